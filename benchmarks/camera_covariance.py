@@ -27,7 +27,7 @@ import numpy as np
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
-from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
+from cpcal.vision.calibrate import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target

@@ -31,10 +31,10 @@ from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker
 from typing import Any
 
-from cpcal.execution import executors
-from cpcal.execution.executors import executor_for
-from cpcal.execution.outcomes import outcomes
-from cpcal.execution.stopping import asked, heard
+from cpcal.solver.execution import executors
+from cpcal.solver.execution.executors import executor_for
+from cpcal.solver.execution.outcomes import outcomes
+from cpcal.solver.execution.stopping import asked, heard
 
 _TASKS = 12
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import cpcal
-from cpcal.execution.executors import Processes
+from cpcal.solver.execution.executors import Processes
 
 Answer = Callable[[Path, Any], Any]
 

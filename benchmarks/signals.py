@@ -34,8 +34,8 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.__main__ import main as run_cpcal
-from cpcal.certify.question import FOLDER
 from cpcal.cli.app import app
+from cpcal.questions.question import FOLDER
 
 _BEFORE = "init_import_site"  # of the sentence with which Python ends
 

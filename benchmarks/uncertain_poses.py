@@ -28,7 +28,7 @@ from benchmarks.pose_sets import COLUMNS, drawn_pose
 from cpcal.checker.pose_claim import check_pose_set
 from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose, transformed
-from cpcal.vision.calibration import calibrate_camera
+from cpcal.vision.calibrate import calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.vision.projection import predicted_centers

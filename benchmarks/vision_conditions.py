@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.vision_scenes import facing_poses, one
 from benchmarks.vision_world import World, photograph, true_centers
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.vision.calibration import calibrate_from_images
+from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import CameraRecord
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose

@@ -3,11 +3,9 @@
 from contractors.hc4 import HC4, BoxConsistency
 from contractors.krawczyk import Beaumont, Krawczyk
 from contractors.lifted import Lifted
-from contractors.linear_system import LinearSystem
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
 from contractors.regression import Regression
-from contractors.separators import Separator, Violating
 from contractors.shaving import Cid, Shaving
 from contractors.violation import MostViolated
 
@@ -18,13 +16,10 @@ __all__ = [
     "Cid",
     "Krawczyk",
     "Lifted",
-    "LinearSystem",
     "MostViolated",
     "Newton",
     "QInter",
     "Regression",
-    "Separator",
     "Shaving",
-    "Violating",
     "qinter",
 ]

@@ -1,32 +1,30 @@
 from .accuracy import Accuracy, NamedPoses, Workspace, certify_accuracy
-from .certify import (
+from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
+from .common.version import __version__
+from .files import load_campaign, save_campaign
+from .legs import LegModel, Measured, Parameter
+from .questions import (
+    Comparison,
     DataCheck,
+    LegResult,
     PointResult,
+    Result,
+    VerifiedPoint,
     certify,
     certify_point,
     certify_robust,
     check_data,
     compare,
     compare_networks,
-    with_ranges,
-)
-from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
-from .common.version import __version__
-from .files import load_campaign, save_campaign
-from .legs import LegModel, Measured, Parameter
-from .report import write_report
-from .results import (
-    Comparison,
-    LegResult,
-    Result,
-    VerifiedPoint,
     load_comparison,
     load_result,
     save_comparison,
     save_result,
     status_of,
     verdict_of,
+    with_ranges,
 )
+from .report import write_report
 from .robot import Campaign, Robot
 from .simulate import simulate
 from .solver.certificate.recording import UncertifiedError

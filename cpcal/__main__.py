@@ -33,7 +33,7 @@ def _leave_at_once_while_starting() -> None:
     """
     import signal
 
-    from cpcal.execution.stopping import leave_at_once
+    from cpcal.solver.execution.stopping import leave_at_once
 
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) not in (signal.SIG_IGN, None):

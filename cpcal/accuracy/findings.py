@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cpcal.files.codec import INFORMED, checked, load, save
-from cpcal.results import CampaignNote
+from cpcal.questions import CampaignNote
 
 FORMAT = "cpcal-accuracy/4"
 ACCURACY_NAME = "accuracy.json"

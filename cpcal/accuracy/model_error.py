@@ -21,7 +21,7 @@ from cpcal.solver.linear.engine import Glop
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import fit
+from cpcal.solver.optimize.local import fit
 
 SHARES = (0.25, 0.5, 1.0)  # of the poses
 _DRAWS = 4  # of each share

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, ROBUST_NAME, RUN_WORK, STUDY_NAME, WORK
+from .files import POSE_SET_SUFFIX, ROBUST_NAME, STUDY_NAME, WORK
 from .refusal import Refused, Unusable
 from .run import check_run
 
@@ -29,11 +29,11 @@ def main(arguments: Sequence[str]) -> int:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
             return _pose_sets(given.target, given.work or 0)
         if (given.target / STUDY_NAME).is_file():
-            return _hand_eye(given.target, given.work or RUN_WORK)
+            return _hand_eye(given.target, given.work)
         if (given.target / ROBUST_NAME).is_file():
             return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
-            return _run(given.target, given.work or RUN_WORK)
+            return _run(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
         return PROVED
     except Refused as reason:
@@ -79,10 +79,10 @@ def _robust(folder: Path, work: int) -> int:
     return PROVED
 
 
-def _hand_eye(folder: Path, work: int) -> int:
-    from .hand_eye import check_hand_eye
+def _hand_eye(folder: Path, work: int | None) -> int:
+    from .hand_eye import RUN_WORK, check_hand_eye
 
-    found = check_hand_eye(folder, work=work)
+    found = check_hand_eye(folder, work=work or RUN_WORK)
     for _, sentence in found:
         print(sentence)
     print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")
@@ -92,7 +92,7 @@ def _hand_eye(folder: Path, work: int) -> int:
 def _pose_sets(target: Path, work: int) -> int:
     from .pose_claim import check_pose_set, check_pose_sets
 
-    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or RUN_WORK)]
+    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or WORK)]
     for one in found:
         radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
         print(f"{one.name}: {f'REFUSED: {one.refused}' if one.refused else f'PROVED: {radii}, {one.digest[:16]}'}")

@@ -17,7 +17,7 @@ from typing import Any
 from .bounds import number as bound
 from .certificate import check_lines
 from .claims import Accepted
-from .files import RUN_WORK, STUDY_NAME, Budget, Lines, content, opened, parsed
+from .files import STUDY_NAME, Budget, Lines, content, opened, parsed
 from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
 from .header import FORMAT
 from .lens import Cameras
@@ -29,6 +29,7 @@ from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
+RUN_WORK = 240_000_000  # of all certificates of a run
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames
@@ -452,8 +453,8 @@ class _HandEye(_Run):
         if claims.infeasible:
             compare(("ranges", side, []) for side in sides)
             return f"ranges: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
-        if claims.enclosure is None:
-            raise Refused("rests on a certificate that claims no box")
+        if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
+            raise Refused("rests on a certificate that claims no box of frames")
         lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
         found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
         for what, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):

@@ -20,7 +20,7 @@ from typing import Any
 
 from .bounds import Bounds, between
 from .certificate import check_lines
-from .files import POSE_SET_SUFFIX, RUN_WORK, Budget, Lines, content, opened, parsed
+from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, opened, parsed
 from .header import FORMAT
 from .problem import Box, Problem
 from .readers import ascending, choice, dyadic, many, maybe, record, shown, text, whole
@@ -83,7 +83,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work or max(RUN_WORK, _IMAGE_WORK * len(claims)))
+    budget = Budget(work or max(WORK, _IMAGE_WORK * len(claims)))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
@@ -92,7 +92,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     return found
 
 
-def check_pose_set(path: Path, *, work: int | Budget = RUN_WORK) -> PoseSetChecked:
+def check_pose_set(path: Path, *, work: int | Budget = WORK) -> PoseSetChecked:
     """What is proved by one claim and the certificates beside it. Raises Unusable where it cannot be read.
 
     `work`: what it may cost, or what is left for a folder.

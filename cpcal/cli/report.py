@@ -1,35 +1,47 @@
-"""`cpcal report`: the page of a run, written again."""
+"""`cpcal report` and `cpcal export`: a run that is checked again becomes a page, or parameters for a controller."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cpcal.calibration import RECORD_NAME, load_record
-from cpcal.certify.fits import load_fits
-from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_RUN, PIXEL_SETS, RUN, TIMEOUT, check_writable, output_path
-from cpcal.cli.status import Status
-from cpcal.cli.terminal import terminal
-from cpcal.cli.verified_folders import other_fits, stated_otherwise
+from cpcal.cli.options import (
+    CAMPAIGN,
+    FITS,
+    PIXEL_RUN,
+    PIXEL_SETS,
+    RUN,
+    TIMEOUT,
+    Status,
+    Talk,
+    check_writable,
+    output,
+)
+from cpcal.cli.verified import other_fits, stated_otherwise
 from cpcal.cli.verify import check_all, checked_certificate, checked_legs, result_of
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.files.run_folder import REPORT_NAME
-from cpcal.report.page import render
-from cpcal.report.study_report import StudyFound, load_images, render_study
-from cpcal.results import Result, load_result
+from cpcal.files.run_folder import HANDEYE, REPORT_NAME
+from cpcal.handeye.certify import load_hand_eye_result
+from cpcal.handeye.verify import verify_hand_eye
+from cpcal.questions import Result, load_result
+from cpcal.questions.fits import load_fits
+from cpcal.report.export import WRITERS, exported
+from cpcal.report.hand_eye_page import HAND_EYE_FORMS
+from cpcal.report.run_page import frames_of_run, render
+from cpcal.report.study_page import StudyFound, load_images, render_study
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
+# `cpcal report`: the page of a run, written again.
+
+# ------------------------------------------------------------------------------------------------------------------
 # The page of a whole study from the folder that `cpcal demo` leaves.
-
-
-def holds_study(folder: Path) -> bool:
-    """Whether a folder is that of a study, not of a run."""
-    return (folder / RECORD_NAME).is_file()
 
 
 def study_found(folder: Path) -> tuple[bool, StudyFound]:
@@ -55,17 +67,7 @@ def report(
         Path | None,
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            parser=output_path,
-            help="The page; replaced.",
-            show_default="RUN/report.html",
-        ),
-    ] = None,
+    page: Annotated[Path | None, output("FILE", "The page; replaced.", show_default="RUN/report.html")] = None,
     no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
@@ -74,18 +76,16 @@ def report(
     another campaign than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of
     the whole study; its certificates are checked anew.
     """
-    file = run / REPORT_NAME if output is None else output
+    file = run / REPORT_NAME if page is None else page
     if file.is_dir():
         raise InputError([Problem(str(file), "is a folder", "name a file, such as report.html")])
     check_writable(file.parent)
-    checker = not no_checker
-    page = _study(run, campaign, checker=checker) if holds_study(run) else _run(run, campaign, checker=checker)
-    write_file(file, page)
-    terminal().print(f"Report: {file}", soft_wrap=True)
-
-
-def _run(run: Path, campaign: Path | None, *, checker: bool) -> str:
-    return render(*checked_run(run, campaign), run=run if checker else None)
+    if (run / RECORD_NAME).is_file():  # the folder of a study
+        text = _study(run, campaign, checker=not no_checker)
+    else:
+        text = render(*checked_run(run, campaign), run=None if no_checker else run)
+    write_file(file, text)
+    Talk().say(f"Report: {file}")
 
 
 def checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
@@ -136,3 +136,94 @@ def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     stated = load_fits(folder / FITS)
     _stop(folder / FITS, wrong or [f"{key} is not what is proved" for key in other_fits(folder / FITS, stated, proved)])
     return render_study(study_found(folder)[1], folder / RUN if checker else None)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal export`: the parameters of a run for a controller.
+
+
+class Format(StrEnum):
+    TOML = "toml"
+    JSON = "json"
+    YAML = "yaml"
+    CSV = "csv"
+    ROS2 = "ros2"
+    EASY_HANDEYE = "easy-handeye"
+    URDF = "urdf"
+    OPENCV = "opencv"
+
+
+_YAML = (".yaml", ".yml")
+_SUFFIXES = {
+    Format.TOML: (".toml",),
+    Format.JSON: (".json",),
+    Format.YAML: _YAML,
+    Format.CSV: (".csv",),
+    Format.ROS2: (".py",),
+    Format.EASY_HANDEYE: _YAML,
+    Format.URDF: (".urdf", ".xacro", ".xml"),
+    Format.OPENCV: _YAML,
+}
+
+
+def export(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify or handeye wrote.")],
+    format: Annotated[
+        Format | None,
+        typer.Option("--format", "-f", help="Of what is written.", show_default="as FILE is called, or toml"),
+    ] = None,
+    file: Annotated[Path | None, output("FILE", "The file; replaced.", show_default="print")] = None,
+    frames: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the campaign's calibration.json: write the drawing's frames, not camera's and target's.",
+        ),
+    ] = None,
+) -> None:
+    """Check a RUN as `verify` does, and write its parameters: certified, with ranges, and of least squares.
+
+    Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm. Of a hand-eye
+    run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
+    """
+    if file is not None:
+        check_writable(file.parent)
+    if (run / HANDEYE.head).exists():
+        refused = [sentence for accepted, sentence in verify_hand_eye(run) if not accepted]
+        if refused:
+            raise InputError([Problem(str(run), refused[0], "run cpcal handeye certify again")])
+        chosen = _chosen(format, file, [Format(name) for name in HAND_EYE_FORMS])
+        text = HAND_EYE_FORMS[chosen.value](load_hand_eye_result(run))
+    else:
+        chosen = _chosen(format, file, [Format(name) for name in WRITERS])
+        campaign, result = checked_run(run)
+        moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
+        text = WRITERS[chosen.value](exported(campaign, result, moved))
+    if file is None:
+        typer.echo(text, nl=False)
+    else:
+        write_file(file, text)
+        Talk().say(f"Parameters: {file}")
+
+
+def _chosen(asked: Format | None, file: Path | None, known: list[Format]) -> Format:
+    """One of the formats `known` of a run: what was asked for, or what the file's name says. Raises InputError."""
+    suffix = "" if file is None else file.suffix.lower()
+    fit = [form for form in known if suffix in _SUFFIXES[form]]
+    names = f"of this run write one of {', '.join(known)}"
+    if asked is None and len(fit) == 1:
+        return fit[0]
+    if asked is None and not suffix and Format.TOML in known:
+        return Format.TOML
+    if asked is None:
+        what = f"is missing, and the name {file.name} does not say it" if file is not None else "is missing"
+        raise InputError([Problem("option --format", what, names)])
+    if asked not in known:
+        raise InputError([Problem("option --format", f"is {asked}", names)])
+    if asked not in fit and any(suffix in some for some in _SUFFIXES.values()):
+        what, remedy = (
+            f"is {file}, and the format {asked}",
+            f"call the file *{_SUFFIXES[asked][0]}, or leave --format out",
+        )
+        raise InputError([Problem("option --output", what, remedy)])
+    return asked

@@ -1,39 +1,37 @@
-"""`cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved."""
+"""`cpcal solve`: all solutions of a written problem, or its best value, proved. `cpcal plugins`: what is installed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpcal.cli.folders import check_writable
-from cpcal.cli.grouped import grouped
-from cpcal.cli.running import Running
-from cpcal.cli.search_progress import search_progress
-from cpcal.cli.status import Status
-from cpcal.cli.talk import Talk, record, talking
-from cpcal.common.errors import InputError, Problem
+from cpcal.cli.options import Status, Talk, Where, check_writable, output, record
+from cpcal.cli.progress import SearchProgress, line
+from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.stopping import asked
+from cpcal.legs import leg_model, models
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem
-from cpcal.report.paving_picture import paving_svg
+from cpcal.report.figures import paving_svg
+from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.execution.stopping import asked
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.
 
 _SHOWN = 20  # solutions in the terminal
 
 
-@talking
-@grouped(Running, "where")
 def solve(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The answer: .json, or .sol for AMPL.")
-    ],
+    file: Annotated[Path, output("FILE", "The answer: .json, or .sol for AMPL.")],
     width: Annotated[
         float | None, typer.Option(metavar="W", help="Of boxes not divided further; else 1e-6, along curves coarser.")
     ] = None,
@@ -47,25 +45,31 @@ def solve(
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
     *,
-    where: Running,
+    where: Where,
     talk: Talk,
-) -> None:
+) -> Status:
     """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value.
 
     While it works OUTPUT.checkpoint says where it stands, and --resume goes on from there.
     """
-    _check(output, picture)
-    for file in (output, certificate, picture):
-        if file is not None:
-            check_writable(file.absolute().parent)
+    problems = []
+    if file.suffix not in (".json", ".sol"):
+        problems.append(Problem(str(file), "is neither a .json nor a .sol file", "name it so"))
+    if picture is not None and picture.suffix != ".svg":
+        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
+    if problems:
+        raise InputError(problems)
+    for path in (file, certificate, picture):
+        if path is not None:
+            check_writable(path.absolute().parent)
     problem = load_problem(source)
-    limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
-    checkpoint = output.with_name(f"{output.name}.checkpoint")
-    with where.stoppable(), search_progress(talk.errors) as progress:
+    checkpoint = file.with_name(f"{file.name}.checkpoint")
+    with where.stoppable(), line(talk.errors) as shown:
+        progress = SearchProgress(shown)
         found = answer(
             problem,
             width=width,
-            limits=limits,
+            limits=Limits(seconds=time_limit, nodes=node_limit, gap=gap),
             certificate=certificate,
             checkpoint=checkpoint,
             resume=where.resume,
@@ -77,27 +81,16 @@ def solve(
         reason = asked()
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     try:
-        _write(found, output, picture)
+        _write(found, file, picture)
     finally:  # a full disk costs the files, not the answer
-        _show(found, output, talk)
+        _show(found, file, talk)
     if checkpoint.exists():
         talk.say(f"--resume goes on from here, by {checkpoint}.")
     if found.uncertified is not None:
         raise found.uncertified
     if reason is not None and found.verdict is Verdict.UNKNOWN:
-        raise typer.Exit(Status(reason))
-    if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED):
-        raise typer.Exit(Status.UNKNOWN)
-
-
-def _check(output: Path, picture: Path | None) -> None:
-    problems = []
-    if output.suffix not in (".json", ".sol"):
-        problems.append(Problem(str(output), "is neither a .json nor a .sol file", "name it so"))
-    if picture is not None and picture.suffix != ".svg":
-        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
-    if problems:
-        raise InputError(problems)
+        return Status(reason)
+    return Status.UNKNOWN if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED) else Status.ANSWERED
 
 
 def _write(found: Answer, output: Path, picture: Path | None) -> None:
@@ -124,3 +117,36 @@ def _show(found: Answer, output: Path, talk: Talk) -> None:
     width = "" if found.paving is None else f"; boxes are divided down to {stated(found.paving.width)}"
     talk.say(f"Method: {found.method.rstrip('.')}{width}.")
     talk.say(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {output}")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal plugins`: what other packages, and this one, provide by entry point.
+
+_GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
+    registry.GROUP: ("contractor", registry.load),
+    registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
+    models.GROUP: ("leg model", leg_model),
+}
+
+
+def plugins() -> None:
+    """List the contractors, search strategies and leg models found, whose they are, and whether they load.
+
+    With exit status 2 where two packages register the same name: nobody can use it.
+    """
+    clashes, rows = [], []
+    for group, (what, load) in _GROUPS.items():
+        for name, point in registry.found(group).items():
+            package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+            loads = "yes"
+            try:
+                load(name)
+            except CpcalError as error:
+                clashes += [error] if isinstance(error, ClashError) else []
+                loads = str(error)
+            rows.append([printable(cell) for cell in (name, what, point.value, package, loads)])
+    talk = Talk()
+    talk.table(("name", "what", "from", "package", "loads"), rows, left=range(5))
+    talk.say(f"Found through the entry-point groups {', '.join(_GROUPS)}.")
+    if clashes:
+        raise clashes[0]

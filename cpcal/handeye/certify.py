@@ -195,7 +195,7 @@ def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -
 
 def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
     """Read `handeye.json` from the folder. Raises InputError."""
-    return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye again")
+    return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye certify again")
 
 
 def check_finite(value: object, where: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Runs of `cpcal handeye` and `cpcal handeye-wrong` checked again: by the checker, and what no proof can say beside.
+"""Runs of `cpcal handeye certify` checked again: by the checker, and what no proof can say beside.
 
 The checker accepts what is proved. That the centre of the box is the least-squares answer is no matter of proof: that
 answer is computed again here.
@@ -27,12 +27,12 @@ _ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pi
 
 
 def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
-    """For each statement of the run in `folder`, of either command: whether it is accepted, and a sentence.
+    """For each statement of the run in `folder`, with --wrong or without: whether it is accepted, and a sentence.
 
     Raises InputError where files cannot be read.
     """
     run = Path(folder)
-    remedy = "run the command again that wrote it"
+    remedy = "run cpcal handeye certify again"
     try:
         study = load_study_json(run)
         found = load_hand_eye_result(run) if (run / HAND_EYE_NAME).is_file() else load_wrong_images(run)

@@ -17,7 +17,7 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Network, Paving
 from cpcal.solver.network import Expr
-from cpcal.solver.optimize import Bracket, Minimum
+from cpcal.solver.optimize.minimum import Bracket, Minimum
 from cpcal.solver.search import Event
 
 

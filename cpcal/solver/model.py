@@ -25,9 +25,6 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Here, executor_for
-from cpcal.execution.stopping import heard
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
@@ -45,13 +42,17 @@ from cpcal.solver.contract import (
     in_sequence,
     until,
 )
+from cpcal.solver.execution.executors import Here, executor_for
+from cpcal.solver.execution.stopping import heard
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
 from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import check_powers, with_products
-from cpcal.solver.optimize import Bracket, Minimum, minimize, run
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.minimum import Bracket, Minimum
 from cpcal.solver.row_use import row_use
 from cpcal.solver.search import (
     ORDERS,

@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
+from cpcal.questions import Entry
 from cpcal.report.comparison_page import comparison_sentences, write_comparison
-from cpcal.results import Entry
 
 CABLES = ("a", "b", "c", "d")
 REACH = 4000.0  # mm, from the origin to the anchor along each axis

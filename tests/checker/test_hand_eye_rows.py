@@ -6,7 +6,8 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 
-from cpcal.checker.frames import EQUATIONS, SIDES, SIZE, Rows, Study, asked_box, holds, rotation
+from cpcal.checker import Refused
+from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds, rotation
 from cpcal.checker.hand_eye import errors, largest
 from cpcal.checker.problem import Box
 
@@ -64,7 +65,9 @@ def truth_of(random, in_hand, *, wide):
         back = across(turn)
         h = (back, [-v for v in applied(back, place)]) if in_hand else (turn, place)
         a = times(across(x_turn), times(h[0], f_turn))
-        offset = applied(across(x_turn), [u + v - w for u, v, w in zip(applied(h[0], f_place), h[1], x_place, strict=True)])
+        offset = applied(
+            across(x_turn), [u + v - w for u, v, w in zip(applied(h[0], f_place), h[1], x_place, strict=True)]
+        )
         a_of.append((a, offset))
         for n in range(4):
             p = rational(random, 3, 60.0)
@@ -125,7 +128,11 @@ def test_every_row_holds_at_the_truth_and_equations_are_met(in_hand, stage, wide
         pose = [v for row in a for v in row] + [u + v for u, v in zip(applied(a, board), offset, strict=True)]
         low = tuple(F((v * 2**20).__floor__(), 2**20) for v in pose)
         sets[k] = low, tuple(v + F(1, 2**20) for v in low)
-    front = [k for k in range(3) if all(e is not None for e, i in zip(errors_at(study, truth, readings), study.image, strict=True) if i == k)]
+    front = [
+        k
+        for k in range(3)
+        if all(e is not None for e, i in zip(errors_at(study, truth, readings), study.image, strict=True) if i == k)
+    ]
     images = [0] if stage == "image" else front
     rows = Rows(study, stage, images, F(0), hand, board, {k: v for k, v in sets.items() if k in images}, box)
     at, kinds = unknowns(rows, truth, readings, a_of, hand, board), set()
@@ -135,13 +142,9 @@ def test_every_row_holds_at_the_truth_and_equations_are_met(in_hand, stage, wide
         kinds.add(side)
         if side[:-1] in ("turn", "tie") or (side[:-1] == "link" and not wide):
             assert found == 0, (side, k)
-    root = rows.root(replace_box(box))
+    root = rows.root(box)
     assert all(lo <= v <= hi for lo, v, hi in zip(root.lo, at, root.hi, strict=True))
     assert len(kinds) == {"image": 6, "links": 10, "frames": 10}[stage]
-
-
-def replace_box(box):
-    return Box(box.lo[:SIZE], box.hi[:SIZE])
 
 
 def errors_at(study, truth, readings):
@@ -152,8 +155,6 @@ def errors_at(study, truth, readings):
         w = 1 + m[0][0] + m[1][1] + m[2][2]
         return [w, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]]
 
-    from cpcal.checker import hand_eye
-
     def whole(q):  # rational quaternions are as good as dyadic ones: times what they are divided by
         common = 1
         for v in q:
@@ -161,7 +162,7 @@ def errors_at(study, truth, readings):
         return [v * common for v in q]
 
     placed = [*x_place, *whole(quaternion(x_turn)), *f_place, *whole(quaternion(f_turn))]
-    return hand_eye.errors(study, placed, readings if study.uncertain else ())
+    return errors(study, placed, readings if study.uncertain else ())
 
 
 @pytest.mark.parametrize("in_hand", SETUPS)
@@ -195,8 +196,6 @@ def test_rows_fail_for_a_pixel_beyond_the_tolerance_and_a_reading_beyond_its_hal
 
 
 def test_rows_that_are_none_are_refused():
-    from cpcal.checker import Refused
-
     study, *_ = truth_of(np.random.default_rng(0), True, wide=False)
     box = Box((F(-1),) * 9 + (F(-2000),) * 21, (F(1),) * 9 + (F(2000),) * 21)
     origin = (F(0),) * 3
@@ -214,7 +213,12 @@ def test_rows_that_are_none_are_refused():
 @pytest.mark.parametrize("angle", [None, F(1, 1000), F(3, 2), F(60), F(179), F(180)])
 def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(angle):
     random = np.random.default_rng(2)
-    center = [*rational(random, 3, 500.0), *rational(random, 4, 1.0), *rational(random, 3, 500.0), *rational(random, 4, 1.0)]
+    center = [
+        *rational(random, 3, 500.0),
+        *rational(random, 4, 1.0),
+        *rational(random, 3, 500.0),
+        *rational(random, 4, 1.0),
+    ]
     hand, board = rational(random, 3, 100.0), rational(random, 3, 100.0)
     box = asked_box(center, F(50), angle, hand, board)
     most = np.pi if angle is None else np.radians(float(angle))
@@ -237,7 +241,9 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
     assert not holds(away, center, F(50), angle)
     if angle is not None and angle < 60:
         other = list(center)
-        other[3:7] = [F(float(v)) for v in product_of(np.array([0.6, 0.8, 0.0, 0.0]), np.array([float(v) for v in center[3:7]]))]
+        other[3:7] = [
+            F(float(v)) for v in product_of(np.array([0.6, 0.8, 0.0, 0.0]), np.array([float(v) for v in center[3:7]]))
+        ]
         assert not holds(other, center, F(50), angle)
 
 

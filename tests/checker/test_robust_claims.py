@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.robust import certify_robust
 from cpcal.checker import Refused, check
 from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import check_robust
 from cpcal.checker.rule import meeting
 from cpcal.files import load_campaign_json
-from cpcal.results.robust import load_robust
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.robust_result import load_robust
 from cpcal.simulate import simulate
 
 

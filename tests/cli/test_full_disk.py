@@ -6,11 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.certify.question import FOLDER
 from cpcal.cli import app
 from cpcal.common.errors import OutputError
 from cpcal.common.files import draft_name, unwritable
-from cpcal.results import Uncertified
+from cpcal.questions import Uncertified
+from cpcal.questions.question import FOLDER
 from cpcal.solver.certificate.recording import Recording
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5"]

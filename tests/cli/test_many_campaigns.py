@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.checker import check_run
 from cpcal.cli import app
-from cpcal.execution.stopping import Reason, also_asked_by
 from cpcal.files.run_folder import locked
+from cpcal.solver.execution.stopping import Reason, also_asked_by
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"]
 
@@ -114,7 +114,7 @@ def test_a_campaign_that_was_at_work_goes_on_from_its_legs(folders, done, tmp_pa
     with also_asked_by(source):
         assert certified(folders, tmp_path, "day1", "day2").exit_code == 130
     assert [leg.leg for leg in cpcal.load_result(tmp_path / "day1").legs] == [1]
-    asked, module = [], sys.modules["cpcal.certify.certify"]
+    asked, module = [], sys.modules["cpcal.questions.ask"]
     ask = module.certify_leg
 
     def asking(question, leg):

@@ -23,7 +23,7 @@ from cpcal.solver.linear.engine import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import Monomial
-from cpcal.solver.optimize import minimize, run
+from cpcal.solver.optimize.bound import minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -9,14 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Separator, Violating, qinter
+from contractors import HC4, qinter
 from contractors.qinter import one_by_one, q_intersection
 from cpcal import Network
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Repeat
-from cpcal.solver.existence import Inside
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+from cpcal.solver.interval import IntervalArray
+from cpcal.solver.network import ConstraintNetwork, norm
 
 
 def brute_force(boxes: IntervalArray, q: int) -> IntervalArray | None:
@@ -112,41 +111,3 @@ def test_measurements_are_taken_apart_and_q_is_checked() -> None:
     empty = ConstraintNetwork()
     empty.variable("x", (), (0, 1))
     assert qinter(empty).contract(empty.domain).box == empty.domain
-
-
-# separators -------------------------------------------------------------------------------------------------
-
-
-def disc(center: float, radius: float) -> tuple[ConstraintNetwork, Expr]:
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, (-4, 4))
-    net.add(sqr(x[0] - center) + sqr(x[1]) <= radius**2)
-    return net, x
-
-
-@settings(max_examples=60, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_separators_lose_no_point_on_either_side(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    one, two = Separator.of(disc(-1, 2)[0]), Separator.of(disc(1, 2)[0])
-    middle, reach = rng.uniform(-3, 3, 2), 10.0 ** rng.uniform(-2, 0)
-    box = Box(disc(0, 1)[0].names, middle - reach, middle + reach)
-    points = rng.uniform(np.maximum(box.lo, -4), np.minimum(box.hi, 4), (60, 2))
-    left, right = (((points - [c, 0]) ** 2).sum(axis=1) <= 4 for c in (-1, 1))
-    for separator, member in ((one, left), (one & two, left & right), (one | two, left | right), (~one, ~left)):
-        found = separator.separate(box)
-        for point, inside in zip(points, member, strict=True):
-            if point in box:
-                assert point in (found.outer if inside else found.inner)
-        assert found.undecided.subset(box)
-
-
-def test_the_inner_contractor_removes_solutions_only_where_rows_are_defined() -> None:
-    net, x = disc(0, 2)
-    assert Violating(net).contract(Box(net.names, [-1, -1], [1, 1])).box.is_empty
-    cut = Violating(net).contract(Box(net.names, [-1, 0], [1, 3])).box
-    assert cut["x[1]"].lo == pytest.approx(np.sqrt(3))
-    net.add(sqrt(x[0]) <= 2)
-    undefined = Box(net.names, [-1, -1], [1, 1])
-    assert Violating(net).contract(undefined).box == undefined
-    assert not Inside(net, get_arithmetic("float64"))(undefined)

@@ -8,8 +8,8 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.handeye.certify import Within, certify_hand_eye
-from cpcal.handeye.legs_in_frames import legs_in_frames
 from cpcal.handeye.sources import platform_poses, study_of_robot, with_half_widths
+from cpcal.questions.legs_in_frames import legs_in_frames
 from cpcal.robot import Pose, inverse, quaternion_conjugate, quaternion_product, rotation_vector, transformed
 from cpcal.simulate import simulate_study
 from cpcal.solver.interval import Box

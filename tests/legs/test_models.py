@@ -28,7 +28,7 @@ from cpcal.simulate import true_robot
 from cpcal.solver.certificate.exact_network import NetworkStatement, number
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import sqr
-from cpcal.solver.optimize import verify_point
+from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
 
 NAMES = ("plain", "gain", "linear", "lateral")

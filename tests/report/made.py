@@ -6,7 +6,7 @@ from typing import Any
 
 import cpcal
 from cpcal.files import campaign_sha256
-from cpcal.results import CampaignNote, Options
+from cpcal.questions import CampaignNote, Options
 
 
 def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:

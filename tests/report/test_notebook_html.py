@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.results import CampaignNote, Options
+from cpcal.questions import CampaignNote, Options
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"

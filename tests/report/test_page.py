@@ -12,11 +12,12 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.certify import show_result
+from cpcal.cli.options import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
-from cpcal.report.page import render
+from cpcal.report.run_page import render
 from tests.report.made import made_result
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -262,7 +263,9 @@ def test_one_number_has_one_rounding(campaign):
     result = result_of(campaign)
     printed = io.StringIO()
     console = Console(file=printed, width=200)
-    show_result(console, campaign, result, PLAIN, verbose=True)
-    show_result(console, campaign, result, PLAIN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Talk, "out", property(lambda _: console))
+        for verbose in (True, False):
+            show_result(Talk(verbose=verbose), campaign, result, PLAIN)
     for text in (render(campaign, result), printed.getvalue()):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}

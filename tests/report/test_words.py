@@ -9,12 +9,12 @@ import pytest
 
 import cpcal
 from cpcal.legs import PARAMETERS
-from cpcal.report.leg_section import _sides, _trial
+from cpcal.questions import Options, Uncertified, VerifiedPoint
+from cpcal.questions.comparison import Entry
+from cpcal.questions.robust_result import MARGIN, RobustLeg
+from cpcal.questions.verdict import proved_sentence
+from cpcal.report.run_page import _sides, _trial
 from cpcal.report.words import leg_sentence, overall
-from cpcal.results import Options, Uncertified, VerifiedPoint
-from cpcal.results.comparison import Entry
-from cpcal.results.robust import MARGIN, RobustLeg
-from cpcal.results.verdict import proved_sentence
 from cpcal.solver.accounts import TimeoutAnswer, Trial, bracket_sentence
 from cpcal.solver.contract import Verdict
 from tests.report.made import made_leg, made_result

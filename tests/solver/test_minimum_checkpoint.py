@@ -15,7 +15,7 @@ import cpcal
 from cpcal.common.errors import InputError
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits
-from cpcal.solver.optimize import Minimum
+from cpcal.solver.optimize.minimum import Minimum
 
 LIFTED = {"gap": 1e-3}  # with a certificate
 HC4 = {"gap": 0.1, "contractors": ["hc4"]}
@@ -80,7 +80,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path)
     script.write_text(
         "import sys\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from cpcal.execution import keeping\n"
+        "from cpcal.solver.execution import keeping\n"
         "keeping._EVERY = keeping._SHARE = 0.0\n"
         "import test_minimum_checkpoint as t\n"
         "t.solved(**t.LIFTED, certificate='part', checkpoint='search', resume=True)\n"

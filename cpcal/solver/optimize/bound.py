@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Place
-from cpcal.execution.outcomes import Shared
-from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.accounts import ContractorUse, Found, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, shrunk
+from cpcal.solver.execution.executors import Place
+from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.execution.stopping import Stopped, asked
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.local import Incumbent, Known

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse, TimeoutAnswer, Trial, total_use
 from cpcal.solver.contract import Limits, Strategy
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 from cpcal.solver.search import Contracting, Divide, Event, EventKind, Node, Piece, Search

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Bools, Floats
-from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Clock, Composable, Contraction, Step, Verdict
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable
@@ -151,7 +151,7 @@ def _without(boxes: Sequence[Box], parts: Sequence[Box]) -> list[Box]:
 
 def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:
     if pending:
-        return f"Stopped with {pending} boxes undivided; the boxes hold all solutions."
+        return f"Stopped with {pending} box{'es' if pending > 1 else ''} undivided; the boxes hold all solutions."
     if not (proved or unknown or inside):
         return "The constraints have no common solution in the domain: proved."
     boxes = "1 box holds" if proved == 1 else f"{proved} boxes hold"

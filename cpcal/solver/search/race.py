@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
-from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Clock
+from cpcal.solver.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search.search import Event, EventKind, Node, Piece, Search

@@ -19,11 +19,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.execution.executors import Here, Place
-from cpcal.execution.outcomes import Shared
-from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
+from cpcal.solver.execution.executors import Here, Place
+from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.search.passes import Divide
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, Process

@@ -27,11 +27,11 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Processes, executor_for
-from cpcal.execution.outcomes import outcomes
-from cpcal.execution.stopping import Reason, Stopped, asked, heard
-from cpcal.execution.threads import linear_algebra_on_one_thread, while_used
 from cpcal.robot import Pose
+from cpcal.solver.execution.executors import Processes, executor_for
+from cpcal.solver.execution.outcomes import outcomes
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread, while_used
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
@@ -201,7 +201,7 @@ def _text(path: Path) -> str:
 
 
 def _no_journal(path: Path) -> InputError:
-    return InputError([Problem(str(path), "is not a journal of `cpcal detect`", "choose another file")])
+    return InputError([Problem(str(path), "is not a journal of `cpcal image detect`", "choose another file")])
 
 
 def _row(line: str) -> tuple[str, Detection] | None:

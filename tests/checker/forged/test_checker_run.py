@@ -17,7 +17,7 @@ import cpcal
 from cpcal.checker import ExactCampaign, Refused, Unusable, check_run
 from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
 from cpcal.checker.run import _lowest
-from cpcal.results import save_result
+from cpcal.questions import save_result
 
 Data = dict[str, Any]
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import cpcal
-from cpcal.certify.ranges import with_ranges
 from cpcal.checker import check
-from cpcal.results import save_result
+from cpcal.questions import save_result
+from cpcal.questions.ranges import with_ranges
 from tests.checker.forged.test_checker_run import refused, up
 
 Data = dict[str, Any]

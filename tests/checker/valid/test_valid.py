@@ -19,7 +19,7 @@ from cpcal.checker import ExactCampaign, check
 from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.legs import leg_statement
 from cpcal.legs.equation import exact_measurement
-from cpcal.results import save_result
+from cpcal.questions import save_result
 from tests.checker.valid.exact_legs import Exact, in_fractions
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}

@@ -13,9 +13,10 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import Bracket, Minimum, Prepared, Witness, minimize
+from cpcal.solver.optimize.bound import minimize
 from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
-from cpcal.solver.optimize.minimum import status_of
+from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
+from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]
 

@@ -11,13 +11,14 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker import check
-from cpcal.results import proved_sentence
+from cpcal.questions import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
-from cpcal.solver.optimize import TimeoutOutcome, Witness, WitnessProver, ask, timeout
+from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
+from cpcal.solver.optimize.witness import Witness, WitnessProver
 from cpcal.solver.search import Contracting, LargestFirst
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
 from cpcal.solver.network.rows import exclusive
-from cpcal.solver.optimize import Witness, WitnessProver
+from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 ENGINES = ["float64", "arb"]
 

@@ -1,5 +1,0 @@
-"""The questions of an engineer, asked of the legs of a campaign."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,413 @@
+"""Where campaigns come from, and whether they are good enough: `cpcal robot`, `import`, `check`, `simulate`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from cpcal.cli.options import Status, Talk, check_new, output
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.files import write_file
+from cpcal.common.numbers import about, nearest
+from cpcal.files import (
+    LogSettings,
+    campaign_of_log,
+    load_campaign,
+    load_settings,
+    read_log,
+    save_campaign,
+    save_study,
+    settings_template,
+)
+from cpcal.legs import PLAIN
+from cpcal.questions.data_check import check_data, expected, mistake_in
+from cpcal.robot import ROBOTS, Campaign, KnownRobot, Uncertainty, known_robot, rotation_vector
+from cpcal.robot.campaign import Given, stated_uncertainty
+from cpcal.robot.robot import EXACT_OR_NOT, KINDS
+from cpcal.robot.units import ANGLES, LENGTHS, column_map
+from cpcal.simulate import simulate as simulate_campaign
+from cpcal.simulate import simulate_study
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal robot`: the catalogue of robots, and a campaign.toml to fill in.
+
+
+class Action(StrEnum):
+    INIT = "init"
+    LIST = "list"
+
+
+def robot(
+    action: Annotated[Action, typer.Argument(help="list: the robots that cpcal knows. init: a campaign.toml.")],
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="A known robot, or what your own is to be called.")
+    ] = None,
+    file: Annotated[Path, output("FILE", "The file for init, which must not be there yet.")] = Path("campaign.toml"),
+    legs: Annotated[int, typer.Option(help="Legs of your own robot.")] = 6,
+) -> None:
+    """List the robots with published dimensions, or write a commented campaign.toml to fill in for a robot.
+
+    Example: `cpcal robot init deltalab -o table.toml`, or `cpcal robot init "our crane" --legs 8`
+    """
+    talk = Talk()
+    if action is Action.LIST:
+        talk.say(*(f"{key}: {one.robot.name}, {one.robot.legs} legs. {one.source}" for key, one in ROBOTS.items()))
+        return
+    if name is None:
+        raise InputError([Problem("robot init", "lacks a name", "name a known robot, or your own")])
+    if os.path.lexists(file):
+        raise InputError([Problem(str(file), "is there already", "choose another file with -o, or remove it")])
+    write_file(file, settings_template(name, legs))
+    talk.say(f"{file}: replace every nan, then use it as --robot of `cpcal import`, or as it stands.")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal import`: the log of a tracker, a motion capture system or a robot controller becomes a campaign.
+
+_PREVIEWED = 3  # rows
+
+
+@dataclass(frozen=True)
+class ImportFlags:
+    """What a log does not say of itself."""
+
+    robot: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE", help="A robot of `cpcal robot list`, or a campaign.toml (`cpcal robot init`)."
+        ),
+    ]
+    columns: Annotated[
+        str,
+        typer.Option(
+            "--map",
+            metavar="MAP",
+            help='Which columns are which, with units: "x=Tx[m], r1=Rx, L1=#8". Not needed for columns with the names '
+            "of measurements.csv.",
+        ),
+    ] = ""
+    rotation: Annotated[
+        str,
+        typer.Option(
+            metavar="FORM",
+            help="quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
+            "euler-ZYX-deg (turned axes), ... Columns: qw..qz, r11..r33, rx ry rz, or r1 r2 r3 in the order of the "
+            "letters.",
+        ),
+    ] = "quaternion-wxyz"
+    sigma: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIGMAS",
+            help='Standard deviations: "position=0.05[mm], rotation=0.01[deg], length=0.02[mm]".',
+            show_default="those of the campaign.toml",
+        ),
+    ] = None
+    factor: Annotated[float, typer.Option(help="Half-widths are this many standard deviations.")] = 3.0
+    exact: Annotated[bool, typer.Option("--exact", help="Call all readings exact instead.")] = False
+    separator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="comma, semicolon, tab or blank.", show_default="guessed")
+    ] = None
+    decimal: Annotated[str | None, typer.Option(metavar="NAME", help="point or comma.", show_default="guessed")] = None
+    header: Annotated[
+        int | None, typer.Option(metavar="LINE", help="The line that names the columns.", show_default="guessed")
+    ] = None
+    preview: Annotated[bool, typer.Option("--preview", help="Show what would be written, and write nothing.")] = False
+    anyway: Annotated[bool, typer.Option("--anyway", help="Write also what looks mixed up.")] = False
+    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False
+
+
+def import_log(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log: a table as text, in any usual form.")],
+    folder: Annotated[Path, output("DIR", "Folder for the campaign.")],
+    options: ImportFlags,
+) -> Status:
+    """Make a campaign of a log: poses and leg readings in any units, rotation form and separators.
+
+    The first rows, and how far the legs are off at the nominal parameters, are shown before anything is written;
+    nothing is written when they look mixed up.
+    """
+    check_new(folder, force=options.force or options.preview)
+    log = read_log(file, separator=options.separator, decimal=options.decimal, header=options.header)
+    campaign = campaign_of_log(log, _settings(options))
+    talk = Talk()
+    mistake = _preview(talk, campaign)
+    if mistake is not None and not options.anyway:
+        talk.say("Nothing was written. Correct the options, or say --anyway.")
+        return Status.UNKNOWN
+    if options.preview:
+        talk.say("Nothing was written, as --preview asks for.")
+    else:
+        save_campaign(campaign, folder)
+        talk.say(f"{len(campaign):,} measurements in {folder}. Next: cpcal check {folder}")
+    return Status.ANSWERED
+
+
+def _settings(options: ImportFlags) -> LogSettings:
+    """The robot, and how far readings may be off: what the options say counts before what a campaign.toml says."""
+    if options.exact and options.sigma is not None:
+        raise InputError([Problem("option --sigma", "is given, and readings are called exact", "give one of the two")])
+    if Path(options.robot).exists():
+        read = load_settings(options.robot)
+        assert read.robot is not None  # what keeps it from being read was raised
+        base = LogSettings(read.robot, read.uncertainty, options.columns, options.rotation, read.provenance, read.model)
+    else:
+        if options.robot.casefold() not in ROBOTS and ("." in options.robot or "/" in options.robot):
+            raise InputError([Problem(options.robot, "does not exist", "make it with `cpcal robot init`")])
+        robot = known_robot(options.robot).robot
+        base = LogSettings(robot, None, options.columns, options.rotation, {})
+        if not options.exact and options.sigma is None:
+            remedy = f"give --sigma or --exact; or a campaign.toml as --robot: {EXACT_OR_NOT}"
+            raise InputError([Problem("uncertainty", "is not stated", remedy)])
+    if options.exact:
+        return replace(base, uncertainty=None)
+    return base if options.sigma is None else replace(base, uncertainty=_uncertainty(base.robot.legs, options))
+
+
+def _uncertainty(legs: int, options: ImportFlags) -> Uncertainty | None:
+    """What --sigma says. Raises InputError."""
+    problems = Problems()
+    sigmas: dict[str, float | None] = dict.fromkeys(KINDS)
+    for kind, source in column_map(options.sigma or "", KINDS).items():
+        units: dict[str, float] = dict(ANGLES) if kind == "rotation" else {k: float(v) for k, v in LENGTHS.items()}
+        if kind == "rotation" and source.unit is None:  # 57 times too wide a set hides any error
+            problems.add(Problem("option --sigma", "rotation has no unit", f"write {kind}={source.name}[deg] or [rad]"))
+            continue
+        try:
+            sigmas[kind] = float(source.name) * units[source.unit or next(iter(units))]
+        except (KeyError, ValueError):
+            what = f"{kind} is {source.name!r:.40} in {source.unit}"
+            problems.add(Problem("option --sigma", what, f"give a number and one of {', '.join(units)}"))
+    problems.raise_any()
+    return stated_uncertainty(legs, sigmas, options.factor, None)
+
+
+def _preview(talk: Talk, campaign: Campaign) -> str | None:
+    """Show the first rows and the residuals at the nominal parameters; the sentence on what looks mixed up."""
+    given = Given.of(campaign)
+    talk.say(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs")
+    talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
+    shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
+    off = (given.share[some] * given.nominal[some]).max(axis=1)
+    parts = (
+        campaign.position[some],
+        np.degrees(rotation_vector(campaign.quaternion[some])),
+        campaign.length[some, :shown],
+    )
+    numbers = np.column_stack([*parts, off]).tolist()
+    names = campaign.measurement_ids[some]
+    rows = [(name, *(nearest(value, 2) for value in row)) for name, row in zip(names, numbers, strict=True)]
+    head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
+    talk.table(head, rows, left=())
+    talk.say(_off(np.median(given.share * given.nominal, axis=0).tolist()))
+    mistake = mistake_in(given, given.typical)
+    if mistake is not None:
+        talk.say(f"! {mistake}")
+    return mistake
+
+
+def _off(each: Sequence[float]) -> str:
+    listed = ", ".join(about(value, 2) for value in each)
+    return f"At the nominal parameters the legs are off by {listed} mm (median of each leg)."
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal check`: is the data good enough before a long run?
+
+
+def check(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+) -> Status:
+    """Look for what is wrong with a CAMPAIGN before it is certified: units, orders, frames, odd rows, open parameters.
+
+    Says what each leg's parameters can be expected to be known to. Estimates in floating point: nothing is proved.
+    """
+    loaded, talk = load_campaign(campaign), Talk()
+    found = check_data(loaded)
+    talk.say(f"{loaded.robot.name}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
+    if found.legs:
+        rows = []
+        for leg in found.legs:
+            rank = f"{leg.determination.rank} of {leg.determination.of}"
+            indices = about(leg.condition, 2), about(leg.index, 2)
+            rows.append((str(leg.leg), rank, *indices, *expected(leg)))
+        talk.table(("leg", "rank", "condition", "index O1", *PLAIN.parameters), rows, left=())
+        meaning = (
+            "readings are called exact, so only the model error leaves parameters a range."
+            if loaded.exact
+            else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
+        )
+        talk.say(f"Expected: {meaning}")
+    talk.say(*(f"! {finding.sentence}" for finding in found.findings))
+    if not found.good:
+        return Status.UNKNOWN
+    talk.say("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN")
+    return Status.ANSWERED
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The options of `cpcal simulate`, by what they belong to. None: not given; what is simulated has its own default.
+
+_STUDY = "Study: the paper's experiment (--study)"
+_LEGS = "Imperfect legs (--study): what seven parameters a leg leave out; 0: perfect"
+
+
+def _study_flag(metavar: str | None = None, *names: str, help: str) -> Any:
+    return typer.Option(*names, metavar=metavar, help=help, rich_help_panel=_STUDY)
+
+
+def _leg(metavar: str, help: str) -> Any:
+    return typer.Option(metavar=metavar, help=help, rich_help_panel=_LEGS)
+
+
+@dataclass(frozen=True)
+class CommonFlags:
+    """Of campaigns and studies."""
+
+    seed: Annotated[
+        int,
+        typer.Option(help="The same seed gives the same files, with the same cpcal, numpy and kind of processor."),
+    ] = 1
+    runs: Annotated[
+        int | None, typer.Option(help="Measurements of each configuration [default: 1; of a study: 11]")
+    ] = None
+    random_poses: Annotated[
+        int | None,
+        typer.Option(
+            help="Random configurations, on top of the extremal ones [default: 0], or to validate a study [64]"
+        ),
+    ] = None
+    joint_error: Annotated[
+        float, typer.Option(metavar="MM", help="Amplitude of an error that 7 parameters a leg cannot describe.")
+    ] = 0.0
+    noise: Annotated[float, typer.Option(help="Scale of the paper's standard deviations.")] = 1.0
+    truncate: Annotated[float | None, typer.Option(help="Draw noise beyond this many standard deviations again.")] = (
+        None
+    )
+    deviation: Annotated[
+        float, typer.Option(metavar="MM", help="Standard deviation of true parameters from nominal ones.")
+    ] = 1.0
+    stroke: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="SHORT LONG", help="Shortest and longest reading, mm.", show_default="the robot's"),
+    ] = None
+
+
+@dataclass(frozen=True)
+class CampaignFlags:
+    """Without --study."""
+
+    extremal: Annotated[
+        bool | None, typer.Option("--extremal/--no-extremal", help="Whether to take the 64 extremal configurations.")
+    ] = None
+    factor: Annotated[
+        float | None,
+        typer.Option(help="Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"),
+    ] = None
+
+
+@dataclass(frozen=True)
+class StudyFlags:
+    """With --study."""
+
+    validation_runs: Annotated[int | None, _study_flag(help="Runs of each random configuration [default: 10]")] = None
+    images: Annotated[
+        int | None, _study_flag(help="Rows of single images in each run [default: one row, the mean of 10]")
+    ] = None
+    render: Annotated[
+        bool | None,
+        _study_flag(
+            None,
+            "--render",
+            help="Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class LegFlags:
+    """With --study: what is imperfect about the legs."""
+
+    axis_offset: Annotated[float | None, _leg("MM", "Distance of the two axes of each lower joint.")] = None
+    joint_offset: Annotated[float | None, _leg("MM", "Offsets of the three axes of each upper joint.")] = None
+    backlash: Annotated[float | None, _leg("MM", "Clearance along each leg; its side follows the load.")] = None
+    friction: Annotated[
+        float | None,
+        _leg(
+            "WEIGHTS",
+            "By how many platform weights the direction of approach, random in each run, shifts the load that "
+            "decides the side of the backlash [default: 0.2]",
+        ),
+    ] = None
+    sag: Annotated[float | None, _leg("MM", "Shortening of a leg lying flat, by its weight.")] = None
+    gain: Annotated[float | None, _leg("REL", "Relative error of each length sensor, about mid-stroke.")] = None
+
+
+def _given(*groups: Any) -> dict[str, Any]:
+    """The options that have a value."""
+    return {f.name: value for one in groups for f in fields(one) if (value := getattr(one, f.name)) is not None}
+
+
+def simulate(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help=f"One of: {', '.join(ROBOTS)}.")],
+    folder: Annotated[Path, output("DIR", "Folder for what is simulated.")],
+    common: CommonFlags,
+    plain: CampaignFlags,
+    study: Annotated[
+        bool, _study_flag(None, "--study", help="A study: a target seen by a camera, both frames unknown.")
+    ] = False,
+    *,
+    of_study: StudyFlags,
+    legs: LegFlags,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False,
+) -> None:
+    """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study.
+
+    `cpcal robot list` says where the dimensions of each ROBOT are published.
+    """
+    strange = _given(plain) if study else _given(of_study, legs)
+    where, remedy = ("with --study", "leave it out") if study else ("without --study", "add --study, or leave it out")
+    if strange:
+        what = f"has no meaning {where}"
+        raise InputError([Problem(f"option --{name.replace('_', '-')}", what, remedy) for name in strange])
+    check_new(folder, force=force)
+    nominal = known_robot(robot)
+    if study:
+        rows = _study(nominal, folder, {"stroke": nominal.stroke} | _given(common, of_study, legs))
+    else:
+        campaign = simulate_campaign(nominal.robot, **_range(nominal, common), **_given(plain))
+        save_campaign(campaign, folder)
+        rows = f"{len(campaign):,} measurements"
+    Talk().say(f"{nominal.robot.name}: {rows} (seed {common.seed}) in {folder}")
+
+
+def _range(nominal: KnownRobot, common: CommonFlags) -> dict[str, Any]:
+    """The common options, and where the robot is measured. Raises InputError for a stroke where poses are chosen."""
+    if nominal.workspace is None:
+        return {"stroke": nominal.stroke} | _given(common)
+    if common.stroke is not None:
+        what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
+        raise InputError([Problem("option --stroke", what, "leave it out")])
+    return {"workspace": nominal.workspace} | _given(common)
+
+
+def _study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
+    """Write a study, or images of one; how many, in words."""
+    if given.pop("render", False):
+        from cpcal.cli.image import shot_study, write_shots  # the other verbs here start sooner without
+
+        study, shots = shot_study(nominal.robot, given)
+        write_shots(study, shots, folder)
+        kind = "images"
+    else:
+        study = simulate_study(nominal.robot, **given)
+        save_study(study, folder)
+        kind = "rows"
+    return f"{len(study.calibration):,} {kind} for calibration, {len(study.validation):,} for validation"

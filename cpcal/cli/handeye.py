@@ -1,0 +1,327 @@
+"""`cpcal handeye`: a study, how accurate its calibration can be, and legs in the robot's own frames."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from cpcal.checker.files import STUDY_NAME
+from cpcal.cli.options import Status, Talk, answer, check_new, check_target, output
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import listed
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
+from cpcal.files import load_study
+from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG
+from cpcal.handeye.certify import (
+    GAP,
+    HandEyeResult,
+    Within,
+    certify_hand_eye,
+    load_hand_eye_result,
+    save_hand_eye_result,
+)
+from cpcal.handeye.files import load_hand_eye, load_hand_poses, save_hand_eye, study_json
+from cpcal.handeye.next_images import next_poses
+from cpcal.handeye.sources import (
+    REMEDY,
+    TARGET,
+    PrintedBoard,
+    platform_poses,
+    read_pose_pairs,
+    study_of_pairs,
+    study_of_photos,
+    study_of_robot,
+    study_of_target_photos,
+    with_half_widths,
+)
+from cpcal.handeye.study import HandEyeStudy, Setup, simulate_hand_eye
+from cpcal.handeye.words import names_of, sentences, wrong_sentences
+from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
+from cpcal.questions import load_result
+from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
+from cpcal.report.hand_eye_page import HAND_EYE_PAGE, WRONG_PAGE, write_hand_eye, write_wrong_images
+from cpcal.vision.files.plate_and_camera import load_camera, load_target
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye study`: from photographs, from pairs of poses, or simulated.
+
+
+class SetupName(StrEnum):
+    HAND = "eye-in-hand"
+    BASE = "eye-to-hand"
+
+
+def study(
+    folder: Annotated[Path, output("DIR", "Folder for the study.")],
+    setup: Annotated[SetupName, typer.Option(help="Where the camera is.")] = SetupName.HAND,
+    photos: Annotated[Path | None, typer.Option(metavar="DIR", help="Photographs of a board.")] = None,
+    board: Annotated[str | None, typer.Option(metavar="BOARD", help=REMEDY.replace("write ", "Write ") + ".")] = None,
+    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="Of the photographs.")] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.")
+    ] = None,
+    pairs: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")
+    ] = None,
+    millimetres: Annotated[bool, typer.Option("--mm", help="Translations of --pairs are in mm, not m.")] = False,
+    robot: Annotated[
+        Path | None,
+        typer.Option(metavar="STUDY", help="A parallel robot's study: its drawing and legs say where the platform is."),
+    ] = None,
+    off: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="How far each pose of the robot may be off, on each axis.")
+    ] = None,
+    size: Annotated[float, typer.Option(metavar="MM", help="Of the square that stands in for a marker.")] = 100.0,
+    simulated: Annotated[int | None, typer.Option("--simulate", metavar="N", help="Simulate N images.")] = None,
+    pixel_error: Annotated[float, typer.Option(metavar="PX", help="With --simulate: at most, on each axis.")] = 0.2,
+    position_error: Annotated[float, typer.Option(metavar="MM", help="With --simulate: of the robot.")] = 0.0,
+    rotation_error: Annotated[float, typer.Option(metavar="DEG", help="With --simulate: of the robot.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="With --simulate.")] = 1,
+    force: Annotated[bool, typer.Option("--force", help="Write into a folder that holds something.")] = False,
+) -> None:
+    """Make a study for `cpcal handeye certify`: from --photos of a board, from --pairs of poses, or with --simulate.
+
+    With --robot the poses are those of a parallel robot's platform, as its drawing has them; its photographs are named
+    POSE/RUN or POSE/RUN/IMAGE, and without --photos the poses that its camera saw stand in for them.
+    """
+    if sum([bool(photos or robot), bool(pairs), simulated is not None]) != 1:
+        remedy = "give --photos, --pairs, --simulate N, or --robot with or without --photos"
+        raise InputError([Problem("handeye study", "needs one source", remedy)])
+    check_new(folder, force=force)
+    left: list[str] = []
+    if photos is not None:
+        made, left = _of_photos(photos, board, camera, poses, robot, setup.value)
+    elif robot is not None:
+        made = study_of_robot(load_study(robot))
+    elif pairs is not None:
+        made = study_of_pairs(
+            *read_pose_pairs(pairs, setup=setup.value, metres=not millimetres), setup=setup.value, size=size
+        )
+    else:
+        images = simulated or 0
+        if not 3 <= images <= 1000:
+            raise InputError([Problem("option --simulate", f"is {images}", "give a number of images from 3 to 1000")])
+        made = simulate_hand_eye(
+            setup=setup.value,
+            images=images,
+            pixel_error=pixel_error,
+            position_error=position_error,
+            rotation_error=float(np.radians(rotation_error)),
+            seed=seed,
+        ).study
+    if off is not None:
+        made = with_half_widths(made, off)
+    save_hand_eye(made, folder)
+    Talk().say(
+        *(f"left out: {text}" for text in left),
+        f"{made.setup}: {len(made.images)} images, {len(made.image):,} points in {folder}",
+    )
+
+
+_TURNED = (
+    "photographs in which it is turned by more than a right angle have their points exchanged. Take one even and one "
+    "odd count of inner corners, or ChArUco"
+)
+
+
+def _of_photos(
+    photos: Path, board: str | None, camera: Path | None, poses: Path | None, robot: Path | None, setup: Setup
+) -> tuple[HandEyeStudy, list[str]]:
+    if board is None or camera is None or (poses is None) == (robot is None):
+        remedy = "give --board, --camera and --poses (or --robot) too"
+        raise InputError([Problem("option --photos", "is not enough", remedy)])
+    if poses is not None:
+        given = load_hand_poses(poses)
+    else:
+        assert robot is not None
+        given, setup = platform_poses(load_study(robot)), "eye-to-hand"
+    if board.startswith(TARGET):
+        target = load_target(board.removeprefix(TARGET))
+        return study_of_target_photos(photos, target, camera=load_camera(camera).camera, poses=given, setup=setup)
+    printed = PrintedBoard.parsed(board)
+    if printed.looks_the_same_turned:
+        Talk().errors.print(f"warning: the board {board} looks the same upside down: {_TURNED}", soft_wrap=True)
+    return study_of_photos(photos, printed, camera=load_camera(camera).camera, poses=given, setup=setup)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye certify`: how accurate a calibration can be; which images are wrong; which poses to measure next.
+
+
+def certify(
+    folder: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
+    ],
+    run: Annotated[
+        Path | None, output("DIR", "Folder for the run; replaced there.", show_default="required, but with --next")
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="PX", help="Largest error allowed.", show_default="ranges at 1.1 eps*")
+    ] = None,
+    wrong: Annotated[
+        int | None, typer.Option(metavar="Q", min=0, help="So many images may be wrong, nobody knows which.")
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option("--next", metavar="N", help="Certify nothing; choose N of --poses that shrink the ranges most."),
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.")
+    ] = None,
+    images: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Names of the images to use.", show_default="all")
+    ] = None,
+    within: Annotated[
+        str,
+        typer.Option(metavar="DEG,MM", help="Search within these of the classical answer; 'any' for all rotations."),
+    ] = "any,2000",
+    gap: Annotated[float, typer.Option(help="Relative width of the bracket that is asked for.")] = GAP,
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds for each proof, at most.")] = None,
+    *,
+    talk: Talk,
+) -> Status:
+    """How well can any camera and target frames explain the pixels of a STUDY, and how well are the frames known?
+
+    The least possible largest error eps* in pixels is bracketed: proved from below by a certificate, attained
+    from above by frames that are checked in exact arithmetic. Then come ranges of all frames that are nearly as good.
+    With --wrong the bracket holds whichever Q images are left out (a slipped board, a wrong robot pose, a wrong name),
+    and images that must be wrong are named. With --next the widths are first-order estimates, not proofs.
+    """
+    if (count is None) != (poses is None):
+        raise InputError([Problem("options", "--next and --poses go together", "give both, or none")])
+    if count is not None and poses is not None:
+        return _next(_chosen(load_hand_eye(folder), images), poses, count, tolerance, talk)
+    if run is None:
+        raise InputError([Problem("option --output", "is missing", "name a folder for the run")])
+    if wrong is not None:
+        if gap != GAP or time_limit is not None:
+            raise InputError(
+                [Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")]
+            )
+        return _wrong(folder, run, images, wrong, within, tolerance, talk)
+    check_target(run, HANDEYE)
+    loaded = _chosen(load_hand_eye(folder), images)
+
+    def find(draft: Path) -> HandEyeResult:
+        _keep(loaded, draft)
+        return certify_hand_eye(
+            loaded,
+            within=Within.parsed(within),
+            tolerance=tolerance,
+            gap=gap,
+            certificates=draft,
+            time_limit=np.inf if time_limit is None else time_limit,
+            tell=talk.progress(),
+        )
+
+    def write(found: HandEyeResult, draft: Path) -> None:
+        save_hand_eye_result(found, draft)
+        write_hand_eye(found, draft)
+
+    def show(found: HandEyeResult, failure: InputError | None) -> None:
+        talk.say(*sentences(found))
+        if not found.ranges.empty:
+            sides = zip(found.ranges.low, found.ranges.high, strict=True)
+            rows = [
+                (name, rounded_down(low, 3), rounded_up(high, 3), unit)
+                for (name, unit), (low, high) in zip(names_of(found.setup), sides, strict=True)
+            ]
+            talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
+        if failure is None:
+            talk.say(f"Page: {run / HAND_EYE_PAGE}")
+
+    found = answer(run, HANDEYE, find, write, show)
+    good = found.complete if found.tolerance is None else found.passes
+    return Status.ANSWERED if good else Status.UNKNOWN
+
+
+def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
+    if images is None:
+        return study
+    names = [name.strip() for name in images.split(",")]
+    strange = [name for name in names if name not in study.images]
+    if strange or len(set(names)) < len(names):
+        what = f"names {strange[0]!r:.60}, which is no image" if strange else "names an image twice"
+        raise InputError([Problem("option --images", what, "give names of poses.csv, each once, by commas")])
+    return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
+
+
+def _keep(study: HandEyeStudy, draft: Path) -> None:
+    """The study itself, for whoever checks the run."""
+    (draft / STUDY_NAME).write_bytes(study_json(study))
+
+
+def _wrong(
+    folder: Path, run: Path, images: str | None, wrong: int, within: str, tolerance: float | None, talk: Talk
+) -> Status:
+    check_target(run, HANDEYE_WRONG)
+    loaded, around = _chosen(load_hand_eye(folder), images), Within.parsed(within)
+
+    def find(draft: Path) -> WrongImages:
+        _keep(loaded, draft)
+        return find_wrong_images(loaded, wrong, draft, within=around, tolerance=tolerance, tell=talk.progress())
+
+    def write(found: WrongImages, draft: Path) -> None:
+        save_wrong_images(found, draft)
+        write_wrong_images(loaded, found, draft)
+
+    def show(found: WrongImages, failure: InputError | None) -> None:
+        talk.say(*wrong_sentences(found))
+        if failure is None:
+            talk.say(f"Page: {run / WRONG_PAGE}")
+
+    found = answer(run, HANDEYE_WRONG, find, write, show)
+    return Status.ANSWERED if found.eps_lo > 0.0 else Status.UNKNOWN
+
+
+def _next(study: HandEyeStudy, poses: Path, count: int, tolerance: float | None, talk: Talk) -> Status:
+    found = next_poses(study, load_hand_poses(poses), count, tolerance=tolerance, tell=talk.progress())
+    rows = []
+    for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
+        widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
+        rows.append((label, *widths, nearest(one.widest, 3)))
+    talk.table(("pose", "camera mm", "camera deg", "target mm", "target deg", "widest mm"), rows)
+    talk.say(
+        f"Widths of ranges at {nearest(found.tolerance, 4)} px: first-order estimates, with each pose and those above "
+        f"it. The widest counts a turn as what it moves at {nearest(found.reach, 3)} mm."
+    )
+    if found.unseen:
+        talk.say(f"The camera would not see the whole target from {len(found.unseen)} poses: {listed(found.unseen)}.")
+    return Status.ANSWERED
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye legs`: joints of certified legs in the robot's own frames.
+
+
+def legs(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Of cpcal certify, with --tolerance.")],
+    frames: Annotated[
+        Path, typer.Option(metavar="RUN", help="Of cpcal handeye certify: camera and target of that robot.")
+    ],
+    *,
+    talk: Talk,
+) -> None:
+    """Joints of the legs in the frames of base and platform, for all frames in the ranges of a hand-eye run.
+
+    The campaign must be in the frames of camera and target, as `cpcal calibrate` makes it: eps* of a leg then needs no
+    frames. Proved, if `cpcal verify` accepts both runs; the camera is taken as exact.
+    """
+    known = load_hand_eye_result(frames)
+    found = legs_in_frames(load_result(run), known)
+    rows = []
+    for leg in found:
+        low, high = bracket_text(leg.eps_lo, leg.eps_hi)
+        for k, (name, a, b) in enumerate(zip(JOINTS, leg.low, leg.high, strict=True)):
+            first = ("", "") if k else (str(leg.leg), f"[{low}, {high}]")
+            rows.append((*first, name, rounded_down(a, 3), rounded_up(b, 3), at_most(b - a, 3)))
+    talk.table(("leg", "eps* [mm]", "joint", "at least", "at most", "width"), rows, left=(2,))
+    talk.say(
+        f"For every pair of frames that explains the pixels to {at_least(known.ranges.eps, 4)} px, and all parameters "
+        f"of a leg at its tolerance ({', '.join(sorted({at_least(leg.eps, 4) for leg in found}))} mm). Base in the "
+        "drawing's base frame, mobile in its mobile frame."
+    )

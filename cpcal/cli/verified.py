@@ -1,0 +1,482 @@
+"""`cpcal verify` of a folder: what its certificates prove, what its files state besides, and whether these agree.
+
+Each file is read as its dataclass, whose fields say how they are checked (`files.codec`). What the certificates and
+the campaign give is put in the place of what is stated, and both are compared, key by key; the rest is information.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction as F
+from math import degrees, inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
+from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
+from cpcal.checker.leg import EXTRA
+from cpcal.checker.run import all_of_it
+from cpcal.cli.verify import Legs, Statement, of_folder, result_of, told
+from cpcal.common.errors import InputError, PluginError, Problem, Problems, printable
+from cpcal.common.numbers import about, at_least, at_most
+from cpcal.common.values import Floats
+from cpcal.files import campaign_sha256, load_campaign_json
+from cpcal.files.codec import differing
+from cpcal.files.folders import NAME as CAMPAIGN_NAME
+from cpcal.files.run_folder import REPORT_NAME, unfinished
+from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
+from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
+from cpcal.questions import (
+    COMPARISON_NAME,
+    INFORMATION,
+    RESULT_NAME,
+    CampaignNote,
+    Comparison,
+    Entry,
+    LegResult,
+    ModelNote,
+    Result,
+    Uncertified,
+    VerifiedPoint,
+    information,
+    load_comparison,
+)
+from cpcal.questions.robust_result import load_robust
+from cpcal.questions.undetermined import determination
+from cpcal.report.words import notices
+from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import Box
+
+if TYPE_CHECKING:
+    from cpcal.checker.pose_claim import PoseSetChecked
+    from cpcal.questions.fits import CertifiedFits, VerifiedFit
+
+Claimed = Mapping[str, Accepted]  # what the certificates of a folder prove, by their names
+
+_AGAIN = {  # what to do about a run in which no leg is certified
+    Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
+    Uncertified.UNWRITTEN: "again, into a folder that has room",
+    Uncertified.UNCHECKABLE: "fewer measurements at a time",
+}
+
+
+# a run ----------------------------------------------------------------------------------------------------------------
+
+
+def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
+    """What is accepted of a run; `checked` gives its legs. Raises InputError."""
+    if unfinished(run):
+        yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
+    result = result_of(run)
+    legs = result if isinstance(result, str) else checked()
+    if isinstance(legs, str) or isinstance(result, str):
+        yield False, f"{RESULT_NAME}: REFUSED, {legs}"
+        return
+    campaign = load_campaign_json(run)
+    for sentence in stated_otherwise(campaign, result):
+        yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
+    if (missing := notices(result, campaign.legs)) is not None:
+        yield True, missing
+    for leg, found in zip(legs, result.legs, strict=True):
+        if leg.refused is not None:
+            yield False, f"leg {leg.leg}: REFUSED, {leg.refused}"
+        elif leg.accepted is None:
+            yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
+        ranges = None if found.ranges is None else found.ranges.certificate
+        support = None if found.support_proof is None else found.support_proof.certificate
+        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
+            if accepted is not None and name is not None:
+                yield from told(name, accepted)
+        if found.ranges is not None and ranges is None:
+            yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
+        yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in information(result.options, found))
+    yield True, INFORMATION
+    if (run / REPORT_NAME).exists():
+        yield True, f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again."
+    if not any(leg.accepted or leg.refused for leg in legs):
+        remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
+        raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
+
+
+def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
+    """Sentences on what the campaign and the model do not give as the result states it.
+
+    The verdict on a leg depends on it. A model that is not known here cannot be compared.
+    """
+    model = _known(result.model.name)
+    if model is None:
+        return
+    if _units(result.model.extra) != _units(model.extra):
+        yield "states another leg model than the one of that name"
+        return
+    for leg in result.legs:
+        if leg.leg > campaign.legs:
+            yield f"names leg {leg.leg}, which the campaign has not"
+        elif leg.determination != _determined(campaign, leg.leg, _at(leg), model, result.options.delta):
+            yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
+        elif result.options.center == "nominal" and leg.center[:7] != tuple(campaign.robot.parameters[leg.leg - 1]):
+            yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
+
+
+def _at(leg: LegResult) -> Floats:
+    return np.array(leg.center if leg.point is None else leg.point)
+
+
+def _known(name: str) -> LegModel | None:
+    try:
+        return leg_model(name)
+    except (InputError, PluginError):
+        return None
+
+
+def _units(extra: tuple[Parameter, ...]) -> list[tuple[str, str]]:
+    return [(p.name, p.unit) for p in extra]
+
+
+def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta: float) -> object:
+    if delta == 0.0:
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            return determination(campaign, leg, at, model)
+    except np.linalg.LinAlgError:
+        return "of a point that is too far away"
+
+
+# compare.json, fits.json, accuracy.json -------------------------------------------------------------------------------
+
+
+def of_others(folder: Path, claimed: Claimed) -> Iterator[Statement]:
+    """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
+    from cpcal.questions.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
+
+    name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
+    said: list[str] = []
+    try:
+        if name == COMPARISON_NAME:
+            wrong = list(_other_comparison(folder, load_comparison(folder), claimed, said))
+        elif name == ACCURACY_NAME:
+            wrong = list(_other_sets(folder, load_accuracy(folder), claimed, said))
+        else:
+            wrong = [] if name is None else list(other_fits(folder, load_fits(folder), claimed))
+    except InputError as error:
+        if not (folder / CAMPAIGN_NAME).is_file():
+            raise
+        yield False, f"{name}: REFUSED, {error.problems[0].what}"
+        return
+    yield from ((True, sentence) for sentence in said)
+    yield from ((False, f"{name}: REFUSED, {key} is not what is proved") for key in wrong)
+
+
+def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterator[str]:
+    """The keys of fits.json that its certificates and the campaign do not bear. Raises InputError."""
+    digest = campaign_sha256(load_campaign_json(folder))
+
+    def proved(fit: VerifiedFit) -> VerifiedFit:
+        accepted = claimed.get(fit.certificate)
+        point = None if accepted is None else accepted.claims.point
+        if accepted is None or point is None or not _of_all(accepted, digest, PLAIN.name):
+            return replace(fit, certificate="")
+        *at, eps = map(float, point.at)
+        counts = VerifiedPoint(eps, len(point.holds), len(point.fails), accepted.count)
+        return replace(fit, leg=accepted.leg or 0, point=tuple(at), verified=counts)
+
+    yield from _repeated("x_c", [fit.leg for fit in stated.x_c])
+    yield from _repeated("x_c_sigma", [fit.leg for fit in stated.x_c_sigma])
+    yield from _unnamed([fit.certificate for _, fits in stated.both for fit in fits], claimed)
+    both = {name: tuple(map(proved, fits)) for name, fits in stated.both}
+    yield from differing(stated, replace(stated, campaign_sha256=digest, **both))
+
+
+def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, said: list[str]) -> Iterator[str]:
+    """The same of accuracy.json: of the sets of parameters. What else is to be said is `said`."""
+    campaign = load_campaign_json(folder)
+    digest, assumed = campaign_sha256(campaign), {error.leg: error.eps for error in stated.assumed}
+
+    def proved(box: CertifiedBox) -> CertifiedBox:
+        accepted = None if box.certificate is None else claimed.get(box.certificate)
+        if accepted is None or accepted.leg is None or not _of_all(accepted, digest, PLAIN.name):
+            return replace(box, certificate=None)
+        claims = accepted.claims
+        sides = ((), ()) if claims.infeasible or claims.enclosure is None else claims.enclosure
+        lo, hi = (tuple(map(float, side[: len(PARAMETERS)])) for side in sides)
+        return CertifiedBox(accepted.leg, float(claims.cap or 0), lo, hi, box.certificate)
+
+    named = [box.certificate for box in stated.boxes if box.certificate is not None]
+    yield from _repeated("boxes", [box.leg for box in stated.boxes])
+    yield from _unnamed(named, claimed)
+    yield from (f"the assumed error of leg {box.leg}" for box in stated.boxes if assumed.get(box.leg) != box.eps)
+    yield from ("delta" for name in named if name in claimed and not _speaks_of(claimed[name], stated.delta))
+    note = CampaignNote(digest, campaign.robot.name, len(campaign))
+    yield from differing(stated, replace(stated, campaign=note, boxes=tuple(map(proved, stated.boxes))))
+    for box in stated.boxes:
+        if box.certificate is None:
+            said.append(f"set of leg {box.leg}: NOT CERTIFIED")
+    proofs = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
+    said.append(f"{ACCURACY_NAME}: {proofs}")
+
+
+def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: list[str]) -> Iterator[str]:
+    """The same of compare.json: of legs of a campaign, or of the user's networks."""
+    campaign, options, entries = None, None, []
+    if stated.options is not None:
+        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None)
+        legs = [f"leg {leg}" for leg in options.legs or range(1, campaign.legs + 1)]
+        there = list(dict.fromkeys(entry.subject for entry in stated.entries))
+        if there != (legs[: len(there)] if stated.interrupted else legs):
+            yield "options.legs"
+        if not stated.interrupted and len(stated.entries) != len(legs) * len(stated.models):
+            yield "entries"
+    yield from _repeated("entries", [(entry.subject, entry.model) for entry in stated.entries])
+    yield from _unnamed([entry.certificate for entry in stated.entries], claimed)
+    exact = None if campaign is None else ExactCampaign(folder / CAMPAIGN_NAME)
+    for note in map(ModelNote, () if campaign is None else stated.models):
+        if not note.is_ours:
+            said.append(note.not_compared)
+    for k, entry in enumerate(stated.entries):
+        if entry.certificate is None:
+            said.append(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
+        accepted = claimed.get(entry.certificate or "")
+        entries.append(replace(entry, certificate=None) if accepted is None else _proved(entry, accepted, exact))
+        model = None if campaign is None or options is None else _known(entry.model)
+        if accepted is not None and campaign is not None and options is not None:
+            if not _speaks_of(accepted, options.delta):
+                yield "options.delta"
+            if model is not None and entry.determination != _determined(
+                campaign, accepted.leg or int(entry.subject[4:]), _middle(accepted), model, options.delta
+            ):
+                yield f"entries[{k}].determination"
+    models = {name: "a user-defined network" if campaign is None else ModelNote(name).summary for name in stated.models}
+    digest = None if campaign is None else campaign_sha256(campaign)
+    proved = replace(stated, campaign_sha256=digest, options=options, models=models, entries=tuple(entries))
+    yield from differing(stated, proved)
+
+
+def _proved(entry: Entry, accepted: Accepted, campaign: ExactCampaign | None) -> Entry:
+    """The entry that a certificate bears: without a certificate, if it is about something else."""
+    claims, unknowns, whole = accepted.claims, accepted.unknowns, False
+    kept = [k for k in range(len(unknowns)) if k != accepted.objective]
+    if campaign is None:  # of a network, which has its name in the certificate
+        if accepted.leg is not None or accepted.about != f"{entry.subject}, model {entry.model}":
+            return replace(entry, certificate=None)
+        names = tuple(unknowns[k] for k in kept)
+        whole = accepted.objective is not None and claims.cap == accepted.hi[accepted.objective]
+    else:
+        number = int(entry.subject[4:]) if re.fullmatch("leg [1-9][0-9]{0,3}", entry.subject) else 0
+        if not _of_all(accepted, campaign.sha256, entry.model, number) or number > campaign.legs:
+            return replace(entry, certificate=None)
+        names = (*PARAMETERS, *unknowns[len(PARAMETERS) : -1])
+        whole = all_of_it(campaign, number, accepted)
+    lo = float(claims.eps_lo or 0) if not claims.infeasible else inf if whole else float(claims.cap or 0)
+    hi, box = inf if claims.eps_hi is None else float(claims.eps_hi), Box.empty(names)
+    if claims.enclosure is not None and (whole if claims.eps_hi is None else claims.cap == claims.eps_hi):
+        box = Box(names, *([float(side[k]) for k in kept] for side in claims.enclosure))
+    return replace(entry, eps_lo=lo, eps_hi=hi, enclosure=box)
+
+
+def _of_all(accepted: Accepted, campaign: str, model: str, leg: int | None = None) -> bool:
+    """Whether a certificate is about all measurements of a leg of this campaign in this model.
+
+    A user-defined model says it in words.
+    """
+    if len(accepted.chosen) < accepted.count:
+        return False
+    if accepted.leg is None:
+        return model not in EXTRA and accepted.about == f"leg {leg}, model {model}, campaign {campaign}"
+    return (accepted.campaign, accepted.model) == (campaign, model) and leg in (None, accepted.leg)
+
+
+def _speaks_of(accepted: Accepted, delta: float) -> bool:
+    """Whether a leg's certificate is about (a, b, l) within `delta` mm of some center; its box is rounded outward."""
+    sides = zip(accepted.lo[: len(PARAMETERS)], accepted.hi, strict=False)
+    slack = F(1, 2**49)
+    return all(2 * delta <= hi - lo <= 2 * F(delta) + (abs(lo) + abs(hi)) * slack for lo, hi in sides)
+
+
+def _middle(accepted: Accepted) -> Floats:
+    """The point that a certificate claims, or the middle of its box."""
+    middle = [(lo + hi) / 2 for lo, hi in zip(accepted.lo, accepted.hi, strict=True)]
+    point = accepted.claims.point
+    return np.array([float(v) for v in (middle if point is None else point.at)[:-1]])
+
+
+def _repeated(what: str, items: Sequence[object]) -> Iterator[str]:
+    if len(set(items)) < len(items):
+        yield f"{what}, which names one twice,"
+
+
+def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
+    """Certificates beside the file that it does not name."""
+    yield from (f"{printable(name)}, which it does not name," for name in sorted(claimed.keys() - set(named)))
+
+
+# robust brackets, campaigns -------------------------------------------------------------------------------------------
+
+
+def of_outliers(folder: Path) -> Iterator[Statement]:
+    """What is accepted of brackets with wrong measurements. Raises InputError where there is nothing to check."""
+    from cpcal.checker.robust_claim import check_robust  # what this kind of folder needs; the others start sooner
+
+    try:
+        legs, stated = check_robust(folder), load_robust(folder)
+    except Unusable as reason:
+        remedy = "name a folder that `cpcal certify --outliers` wrote"
+        raise InputError([Problem(str(folder), str(reason), remedy)]) from None
+    except (Refused, InputError) as reason:
+        said = reason.problems[0].what if isinstance(reason, InputError) else reason
+        yield False, f"{ROBUST_NAME}: REFUSED, {said}"
+        return
+    if not stated.model.is_ours:
+        yield True, stated.model.not_compared
+    for leg in legs:
+        proved = [] if leg.lo is None else [f"PROVED, eps >= {at_least(leg.lo, 7)} mm by {leg.proofs} certificates"]
+        if leg.hi is not None:
+            proved.append(f"PROVED, eps <= {at_most(leg.hi, 7)} mm, leaving out {', '.join(leg.left_out) or 'none'}")
+        said = "; ".join(proved) or "NOT CERTIFIED" if leg.refused is None else f"REFUSED, {leg.refused}"
+        yield leg.refused is None, f"leg {leg.leg}, at most {leg.outliers} wrong: {said}"
+    if not any(leg.refused or leg.lo is not None or leg.hi is not None for leg in legs):
+        raise InputError([Problem(str(folder), "holds no leg that is certified", "certify again")])
+
+
+def of_campaigns(runs: Path) -> Iterator[Statement]:
+    """Each run of a folder, and the table of them all. Raises InputError."""
+    from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
+        SUMMARY_TABLE,
+        row_of,
+        summary_table,
+    )
+
+    try:
+        text = (runs / SUMMARY_TABLE).read_bytes()
+    except OSError as error:
+        raise InputError(
+            [Problem(str(runs / SUMMARY_TABLE), f"cannot be read: {error.strerror}", "certify again")]
+        ) from None
+    rows = []
+    for run in sorted(path.parent for path in runs.glob(f"*/{RESULT_NAME}")):
+        yield True, f"{run.name}:"
+        yield from of_folder(run)
+        found = result_of(run)
+        rows += [] if isinstance(found, str) else [row_of(run.name, found)]
+    if text != summary_table(rows).encode():
+        yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal verify` of pose sets, from their pixels on.
+
+TABLE = "sets.csv"
+NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
+
+
+def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
+    """What is accepted of one claim or a folder of them. Raises InputError where there is nothing to check."""
+    from cpcal.checker.pose_claim import check_pose_set, check_pose_sets  # the other kinds start sooner without
+
+    try:
+        found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
+    except Unusable as reason:
+        raise InputError([Problem(str(target), str(reason), "name what `cpcal image sets` wrote")]) from None
+    yield from ((one.refused is None, f"{one.name}: {_set_proved(one)}") for one in found)
+    good = all(one.refused is None for one in found)
+    if (target / TABLE).is_file() and (wrong := _table_problem(target / TABLE, found)):
+        good = False
+        yield False, f"{TABLE}: REFUSED, {wrong}"
+    if good:
+        yield from ((True, sentence) for sentence in assumptions(target))
+    yield from (_same_source(path, found) for path in sources)
+
+
+def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
+    """What the table of a folder states that its claims do not; "" where both agree, number by number."""
+    from cpcal.vision.batch.enclose import stem_of
+
+    problems = Problems()
+    content = small_file(path, problems, "", most=JSON_MAX)
+    problems.raise_any()
+    claims = {one.name: one for one in found if one.refused is None}
+    try:
+        for row in csv.DictReader(io.StringIO((content or b"").decode()), strict=True):
+            name, verdict, cells = row["file"], row["verdict"], [row[column] for column in NUMBERS]
+            claim = claims.pop(stem_of(unguarded(name)), None)
+            stated = [F(float(cell)) for cell in cells if cell]
+            proved: list[F] = []
+            verdict_of = None if claim is None else Verdict.REFUTED.value
+            if claim is not None and claim.radii is not None:
+                proved, verdict_of = [*claim.pose, *claim.radii], Verdict.PROVED.value
+            if stated != proved:
+                return f"{name}: its numbers are not those of a claim that is proved"
+            if verdict != verdict_of and (
+                claim is not None or verdict in (Verdict.PROVED.value, Verdict.REFUTED.value)
+            ):
+                return f"{name}: its verdict is {verdict}, and no claim that is proved says so"
+    except (ValueError, KeyError, TypeError, OverflowError, csv.Error) as error:
+        return f"is no table of pose sets: {error!s:.100}"
+    return f"it leaves out {min(claims)}" if claims else ""
+
+
+def assumptions(target: Path) -> list[str]:
+    """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
+    from cpcal.vision.pose_sets.pose_certificate import SUFFIX
+
+    files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
+    said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})
+    return [f"Assumed, not proved: {sentence}" for sentence in said]
+
+
+def _assumed(claim: dict[str, Any]) -> str:
+    """Floats that the claim holds, in print: they are given, and nothing is rounded to a side."""
+    from cpcal.vision.camera import CAMERA_NUMBERS
+
+    pixels, camera, target = (claim["inputs"][key] for key in ("pixels", "camera", "target"))
+    exact = np.vectorize(float.fromhex, otypes=[np.float64])
+    reach = about(float((exact(pixels["hi"]) - exact(pixels["lo"])).max()) / 2.0)
+    seen = "the centre of each dot's image" if pixels["of"] == "images" else "the image of each dot's centre"
+    but = f", but of at most {claim['outliers']} dots" * bool(claim["outliers"])
+    spread = exact(camera["spread"])
+    if spread.size:
+        each = np.linalg.norm(spread, axis=1) if camera["ball"] else np.abs(spread).sum(axis=1)
+        shape = "an ellipsoid" if camera["ball"] else "a box"
+        far = ", ".join(f"{name} {about(value, 2)}" for name, value in zip(CAMERA_NUMBERS, each.tolist(), strict=True))
+        lens = f"the camera's numbers are in {shape} of half-widths {far}"
+    else:
+        lens = "the camera is exact"
+    widths = exact(target["half_widths"]).max(axis=0)
+    scale = float.fromhex(target["scale"])
+    plate = f"dots are within {' x '.join(about(v) for v in widths.tolist())} mm" if widths.any() else "dots are exact"
+    size = f"within {about(100.0 * scale)} %" if scale else "exact"
+    return f"{seen} is within {reach} px{but}; {lens}; {plate}, the plate's size is {size}"
+
+
+def _set_proved(one: PoseSetChecked) -> str:
+    if one.refused is not None:
+        return f"REFUSED, {one.refused}"
+    but = f" but at most {one.outliers}" if one.outliers else ""
+    count = f"{len(one.certificates)} certificates, assumptions SHA-256 {one.digest[:16]}"
+    if one.radii is None:
+        return f"no pose shows all {one.dots} dots{but} in their boxes of pixels: PROVED, {count}"
+    position = " x ".join(at_most(float(v), 3) for v in one.radii[:3])
+    turn = " x ".join(at_most(degrees(float(v)), 3) for v in one.radii[3:])
+    sides = f"{position} mm and {turn} degrees"
+    return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
+
+
+def _same_source(path: Path, found: Sequence[PoseSetChecked]) -> Statement:
+    """Whether a file is the one that all pose sets name, byte for byte."""
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
+    stated = {sha for one in found for name, sha in one.files if name == path.name}
+    if stated == {digest}:
+        return True, f"{path.name}: the file that the pose sets name, by its SHA-256"
+    what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
+    return False, f"{path.name}: REFUSED, {what}"

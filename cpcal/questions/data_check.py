@@ -1,0 +1,271 @@
+"""Is the data of a campaign good enough before a long run? What looks wrong, what stays open, what to expect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from cpcal.calibration import LegEquations, fit
+from cpcal.common.numbers import about
+from cpcal.common.values import Bools, Floats
+from cpcal.legs import PLAIN
+from cpcal.questions.result import Determination
+from cpcal.questions.undetermined import determination
+from cpcal.robot import Campaign
+from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
+from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
+from cpcal.solver.optimize.least_squares import least_squares
+
+# ------------------------------------------------------------------------------------------------------------------
+# What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
+
+_ROWS = 1_000  # in a linear program: fewer of them leave a range wider, never narrower
+
+
+@dataclass(frozen=True, eq=False)
+class LegOutlook:
+    """Of one leg, counted from 1, at parameters x (7,) mm.
+
+    determination  which parameters the poses leave open
+    condition, index  of the Jacobian dg/dx with columns of equal size: largest over smallest singular value, and O1,
+                   their geometric mean over sqrt N (Borm and Menq 1991); infinite and 0 where a parameter is open
+    ranges         (7,) mm, half-widths of all parameters that explain readings of a robot that is as the model says:
+                   |J dx| <= what the reading sets allow, to first order. Infinite where a parameter is open, zero for
+                   exact readings. Noise and model error shift readings, so the certified ranges are narrower
+    """
+
+    leg: int
+    determination: Determination
+    condition: float
+    index: float
+    ranges: Floats
+
+
+def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
+    """The outlook of one leg at parameters x (7,) mm."""
+    equations = LegEquations.of(campaign, [leg])
+    jacobian = equations.by_parameters(x[None])[:, 0]
+    found = determination(campaign, leg, x, PLAIN)
+    scale = _column_scale(jacobian)
+    values = np.linalg.svd(jacobian * scale, compute_uv=False)
+    condition, index = np.inf, 0.0
+    if found.rank == found.of:
+        condition = float(values[0] / values[-1])
+        index = float(np.exp(np.mean(np.log(values)))) / float(np.sqrt(len(jacobian)))
+    return LegOutlook(leg, found, condition, index, _ranges(jacobian, scale, slack(campaign, leg, x)))
+
+
+def _column_scale(jacobian: Floats) -> Floats:
+    """1 / rms of every column (7,): within sqrt 7 of the scale with the smallest condition (van der Sluis 1969)."""
+    rms = np.sqrt(np.mean(jacobian**2, axis=0))
+    return np.asarray(1.0 / np.where(rms > 0.0, rms, 1.0))
+
+
+def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
+    """(N,) mm: by how much the reading sets let each equation g vary, to first order."""
+    by_pose = np.abs(LegEquations.of(campaign, [leg]).by_pose(x[None])[:, 0])
+    pose = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
+    return np.asarray(np.sum(by_pose * pose, axis=1) + campaign.length_radius[:, leg - 1])
+
+
+def _ranges(jacobian: Floats, scale: Floats, allowed: Floats) -> Floats:
+    """(7,): the largest |dx_i| with |J dx| <= allowed, by linear programming, columns scaled."""
+    from scipy.optimize import linprog
+
+    if not allowed.any():
+        return np.zeros(jacobian.shape[1])
+    rows = np.linspace(0, len(jacobian) - 1, min(_ROWS, len(jacobian))).astype(np.intp)
+    size = float(allowed.max())
+    matrix, bound = jacobian[rows] * scale, allowed[rows] / size
+    found = np.full(jacobian.shape[1], np.inf)
+    for i in range(len(found)):
+        cost = np.zeros(len(found))
+        cost[i] = -1.0
+        limits = np.concatenate([bound, bound])
+        program = linprog(cost, np.concatenate([matrix, -matrix]), limits, bounds=(-1e7, 1e7), method="highs")
+        if program.status == 0 and (reach := -float(program.fun or 0.0)) < 1e6:
+            found[i] = reach * size * scale[i]
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Measurements that do not fit the others: residuals of a robust fit that are far beyond the rest. No proof.
+
+_FAR = 10.0  # robust standard deviations; the largest of 10,000 normal numbers is at 4
+_LEAST = 12  # measurements: fewer can be fitted one and all
+_ROUNDING = 1e-9  # of the leg length: residuals below it are none
+_NAMED = 5  # measurements in a list
+_TOLERANCE = 1e-8
+
+
+def robust_parameters(campaign: Campaign) -> Floats:
+    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
+    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
+    plain = fit(campaign, tolerance=_TOLERANCE).parameters
+    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
+
+
+def _robust(equations: LegEquations, start: Floats) -> Floats:
+    """Of one leg, (7,)."""
+    scale = robust_scale(equations.values(start[None])) or 1.0
+
+    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
+        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
+        r = equations.values(x[None])[:, 0]
+        size = np.sqrt(1.0 + (r / scale) ** 2)
+        return r, size, np.sqrt(2.0 / (1.0 + size))
+
+    def residual(x: Floats) -> Floats:
+        r, _, share = counted(x)
+        return r * share
+
+    def jacobian(x: Floats) -> Floats:
+        _, size, share = counted(x)
+        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
+
+    return least_squares(residual, jacobian, start, tolerance=_TOLERANCE).at
+
+
+def robust_scale(residuals: Floats) -> float:
+    """1.4826 times the median of |r|: the standard deviation of normal residuals, whatever a minority of them does."""
+    return 1.482602218505602 * float(np.median(np.abs(residuals)))
+
+
+def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
+    """One sentence for each measurement that is far off at parameters x (n, 7), worst first; the last counts the rest.
+
+    Residuals are judged beside what each measurement's reading sets allow, and inside of it nothing is odd.
+    """
+    if len(campaign) < _LEAST:
+        return []
+    residuals, far = _far(campaign, x)
+    rows = np.flatnonzero(far.any(axis=1))
+    rows = rows[np.argsort(-np.abs(residuals[rows] * far[rows]).max(axis=1))]
+    ids = campaign.measurement_ids
+    said = [f"{ids[row]}: {_where(residuals[row], far[row])}." for row in rows[:_NAMED]]
+    return said + ([f"{len(rows) - _NAMED} more measurements are as far off."] if len(rows) > _NAMED else [])
+
+
+def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
+    """Residuals (N, n) mm, and which are far beyond the others of their leg."""
+    legs = range(1, campaign.legs + 1)
+    residuals = LegEquations.of(campaign, list(legs)).values(x)
+    far = np.zeros(residuals.shape, dtype=np.bool_)
+    for leg in legs:
+        allowed, off = slack(campaign, leg, x[leg - 1]), np.abs(residuals[:, leg - 1])
+        unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
+        least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
+        far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)
+    return residuals, far
+
+
+def _where(residual: Floats, far: Bools) -> str:
+    legs = np.flatnonzero(far) + 1
+    worst = about(float(np.abs(residual[far]).max()))
+    if len(legs) > 1:
+        listed = ", ".join(map(str, legs))
+        return f"its pose does not fit the readings of legs {listed} (off by up to {worst} mm)"
+    return f"leg {legs[0]} reads {worst} mm off what the others let expect"
+
+
+SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
+_FITTED = 20_000  # measurements
+
+_MORE = "Measure poses that differ more; what the robot cannot move stays open."
+
+
+class FindingKind(Enum):
+    """What a finding is about."""
+
+    MISTAKE = "mistake"
+    ODD_ROW = "odd row"
+    COPY = "copy"
+    SAME_POSE = "same pose"
+    OPEN = "open parameters"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to look at, in a sentence."""
+
+    kind: FindingKind
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """What `check_data` found. Estimates in floating point, no proofs.
+
+    findings  what to look at, most important first; none: the data are fit to be certified
+    nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
+    legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
+    """
+
+    findings: tuple[Finding, ...]
+    nominal: tuple[float, ...]
+    legs: tuple[LegOutlook, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
+
+def check_data(campaign: Campaign) -> DataCheck:
+    """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters; ranges to expect.
+
+    Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 20,000 measurements, spread
+    evenly, are fitted and say what to expect; odd and copied rows are sought among all.
+    """
+    given = Given.of(campaign)
+    typical = given.typical
+    mistake = mistake_in(given, typical)
+    findings = [
+        Finding(FindingKind.MISTAKE, sentence) for sentence in [mistake, *sizes_in_question(campaign)] if sentence
+    ]
+    still = single_pose(campaign)
+    for kind, sentence in ((FindingKind.SAME_POSE, still), (FindingKind.COPY, copied_rows(campaign))):
+        if sentence:
+            findings.append(Finding(kind, sentence))
+    nominal = np.median(given.share * given.nominal, axis=0)
+    if mistake is not None or still is not None:
+        return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
+    sample = _spread(campaign, _FITTED)
+    x = robust_parameters(sample)
+    legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
+    findings += [Finding(FindingKind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
+    findings += [Finding(FindingKind.OPEN, sentence) for sentence in _open(legs)]
+    return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
+
+
+def _spread(campaign: Campaign, most: int) -> Campaign:
+    """At most so many of its measurements, spread evenly."""
+    if len(campaign) <= most:
+        return campaign
+    rows = np.linspace(0, len(campaign) - 1, most).astype(np.intp)
+    pose, run = (tuple(names[k] for k in rows.tolist()) for names in (campaign.pose, campaign.run))
+    return replace(campaign, pose=pose, run=run, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
+
+
+def mistake_in(given: Given, typical: float) -> str | None:
+    """The sentence on drawing and readings that disagree; small disagreements need a known cause."""
+    if typical <= SUSPICIOUS:
+        return None
+    cause = likely_cause(given)
+    return mixed_up(typical, cause) if cause is not None or typical > SHARE else None
+
+
+def _open(legs: tuple[LegOutlook, ...]) -> list[str]:
+    """A sentence for legs with the same determination."""
+    groups: dict[str, list[int]] = {}
+    for leg in legs:
+        if leg.determination.sentence:
+            groups.setdefault(leg.determination.sentence, []).append(leg.leg)
+    return [f"Leg{'s' * (len(n) > 1)} {', '.join(map(str, n))}: {sentence} {_MORE}" for sentence, n in groups.items()]
+
+
+def expected(leg: LegOutlook) -> tuple[str, ...]:
+    """The ranges as text: "±1.2" mm, or "open"."""
+    return tuple("open" if not np.isfinite(value) else f"±{about(float(value), 2)}" for value in leg.ranges)

@@ -1,0 +1,603 @@
+"""What certification found, as plain values, and its file `result.json` (DESIGN section 8)."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import operator
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import plain_gap, stated
+from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
+from cpcal.files.folders import NAME as CAMPAIGN_NAME
+from cpcal.files.folders import campaign_sha256, save_campaign_json
+from cpcal.legs import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
+from cpcal.solver.accounts import ContractorUse, Trial
+from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import Box
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from cpcal.robot import Campaign
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a user asks of `certify` and `compare`: one frozen value that checks itself, stored in every result.
+
+CENTERS = ("fit", "nominal", "plain")
+SUPPORTS = ("few", "irreducible", "none")
+METHODS = ("bound", "timeout")
+ARITHMETICS = ("float64", "arb")
+LARGEST_DELTA = 1e6  # mm: a kilometre
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of `cpcal.certify`, whose help says what they mean. Lengths in mm, times in seconds.
+
+    Raises InputError with every problem that shows without the campaign.
+    """
+
+    legs: tuple[int, ...] | None = field(default=None, metadata=checked("the legs that are there"))
+    delta: float = field(default=100.0, metadata=checked("the box of each certificate"))
+    center: str = field(default="fit", metadata=INFORMED)
+    gap: float = field(default=1e-6, metadata=INFORMED)
+    time_limit: float | None = field(default=None, metadata=INFORMED)
+    node_limit: int | None = field(default=None, metadata=INFORMED)
+    contractors: tuple[str, ...] = field(default=("lifted",), metadata=INFORMED)
+    arithmetic: str = field(default="float64", metadata=INFORMED)
+    eps: float | None = field(default=None, metadata=checked("the box and the cap of each certificate"))
+    tolerance: float | None = field(default=None, metadata=INFORMED)
+    support: str = field(default="few", metadata=INFORMED)
+    method: str = field(default="bound", metadata=INFORMED)
+    model: str | None = field(default=None, metadata=INFORMED)
+    half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
+
+    def __post_init__(self) -> None:
+        problems = [*self._normalised(), *self._problems()]
+        if problems:
+            raise InputError(problems)
+
+    def _normalised(self) -> Iterator[Problem]:
+        """Sequences become tuples, numbers float64: a result that was read again equals the one that was written."""
+        yield from self._set("legs", lambda legs: tuple(map(_whole, legs)))
+        yield from self._set("contractors", _names)
+        for name in ("delta", "gap", "time_limit", "eps", "tolerance"):
+            yield from self._set(name, _number)
+        yield from self._set("node_limit", _whole)
+        yield from self._set("half_widths", _numbers)
+
+    def _set(self, name: str, kind: Any) -> Iterator[Problem]:
+        value = getattr(self, name)
+        if value is None:
+            return
+        try:
+            object.__setattr__(self, name, kind(value))
+        except (TypeError, ValueError, OverflowError):
+            object.__setattr__(self, name, getattr(Options, name, None))
+            yield Problem(name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`")
+
+    def _problems(self) -> Iterator[Problem]:
+        legs = self.legs or ()
+        if self.legs == ():
+            yield Problem("legs", "names no leg", "name one at least, or leave it out for all")
+        if len(set(legs)) < len(legs):
+            yield Problem("legs", "a leg is named twice", "name each once")
+        if not _nonnegative(self.delta):
+            yield Problem("delta", f"{self.delta} is no half-width", "give a number of mm, 0 or more")
+        elif self.delta > LARGEST_DELTA:
+            what = f"{self.delta} mm is wider than any robot"
+            yield Problem("delta", what, f"give {LARGEST_DELTA} mm (a kilometre) at most")
+        if not 0.0 <= self.gap < 1.0:
+            yield Problem("gap", f"{self.gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6")
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            yield Problem("time_limit", f"{self.time_limit} is no time", "give a positive number of seconds")
+        if self.node_limit is not None and self.node_limit < 1:
+            yield Problem("node_limit", f"{self.node_limit} is no number of boxes", "give a whole number, 1 or more")
+        for name in ("eps", "tolerance"):
+            value = getattr(self, name)
+            if value is not None and not _nonnegative(value):
+                yield Problem(name, f"{value} is no tolerance", "give a number of mm, 0 or more")
+        choices = {"center": CENTERS, "support": SUPPORTS, "method": METHODS, "arithmetic": ARITHMETICS}
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                what = f"{getattr(self, name)!r:.60} is not known"
+                yield Problem(name, what, f"use one of {', '.join(known)}")
+        if self.method == "timeout":
+            yield from self._timeout_problems()
+
+    def _timeout_problems(self) -> Iterator[Problem]:
+        if self.eps is not None:
+            yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
+        if self.time_limit is None:
+            remedy = "give a number of seconds a leg, such as 60"
+            yield Problem("time_limit", "is missing, and method timeout may go on for ever", remedy)
+
+    def words(self) -> list[str]:
+        """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
+        out = [] if self.legs is None else ["--legs", ",".join(map(str, self.legs))]
+        out += ["--delta", repr(self.delta), "--center", self.center, "--gap", repr(self.gap)]
+        out += ["--contractors", ",".join(self.contractors), "--arithmetic", self.arithmetic]
+        if self.model is not None:
+            out += ["--model", self.model]
+        for name, width in self.half_widths.items():
+            out += ["--half-width", f"{name}={width!r}"]
+        for name in ("eps", "tolerance", "time_limit", "node_limit"):
+            value = getattr(self, name)
+            out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
+        for name, usual in (("method", "bound"), ("support", "few")):
+            out += [f"--{name}", getattr(self, name)] if getattr(self, name) != usual else []
+        return out
+
+
+def _nonnegative(value: float) -> bool:
+    return math.isfinite(value) and value >= 0.0
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, str | bool):
+        raise TypeError
+    return float(value)
+
+
+def _numbers(value: Mapping[str, Any]) -> dict[str, float]:
+    return {str(key): _number(number) for key, number in value.items()}
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
+
+
+def _names(value: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(value, str) or not all(isinstance(name, str) for name in value):
+        raise TypeError
+    return tuple(value)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What few measurements of a leg prove by themselves: plain values.
+
+
+@dataclass(frozen=True)
+class SupportProof:
+    """Proved: no parameters in the leg's box satisfy the equations of its support to within less than `eps_lo` (mm).
+
+    With one eps that was asked about it is that one, and refuted. `certificate`: the file that claims exactly this.
+    Raises ValueError for a bound that says nothing.
+    """
+
+    eps_lo: float = field(metadata=checked("the bound of the certificate, by the support alone"))
+    certificate: str = field(metadata=checked("a file of the run, which is accepted"))
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
+            raise ValueError("eps_lo of the support is no bound")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# In which range each parameter of a leg lies, if the leg's equations are to hold to within some eps: plain values.
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Proved: all parameters in the leg's box that satisfy its equations to within `eps` (mm) lie in `box`.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `certificate`: the file that claims exactly
+    this; None: proved in outward-rounded arithmetic, and nobody can check it again. Raises ValueError for an eps that
+    is no tolerance, and for a box that holds nothing.
+    """
+
+    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
+    box: Box = field(metadata=checked("the enclosure of the certificate", "certificate"))
+    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps of the ranges is no tolerance")
+        if self.box.is_empty:
+            raise ValueError("the ranges are empty")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Projections of a set of parameters on planes of two of them, as proved half-planes: plain values.
+
+HalfPlane = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The set lies where `u x + v y <= c` for every (u, v, c) of `half_planes`, (x, y) being two `parameters` in mm."""
+
+    parameters: tuple[str, str]
+    half_planes: tuple[HalfPlane, ...]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for half-planes without a direction, or that are not finite."""
+        if self.parameters[0] == self.parameters[1]:
+            raise ValueError(f"{self.parameters} are not two parameters")
+        for plane in self.half_planes:
+            if plane[0] == plane[1] == 0.0 or not all(map(math.isfinite, plane)):
+                raise ValueError(f"{plane} is no half-plane")
+
+
+@dataclass(frozen=True)
+class Projections:
+    """What holds all parameters that satisfy a leg's equations to within `eps`, of those it was asked about.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `box` and each of `pairs` hold for themselves.
+    """
+
+    eps: float
+    box: Box
+    pairs: tuple[Projection, ...]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for an eps or a box that is not finite, and parameters that the box has not."""
+        bounds = (self.eps, *self.box.lo.tolist(), *self.box.hi.tolist())
+        if not all(map(math.isfinite, bounds)):
+            raise ValueError("eps or the box of the projections is not finite")
+        if not {name for pair in self.pairs for name in pair.parameters} <= set(self.box.names):
+            raise ValueError("a projection is of parameters that are not there")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A given point of one leg, measurement by measurement, as plain values (section 5.1.2 of the paper).
+
+
+@dataclass(frozen=True)
+class VerifiedPoint:
+    """Of N measurements at tolerance `eps` (mm): how many the point is proved to satisfy, and to fail.
+
+    It satisfies measurement k when THERE EXISTS a reading in its set with |g(x, M_k)| <= eps (and the leg is longer
+    than eps); it fails when there is none. Of the others nothing is proved.
+    """
+
+    eps: float
+    holds: int
+    fails: int
+    count: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for counts that do not go together."""
+        if min(self.holds, self.fails) < 0 or self.holds + self.fails > self.count:
+            raise ValueError("holds and fails are not counts of the measurements")
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps is no tolerance")
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the statement that the point is a solution."""
+        if self.fails:
+            return Verdict.REFUTED
+        return Verdict.PROVED if self.holds == self.count else Verdict.UNKNOWN
+
+    def sentence(self, name: str) -> str:
+        """What is proved of the point called `name`."""
+        within = "exactly" if self.eps == 0.0 else f"to within {stated(self.eps)} mm"
+        equations = f"{self.holds:,} of the {self.count:,} equations {within} for some readings in their sets"
+        if self.verdict is Verdict.PROVED:
+            return f"{name} is a solution: it satisfies all {self.count:,} equations {within} for some readings."
+        refuting = f"{self.fails:,} measurement{'' if self.fails == 1 else 's'} refute it" if self.fails else ""
+        unknown = self.count - self.holds - self.fails
+        rest = [text for text in (refuting, f"{unknown:,} are undecided" if unknown else "") if text]
+        return f"{name} satisfies {equations}; {', '.join(rest)}."
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Whether the measurements of a leg determine its parameters: plain values.
+#
+# Two rules. The rank of the equations, in floating point, tells which parameters they leave open. And where all that is
+# proved of a parameter is a wide range, it is not shown to be determined, whatever the rank is.
+
+SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
+KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
+_LENGTHS = 7  # the parameters (a, b, l), which have the half-width of the box
+
+
+@dataclass(frozen=True)
+class Determination:
+    """The `rank` of the Jacobian of so many equations in `of` parameters, and those that they leave `undetermined`."""
+
+    measurements: int
+    of: int
+    rank: int
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def tests_the_model(self) -> bool:
+        """Whether measurements are left to contradict the model, once the parameters are determined."""
+        return not self.undetermined and self.measurements > self.of
+
+    @property
+    def sentence(self) -> str:
+        """Empty when all is well."""
+        count = f"{self.measurements:,} measurement{'' if self.measurements == 1 else 's'}"
+        if self.undetermined:
+            names = ", ".join(self.undetermined)
+            return f"{count} of rank {self.rank} leave {len(self.undetermined)} of {self.of} parameters open: {names}."
+        if not self.tests_the_model:
+            return f"{count} determine {self.of} parameters, and none is left to test the model."
+        return ""
+
+
+@dataclass(frozen=True)
+class Wide:
+    """Parameters whose ranges, all that is proved of them, are more than half of the box: (name, lo, hi), in mm."""
+
+    ranges: tuple[tuple[str, float, float], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name for name, _, _ in self.ranges)
+
+    @property
+    def sentence(self) -> str:
+        """Empty when all is well."""
+        if not self.ranges:
+            return ""
+        widths = ", ".join(f"{name} ({plain_gap(lo, hi)} mm)" for name, lo, hi in self.ranges)
+        return (
+            f"The measurements are not shown to determine parameters that may fill more than half of the box: {widths}."
+        )
+
+
+NOTHING_WIDE = Wide()
+
+
+def wide(enclosure: Box, delta: float) -> Wide:
+    """Of an enclosure of all parameters that are as good as the best known, in a box of half-width `delta` (mm)."""
+    if enclosure.is_empty or delta <= KNOWN:
+        return NOTHING_WIDE
+    lo, hi = enclosure.lo[:_LENGTHS], enclosure.hi[:_LENGTHS]
+    found = np.flatnonzero(hi - lo > SHARE * 2.0 * delta)
+    return Wide(tuple((enclosure.names[k], float(lo[k]), float(hi[k])) for k in found))
+
+
+FORMAT = "cpcal-result/6"
+RESULT_NAME = "result.json"
+
+
+@dataclass(frozen=True)
+class ModelNote:
+    """The leg model of a result: its name, and its parameters beyond (a, b, l). Raises ValueError for no such name."""
+
+    name: str = field(default=PLAIN.name, metadata=checked("the model of each certificate"))
+    extra: tuple[Parameter, ...] = field(default=(), metadata={"json": "parameters"})
+
+    def __post_init__(self) -> None:
+        if not self.is_ours and (problem := model_name_problem(self.name)):
+            raise ValueError(problem)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it comes with cpcal: of others the certificates state the constraints themselves."""
+        return any(self.name == model.name for model in BUILT_IN)
+
+    @property
+    def summary(self) -> str:
+        """What a leg's length is, for a model that comes with cpcal; of others nothing is known but their name."""
+        ours = (model.summary for model in BUILT_IN if model.name == self.name)
+        return next(ours, "what the constraints say that its certificates state")
+
+    @property
+    def not_compared(self) -> str:
+        """What must be said beside every answer; empty for a model that comes with cpcal."""
+        return "" if self.is_ours else not_compared(self.name)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*PARAMETERS, *(p.name for p in self.extra))
+
+    def unit(self, name: str) -> str:
+        return next((p.unit for p in self.extra if p.name == name), "mm")
+
+
+def not_compared(model: str) -> str:
+    """A sentence on the certificates of a model that the checker does not know."""
+    return (
+        f"The checker does not know the model {printable(model)}: its certificates state the constraints themselves, "
+        "which were not compared with the campaign."
+    )
+
+
+def model_of(result: Result, model: LegModel | None = None) -> LegModel:
+    """The leg model of a result, with its half-widths: the one given, or the one that is known here by its name.
+
+    Raises InputError where none is known, or the one given is another; PluginError where its package does not load.
+    """
+    note = result.model
+    found = leg_model(note.name if model is None else model)
+    if (found.name, found.parameters) != (note.name, note.parameters):
+        what = f"{found.name!r} with the parameters {', '.join(found.parameters)} is not the result's"
+        remedy = f"give the model {note.name!r} with the parameters {', '.join(note.parameters)}"
+        raise InputError([Problem("model", what, remedy)])
+    return found.within({p.name: p.half_width for p in note.extra})
+
+
+class Uncertified(StrEnum):
+    """Why a leg has no certificate."""
+
+    NOTHING = ""  # it has one
+    NOT_ASKED = "no certificate was asked for"
+    INTERRUPTED = "the search was interrupted"
+    UNWRITTEN = "the certificate could not be written"
+    UNCHECKABLE = "its check would take more work than the checker spends"
+    MODEL = "with uncertain readings a user-defined model has no certificate"
+    NOTHING_PROVED = "nothing was proved that a certificate could claim"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegResult:
+    """One leg: proved, no x in the box satisfies all equations for any eps < `eps_lo`; `point` does at `eps_hi`.
+
+    Where one eps was asked about, `eps_lo` is that eps if no x satisfies the equations at it, else 0, which says
+    nothing: no other bound was asked for; `eps_hi` is that eps with a proved point, else infinite.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
+    bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
+    came first. `point` is (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved
+    point; `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the
+    bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few
+    were found to, of all with a weight in some step.
+
+    `certificate`: the file that claims exactly these eps_lo, eps_hi, point and enclosure. Where there is none,
+    `not_certified` says why: the numbers were found by the same proofs, but nobody can check them again.
+    Raises ValueError for fields that contradict each other.
+    """
+
+    leg: int = field(metadata=checked("the list of legs, and the certificate"))
+    verdict: Verdict = field(metadata=checked("follows from the bounds and the gap", "certificate", json="status"))
+    eps_lo: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    eps_hi: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    point: tuple[float, ...] | None = field(metadata=checked("the claim of the certificate", "certificate"))
+    center: tuple[float, ...] = field(metadata=checked("the box of the certificate", "certificate"))
+    enclosure: Box = field(metadata=checked("the claim of the certificate", "certificate"))
+    floor: float = field(metadata=INFORMED)
+    support: tuple[str, ...] = field(metadata=INFORMED)
+    nodes: int = field(metadata=INFORMED)
+    programs: int = field(metadata=informed("lps"))
+    seconds: float = field(metadata=INFORMED)
+    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
+    not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
+    support_proof: SupportProof | None = None  # that the support by itself proves a bound
+    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.questions.ranges
+    # what the report draws; see cpcal.questions.ranges
+    projections: Projections | None = field(default=None, metadata=INFORMED)
+    # the center of the box, as a solution at eps = 0 (or the eps asked about)
+    verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
+    # None: nothing is to be determined, or it was not asked
+    determination: Determination | None = field(default=None, metadata=INFORMED)
+    trials: tuple[Trial, ...] = field(default=(), metadata=INFORMED)  # calls of the solver, with method "timeout"
+    # those asked for: how often each ran, its part in the certificate
+    contractors_used: tuple[ContractorUse, ...] = field(default=(), metadata=INFORMED)
+    # what all contractors together found, where the certificate proves less: nobody can check it
+    found_lo: float | None = field(default=None, metadata=INFORMED)
+    found_enclosure: Box | None = field(default=None, metadata=INFORMED)
+    pending: int = field(default=0, metadata=INFORMED)  # boxes that were left at a limit
+
+    def __post_init__(self) -> None:
+        if self.certified and self.not_certified:
+            raise ValueError("a leg with a certificate is certified")
+        size = len(self.center)
+        if (self.point is not None and len(self.point) != size) or len(self.enclosure.names) != size:
+            raise ValueError("center, point and enclosure have not the same parameters")
+        if not all(map(math.isfinite, (*self.center, *(self.point or ())))):
+            raise ValueError("the center or the point is not finite")
+        if any(map(math.isnan, (self.eps_lo, self.eps_hi, self.floor, self.seconds))) or self.eps_lo < 0.0:
+            raise ValueError("eps_lo, eps_hi, floor or seconds is no number that it can be")
+        if min(self.nodes, self.programs, self.pending) < 0 or self.leg < 1:
+            raise ValueError("a count or the leg's number is negative")
+
+    @property
+    def certified(self) -> bool:
+        return self.certificate is not None
+
+    @property
+    def not_refuted(self) -> bool:
+        """Whether the model without any error is proved to fit: eps* = 0."""
+        return self.point is not None and self.eps_hi == 0.0
+
+    def _repr_html_(self) -> str:
+        from cpcal.questions.notebook import leg_html  # which reads results
+
+        return leg_html(self)
+
+
+@dataclass(frozen=True)
+class CampaignNote:
+    """Which campaign a result is of: SHA-256 of its campaign.json, the robot's name, the number of measurements."""
+
+    sha256: str = field(metadata=checked("campaign.json"))
+    robot: str = field(metadata=checked("campaign.json"))
+    measurements: int = field(metadata=checked("campaign.json"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """The legs that were certified, and what was asked: everything that `result.json` holds.
+
+    `interrupted`: the user stopped the run; legs that had not begun are missing. Raises ValueError for legs that have
+    other parameters than the model, or that are there twice.
+    """
+
+    campaign: CampaignNote
+    options: Options
+    model: ModelNote = ModelNote()
+    version: str = field(metadata=INFORMED)
+    interrupted: bool = field(default=False, metadata=INFORMED)
+    legs: tuple[LegResult, ...]
+
+    def __post_init__(self) -> None:
+        if len({leg.leg for leg in self.legs}) < len(self.legs):
+            raise ValueError("a leg is there twice")
+        if any(leg.enclosure.names != self.parameters for leg in self.legs):
+            raise ValueError(f"a leg has not the parameters {', '.join(self.parameters)}")
+
+    @property
+    def robot(self) -> str:
+        return self.campaign.robot
+
+    @property
+    def campaign_sha256(self) -> str:
+        return self.campaign.sha256
+
+    @property
+    def measurements(self) -> int:
+        return self.campaign.measurements
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.model.parameters
+
+    def to_frame(self) -> DataFrame:
+        """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
+        from cpcal.questions.notebook import result_frame
+
+        return result_frame(self)
+
+    def _repr_html_(self) -> str:
+        from cpcal.questions.notebook import result_html
+
+        return result_html(self)
+
+
+def result_text(result: Result) -> str:
+    """The text of `result.json`."""
+    return text_of(result, FORMAT)
+
+
+def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:
+    """Write `result.json` into the folder `run` (made if missing), and the `campaign` beside it, as campaign.json.
+
+    Without a campaign the folder holds it already, as certificates leave it: a run needs nothing else. Returns the path
+    of result.json. Raises InputError, and writes nothing, where the campaign is missing or not the result's.
+    """
+    folder = Path(run)
+    where, remedy = str(folder / CAMPAIGN_NAME) if campaign is None else "campaign", "give the one that was certified"
+    try:
+        if campaign is None:
+            kept = hashlib.sha256((folder / CAMPAIGN_NAME).read_bytes()).hexdigest()
+        else:
+            kept = campaign_sha256(campaign)
+    except OSError as error:
+        raise InputError([Problem(where, f"cannot be read: {error.strerror}", remedy)]) from None
+    if kept != result.campaign_sha256:
+        raise InputError([Problem(where, "is another campaign than the result's", remedy)])
+    if campaign is not None:
+        save_campaign_json(campaign, folder)
+    return save(result, folder / RESULT_NAME, FORMAT)
+
+
+def load_result(run: str | os.PathLike[str]) -> Result:
+    """Read `result.json` from the folder of a run. Raises InputError."""
+    return load(Result, Path(run) / RESULT_NAME, FORMAT, remedy="name the folder of a run, or run certify again")

@@ -1,0 +1,161 @@
+"""certify writes certificates: they prove exactly what the result says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker import Accepted, check, check_run
+from cpcal.questions import save_result
+
+SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16}
+Asked = Callable[..., tuple[cpcal.LegResult, Path]]
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> Asked:
+    """Simulate, save, certify leg 1 with certificates; the leg as result.json says it, and the run."""
+
+    def ask(sim: dict[str, Any], **options: Any) -> tuple[cpcal.LegResult, Path]:
+        cpcal.save_campaign(cpcal.simulate(**sim), tmp_path / "campaign")
+        run = tmp_path / "run"
+        campaign = cpcal.load_campaign(tmp_path / "campaign")
+        result = cpcal.certify(campaign, **({"legs": [1], "certificates": run, "delta": 2.0} | options))
+        save_result(result, run, campaign)
+        return cpcal.load_result(run).legs[0], run
+
+    return ask
+
+
+def accepted(run: Path, name: str | None) -> Accepted:
+    assert name is not None
+    (leg,) = check_run(run)
+    assert leg.refused is None
+    found = check(run / name)
+    assert found in (leg.accepted, leg.support)
+    return found
+
+
+def agrees(leg: cpcal.LegResult, found: Accepted) -> None:
+    """The bracket, the point and the enclosure of the result, bit by bit."""
+    claims = found.claims
+    assert (found.leg, found.chosen) == (leg.leg, tuple(range(found.count)))
+    assert claims.eps_lo == F(leg.eps_lo)
+    assert claims.eps_hi == claims.cap == F(leg.eps_hi)
+    assert claims.point is not None
+    assert leg.point is not None
+    assert claims.point.at == (*map(F, leg.point), F(leg.eps_hi))
+    assert claims.point.holds == found.chosen
+    assert claims.enclosure is not None
+    for side, values in zip(claims.enclosure, (leg.enclosure.lo, leg.enclosure.hi), strict=True):
+        assert side[:7] == tuple(F(float(v)) for v in values)
+    for a, b, c, d in zip(found.lo, *claims.enclosure, found.hi, strict=True):
+        assert a <= b <= c <= d
+
+
+@pytest.mark.parametrize(("joint_error", "factor"), [(10.0, 0.0), (10.0, 3.0), (0.0, 3.0)])
+def test_the_certificate_says_what_the_result_says(asked: Asked, joint_error: float, factor: float) -> None:
+    leg, run = asked(SMALL | {"joint_error": joint_error, "factor": factor})
+    assert leg.certificate == "leg1.cert.jsonl"
+    agrees(leg, accepted(run, leg.certificate))
+    assert leg.verdict is cpcal.Verdict.PROVED
+    assert (leg.eps_lo == 0.0) == (joint_error == 0.0)
+
+
+def test_all_extremal_poses_in_a_large_box(asked: Asked) -> None:
+    leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0)
+    found = accepted(run, leg.certificate)
+    agrees(leg, found)
+    assert found.count == 64
+    assert found.claims.eps_lo is not None
+    assert found.claims.eps_lo > 4.8
+
+
+def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
+    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=0.1)
+    found = accepted(run, leg.certificate)
+    assert leg.verdict is cpcal.Verdict.REFUTED
+    assert found.claims.infeasible
+    assert found.claims.cap == F(0.1) == found.lo[7] == found.hi[7]
+    assert found.claims.point is None
+    assert found.claims.eps_lo is None
+
+
+def test_a_proved_tolerance_has_a_point(asked: Asked) -> None:
+    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=2.0)
+    claims = accepted(run, leg.certificate).claims
+    assert leg.verdict is cpcal.Verdict.PROVED
+    assert not claims.infeasible
+    assert claims.point is not None
+    assert leg.point is not None
+    assert claims.point.at == (*map(F, leg.point), F(2))
+    assert claims.point.holds == tuple(range(16))
+    assert claims.eps_lo is claims.eps_hi is None
+
+
+def test_what_was_proved_before_the_time_was_over(asked: Asked) -> None:
+    leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.002)
+    assert leg.verdict is cpcal.Verdict.UNKNOWN
+    assert leg.eps_lo < leg.eps_hi
+    agrees(leg, accepted(run, leg.certificate))
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_an_irreducible_support_proves_the_bound_alone(asked: Asked, factor: float) -> None:
+    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": factor}, support="irreducible")
+    found = accepted(run, "leg1.support.cert.jsonl")
+    ids = cpcal.load_campaign(run.parent / "campaign").measurement_ids
+    assert tuple(ids[k] for k in found.chosen) == leg.support
+    assert 1 <= len(found.chosen) < 16
+    assert found.count == 16
+    assert found.used <= set(found.chosen)
+    claims = found.claims
+    assert claims.eps_lo is not None
+    # the bracket of the few is closed to the gap, and so is the leg's
+    assert F(leg.eps_lo) * (1 - F(3, 10**6)) <= claims.eps_lo <= F(leg.eps_hi) * (1 + F(1, 10**6))
+    assert claims.eps_hi is claims.point is claims.enclosure is None
+    agrees(leg, accepted(run, leg.certificate))
+
+
+def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
+    cpcal.save_campaign(cpcal.simulate(**SMALL, joint_error=10.0, factor=0.0), tmp_path / "campaign")
+    campaign = cpcal.load_campaign(tmp_path / "campaign")
+
+    def written(name: str, legs: list[int]) -> dict[str, bytes]:
+        cpcal.certify(campaign, legs=legs, delta=2.0, certificates=tmp_path / name)
+        return {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+
+    both = written("both", [1, 2])
+    assert sorted(both) == ["campaign.json", "leg1.cert.jsonl", "leg2.cert.jsonl"]
+    assert written("again", [1, 2]) == both
+    kept = {"campaign.json": both["campaign.json"]}
+    assert written("one", [2]) == kept | {"leg2.cert.jsonl": both["leg2.cert.jsonl"]}
+    # an earlier run's certificates do not stay
+    assert written("both", [1]) == kept | {"leg1.cert.jsonl": both["leg1.cert.jsonl"]}
+
+
+def test_one_pose_repeated_64_times(asked: Asked) -> None:
+    """Rank deficient: nothing but the length of one arm is determined, and still what is claimed is proved."""
+    few = {"seed": 3, "extremal": False, "random_poses": 1, "runs": 64, "factor": 0.0}
+    leg, run = asked(few, delta=10.0, gap=1e-3, time_limit=2.0)
+    found = accepted(run, leg.certificate)
+    agrees(leg, found)
+    assert found.count == 64
+
+
+def test_contractors_without_weights_write_none(asked: Asked) -> None:
+    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, contractors=("hc4",), time_limit=0.2)
+    assert leg.certificate is None
+    assert not list(run.glob("*.cert.jsonl"))
+
+
+def test_certify_without_a_folder_names_none() -> None:
+    leg = cpcal.certify(cpcal.simulate(**SMALL, joint_error=10.0, factor=0.0), legs=[1], delta=2.0).legs[0]
+    assert leg.certificate is None
+    assert np.isfinite(leg.eps_hi)

@@ -1,0 +1,86 @@
+"""Ranges of parameters at a tolerance: they hold every point that reaches it, and a certificate says so."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker import Refused, check_run
+from cpcal.questions.ranges import MARGIN
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=7, joint_error=1.0, factor=0.0)
+
+
+@pytest.fixture(scope="module")
+def run(campaign, tmp_path_factory):
+    """The folder of a run with ranges, and its result."""
+    folder = tmp_path_factory.mktemp("run")
+    found = cpcal.certify(campaign, legs=[2], certificates=folder)
+    found = cpcal.with_ranges(campaign, found, certificates=folder)
+    cpcal.save_result(found, folder)
+    return folder, found
+
+
+def test_points_that_reach_the_tolerance_are_in_the_ranges_and_the_ranges_are_wider_than_the_enclosure(campaign, run):
+    leg = run[1].legs[0]
+    assert leg.ranges.eps == MARGIN * leg.eps_hi
+    assert (leg.ranges.box.width > 10.0 * leg.enclosure.width).all()
+    point, rng = np.array(leg.point), np.random.default_rng(1)
+    inside = 0
+    for _ in range(20):
+        x = point + 1e-3 * leg.ranges.box.width * rng.standard_normal(7)
+        if cpcal.certify_point(campaign, 2, x, eps=leg.ranges.eps).verified.verdict is cpcal.Verdict.PROVED:
+            assert tuple(x) in leg.ranges.box
+            inside += 1
+    assert inside > 5
+
+
+def test_the_checker_ties_the_ranges_to_their_certificate(run, tmp_path):
+    folder, found = run
+    (checked,) = check_run(folder)
+    assert checked.refused is None
+    assert checked.ranges.claims.cap == found.legs[0].ranges.eps
+    text = (folder / "result.json").read_text(encoding="utf-8")
+
+    def refused(change):
+        data = json.loads(text)
+        change(data["legs"][0]["ranges"])
+        (folder / "result.json").write_text(json.dumps(data), encoding="utf-8")
+        return check_run(folder)[0].refused
+
+    def narrower(ranges):
+        ranges["box"]["hi"][3] -= 1e-3
+
+    try:
+        assert "enclosure" in refused(narrower)
+        assert "eps" in refused(lambda ranges: ranges.update(eps=2.0 * ranges["eps"]))
+        with pytest.raises(Refused, match="ranges-leg2"):
+            refused(lambda ranges: ranges.update(certificate="leg2.cert.jsonl"))
+        assert "parameters" in refused(lambda ranges: ranges["box"]["names"].reverse())
+    finally:
+        (folder / "result.json").write_text(text, encoding="utf-8")
+
+
+def test_ranges_without_a_certificate_are_nearly_as_wide(campaign, run):
+    plain = cpcal.certify(campaign, legs=[2], eps=run[1].legs[0].ranges.eps)
+    at = cpcal.with_ranges(campaign, plain).legs[0].ranges
+    assert at.certificate is None
+    assert at.box == plain.legs[0].enclosure
+    # contraction ends with a pass that gains less than a twentieth, and numbers in a certificate are short
+    np.testing.assert_allclose(at.box.width, run[1].legs[0].ranges.box.width, rtol=0.1)
+
+
+def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
+    result = run[1]
+    lost = dataclasses.replace(result.legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
+    bare = dataclasses.replace(result, legs=(dataclasses.replace(lost, ranges=None),))
+    assert cpcal.with_ranges(campaign, bare).legs[0].ranges is None
+
+
+def test_a_result_with_ranges_is_read_as_it_was_written(run):
+    assert cpcal.load_result(run[0]) == run[1]

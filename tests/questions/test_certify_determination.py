@@ -1,0 +1,82 @@
+"""Measurements that do not determine the parameters are found out, however well the equations are solved."""
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.legs import PLAIN
+from cpcal.questions import Explained, Undetermined, verdict_of
+from cpcal.questions.undetermined import determination
+
+whole = cpcal.simulate(seed=1, joint_error=0.0, runs=40)
+
+
+def part(rows):
+    rows = np.asarray(rows)
+    robot, radii = whole.robot, (whole.position_radius, whole.rotation_radius, whole.length_radius)
+    position, rotation, length = (radius[rows] for radius in radii)
+    return cpcal.Campaign.of(
+        robot,
+        whole.position[rows],
+        whole.quaternion[rows],
+        whole.length[rows],
+        position_radius=position,
+        rotation_radius=rotation,
+        length_radius=length,
+    )
+
+
+def of(rows):
+    campaign = part(rows)
+    return determination(campaign, 1, campaign.robot.parameters[0], PLAIN)
+
+
+names = whole.measurement_ids
+first = [k for k, name in enumerate(names) if name.startswith(names[0].split("/")[0])]
+
+
+@pytest.mark.parametrize("rows", [[0], [0] * 5, [0] * 40, first])
+def test_one_pose_read_any_number_of_times_determines_next_to_nothing(rows):
+    found = of(rows)
+    assert found.rank <= 2
+    assert not found.tests_the_model
+    assert "l" in found.undetermined
+
+
+def test_as_many_measurements_as_parameters_test_nothing():
+    every = range(0, len(whole), 40)
+    found = of(list(every)[:7])
+    assert not found.tests_the_model
+    assert found.sentence
+
+
+def test_the_extremal_poses_determine_all_parameters():
+    found = of(range(0, len(whole), 40))
+    assert (found.rank, found.undetermined, found.sentence) == (7, (), "")
+    assert found.tests_the_model
+
+
+@pytest.mark.parametrize("count", [1, 5, 40])
+def test_identical_measurements_are_no_pass(count):
+    result = cpcal.certify(part([0] * count), legs=[1], tolerance=400.0, support="none")
+    assert isinstance(verdict_of(result, result.legs[0]), Undetermined)
+
+
+@pytest.mark.parametrize("poses", [8, 16])
+def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass(poses):
+    """They are not shown to determine l: at the smallest error it may lie in more than half of the box."""
+    campaign = cpcal.simulate(seed=1, joint_error=0.0, extremal=False, random_poses=poses)
+    result = cpcal.certify(campaign, legs=[1], tolerance=400.0, support="none")
+    leg = result.legs[0]
+    assert leg.determination.tests_the_model
+    assert leg.enclosure["l"].width > 100.0
+    verdict = verdict_of(result, leg)
+    assert isinstance(verdict, Undetermined)
+    assert "l" in verdict.names
+    assert "l (" in verdict.sentence
+
+
+def test_good_poses_pass():
+    campaign = cpcal.simulate(seed=1, joint_error=0.0)
+    result = cpcal.certify(campaign, legs=[1], tolerance=400.0, support="none")
+    assert isinstance(verdict_of(result, result.legs[0]), Explained)

@@ -1,0 +1,127 @@
+"""eps* when some measurements may be wrong: found, proved whichever they are, and never above what trying all gives."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations, count
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker import check
+from cpcal.checker.robust_claim import check_robust
+from cpcal.common.errors import InputError
+from cpcal.questions import outliers as robust
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.robust_result import load_robust
+from cpcal.simulate import simulate
+from cpcal.solver.optimize.minimum import hitting_set
+
+
+def campaign(measurements, wrong, seed=1, error=3.0):
+    good = simulate(seed=seed, extremal=False, random_poses=measurements, factor=0.0, noise=0.02, joint_error=0.05)
+    length = good.length.copy()
+    length[list(wrong), 0] += error * np.where(np.arange(len(wrong)) % 2, -1.0, 1.0)
+    return cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
+
+
+@pytest.mark.parametrize("wrong", [(4,), (2, 9)])
+def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_path):
+    asked = campaign(18, wrong)
+    found = certify_robust(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
+    (leg,) = found.legs
+    assert leg.left_out == tuple(asked.measurement_ids[k] for k in wrong)
+    assert leg.complete
+    assert 0.0 < leg.eps_lo < leg.eps_hi < 0.05
+    assert load_robust(tmp_path) == found
+    (checked,) = check_robust(tmp_path)
+    assert checked.refused is None
+    assert float(checked.lo) == leg.eps_lo
+    assert float(checked.hi) == leg.eps_hi
+
+
+def asked_of(folder, **options):
+    """One leg of twelve measurements, the fourth of which is wrong."""
+    given = {"outliers": 1, "legs": (1,), "delta": 8.0, "center": "nominal", "certificates": folder}
+    (leg,) = certify_robust(campaign(12, (3,), error=0.3), **(given | options)).legs
+    return leg
+
+
+def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
+    """A bad first guess is refuted at large errors too; the bound is what holds whichever measurement is wrong."""
+    usual = asked_of(tmp_path / "usual")
+    monkeypatch.setattr(robust._Search, "guessed", lambda search, outliers: frozenset({0}))
+    leg = asked_of(tmp_path / "other")
+    levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.proofs]
+    assert max(levels) > leg.eps_hi > leg.eps_lo == float(min(levels))
+    assert leg.eps_lo == pytest.approx(usual.eps_lo, rel=1e-4)
+
+
+def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path, monkeypatch):
+    """Two searches at a second each, where three do not settle it."""
+    monkeypatch.setattr(robust, "time", SimpleNamespace(monotonic=count(0.0).__next__))
+    leg = asked_of(tmp_path, time_limit=2.5)
+    assert leg.searches == 3
+    assert (leg.eps_lo, leg.proofs, leg.complete) == (0.0, (), False)
+    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.point_certificate]
+    (checked,) = check_robust(tmp_path)
+    assert (checked.refused, checked.lo, float(checked.hi)) == (None, None, leg.eps_hi)
+
+
+def test_the_bracket_is_that_of_the_best_choice_among_all():
+    asked = campaign(12, (3,), error=0.3)
+    (leg,) = certify_robust(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
+    rows = np.arange(len(asked))
+    best = np.inf
+    for k in rows:
+        keep = rows[rows != k]
+        part = cpcal.Campaign.of(
+            asked.robot, asked.position[keep], asked.quaternion[keep], asked.length[keep], exact=True
+        )
+        (alone,) = cpcal.certify(part, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
+        best = min(best, alone.eps_hi)
+        assert leg.eps_lo <= alone.eps_hi * (1.0 + 1e-4)
+    assert leg.eps_hi == pytest.approx(best, rel=1e-3)
+
+
+def test_without_wrong_measurements_it_is_the_plain_bracket():
+    asked = campaign(12, ())
+    (leg,) = certify_robust(asked, outliers=0, legs=(1,), delta=8.0, center="nominal").legs
+    (plain,) = cpcal.certify(asked, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
+    assert leg.left_out == ()
+    assert leg.eps_hi == pytest.approx(plain.eps_hi, rel=1e-4)
+    assert leg.eps_lo <= plain.eps_hi
+
+
+def test_workers_find_and_prove_the_same(tmp_path):
+    asked, options = campaign(12, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 8.0, "center": "nominal"}
+    certify_robust(asked, **options, certificates=tmp_path / "here")
+    with ThreadPoolExecutor(2) as threads:
+        certify_robust(asked, **options, certificates=tmp_path / "there", executor=threads)
+    here, there = ({p.name: p.read_bytes() for p in (tmp_path / n).glob("*.jsonl")} for n in ("here", "there"))
+    assert here
+    assert here == there
+
+
+def test_more_outliers_than_measurements_are_refused():
+    with pytest.raises(InputError, match="no number of measurements"):
+        certify_robust(campaign(9, ()), outliers=9)
+
+
+def test_a_hitting_set_meets_every_set_and_none_is_missed():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        family = [
+            frozenset(rng.choice(8, rng.integers(1, 5), replace=False).tolist()) for _ in range(rng.integers(0, 7))
+        ]
+        most = int(rng.integers(0, 4))
+        found = hitting_set(family, most)
+        possible = any(
+            all(set(chosen) & one for one in family) for n in range(most + 1) for chosen in combinations(range(8), n)
+        )
+        assert (found is not None) == possible
+        if found is not None:
+            assert len(found) <= most
+            assert all(found & one for one in family)

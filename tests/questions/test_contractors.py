@@ -1,0 +1,197 @@
+"""Every contractor that was asked for takes part; the certificate holds what weights prove, and both are told apart."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpcal
+from contractors import HC4, Lifted
+from cpcal.checker import check
+from cpcal.common.numbers import at_least
+from cpcal.files.codec import decoded, encoded
+from cpcal.questions import Options, proved_sentence
+from cpcal.solver import plugins
+from cpcal.solver.contract import Composable, Contraction, Repeat, Step
+from cpcal.solver.interval import Box
+
+SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16, "joint_error": 10.0}
+
+
+class Oracle(Composable):
+    """Knows something true that no weights prove: the objective is at least `least`."""
+
+    def __init__(self, least: float, name: str) -> None:
+        self.least, self.name = least, name
+
+    def contract(self, box: Box) -> Contraction:
+        if box.is_empty or not box.lo[box.index(self.name)] < self.least:
+            return Contraction(box)
+        return Contraction(box.replace(self.name, lo=self.least), (Step("oracle", self.name, "lo", self.least),))
+
+
+class ShortSighted(Composable):
+    """Gives weights, but only on small boxes: the proof takes divisions."""
+
+    gives_weights = True
+
+    def __init__(self, network: cpcal.Network, name: str) -> None:
+        self.inner = Lifted(network, objective=name)
+
+    def contract(self, box: Box) -> Contraction:
+        return self.inner.contract(box) if box.width[0] < 25.0 else Contraction(box)
+
+
+def calls_of(monkeypatch: pytest.MonkeyPatch, contractor: type) -> list[Box]:
+    """The boxes that objects of a class contract from now on."""
+    seen: list[Box] = []
+    contract = contractor.contract  # type: ignore[attr-defined]
+
+    def counted(self: Any, box: Box) -> Contraction:
+        seen.append(box)
+        result: Contraction = contract(self, box)
+        return result
+
+    monkeypatch.setattr(contractor, "contract", counted)
+    return seen
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[cpcal.Campaign, Path]:
+    folder = tmp_path_factory.mktemp("campaign")
+    cpcal.save_campaign(cpcal.simulate(**SMALL, factor=0.0), folder)
+    return cpcal.load_campaign(folder), folder
+
+
+@pytest.mark.parametrize("method", ["bound", "timeout"])
+def test_hc4_is_called_in_a_search_that_writes_certificates(
+    campaign: tuple[cpcal.Campaign, Path], method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = calls_of(monkeypatch, HC4)
+    question: dict[str, Any] = {"method": method, "gap": 0.3, "time_limit": 30.0, "delta": 1.0, "support": "few"}
+    leg = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), certificates=tmp_path, **question).legs[0]
+    hc4, lifted = leg.contractors_used
+    assert (hc4.name, lifted.name) == ("hc4", "lifted")
+    assert 0 < hc4.calls <= len(seen)
+    assert lifted.calls > 0
+    assert hc4.certified_steps == 0  # it gives no weights
+    lines = [json.loads(line) for line in (tmp_path / "leg1.cert.jsonl").read_text().splitlines()]
+    held = sum(len(line.get("bounds", ())) for line in lines) + sum("exclude" in line for line in lines)
+    assert lifted.certified_steps == held > 0
+    assert lifted.steps >= lifted.certified_steps
+    assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.eps_lo)
+
+
+def test_contractors_used_are_in_the_file_of_results(campaign: tuple[cpcal.Campaign, Path], tmp_path: Path) -> None:
+    result = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), delta=1.0, gap=0.1)
+    cpcal.save_result(result, tmp_path, campaign[0])
+    assert cpcal.load_result(tmp_path).legs[0].contractors_used == result.legs[0].contractors_used
+    assert [use.certified_steps for use in result.legs[0].contractors_used] == [0, 0]
+    assert all(use.calls > 0 for use in result.legs[0].contractors_used)
+
+
+def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
+    campaign: tuple[cpcal.Campaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bound of the leg that only one contractor knows: it is told beside the one that the certificate proves."""
+    known = 0.9 * cpcal.certify(campaign[0], legs=[1], delta=2.0).legs[0].eps_lo
+    load = plugins.load
+
+    def with_oracle(name: str) -> Any:
+        return (lambda *_, **__: Oracle(known, "eps")) if name == "oracle" else load(name)
+
+    monkeypatch.setattr(plugins, "load", with_oracle)
+    monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))
+    question: dict[str, Any] = {"legs": [1], "delta": 2.0, "certificates": tmp_path, "time_limit": 0.3}
+    leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
+    assert leg.eps_lo == 0.0
+    assert leg.found_lo == known
+    assert at_least(known, 10) in proved_sentence(Options(), leg)
+    oracle, lifted = leg.contractors_used
+    assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
+    assert leg.certificate is not None
+    claims = check(tmp_path / leg.certificate).claims
+    assert claims.eps_lo == F(leg.eps_lo)
+    assert claims.eps_hi == F(leg.eps_hi)
+    assert decoded(cpcal.LegResult, encoded(leg)).found_lo == known
+
+
+OPTIMUM = 4.25 / 19
+
+
+def two_anchors() -> tuple[cpcal.Network, cpcal.Expr]:
+    """Distances to three points on a line, which no point has: two mirrored optima."""
+    net = cpcal.Network()
+    p, z = net.variable("p", 2, (-20.0, 20.0)), net.variable("z", (), (0.0, 20.0))
+    net.add((cpcal.norm(np.array([[-3.0, 0.0], [3.0, 0.0]]) - p) - np.array([5.0, 5.0])).within((-z, z)))
+    net.add((cpcal.norm(np.zeros((1, 2)) - p) - 4.5).within((-z, z)))
+    return net, z
+
+
+@pytest.mark.parametrize("nodes", [1, 2])
+def test_a_weaker_certificate_says_both_bounds(nodes: int, tmp_path: Path) -> None:
+    net, z = two_anchors()
+    contractors = [Oracle(OPTIMUM - 1e-3, "z"), ShortSighted(net, "z")]
+    limits = cpcal.Limits(nodes=nodes, gap=1e-9)
+    found = net.minimize(z, contractors=contractors, limits=limits, certificate=tmp_path / "c.jsonl")
+    assert found.found is not None
+    assert found.lo < found.found.lo <= OPTIMUM <= found.hi
+    assert found.found.lo >= OPTIMUM - 1e-3
+    assert at_least(found.lo, 10) in found.status
+    assert at_least(found.found.lo, 10) in found.status
+    assert found.found.enclosure.subset(found.enclosure)
+    assert found.verdict is cpcal.Verdict.UNKNOWN
+    claims = check(tmp_path / "c.jsonl").claims
+    assert claims.eps_lo == F(found.lo)
+    assert [use.name for use in found.contractors_used] == ["Oracle", "ShortSighted"]
+    assert found.contractors_used[0].certified_steps == 0
+    plain = net.minimize(z, contractors=contractors, limits=limits)
+    assert plain.found is None  # without a certificate all that was found is the answer
+    assert plain.lo >= OPTIMUM - 1e-3
+
+
+def test_the_proof_goes_on_until_weights_have_caught_up(tmp_path: Path) -> None:
+    net, z = two_anchors()
+    contractors = [Oracle(OPTIMUM - 1e-9, "z"), ShortSighted(net, "z")]
+    limits = cpcal.Limits(gap=1e-4)
+    found = net.minimize(z, contractors=contractors, limits=limits, certificate=tmp_path / "c.jsonl")
+    assert found.verdict is cpcal.Verdict.PROVED
+    assert found.hi - found.lo <= 1e-4 * abs(found.hi)
+    assert check(tmp_path / "c.jsonl").claims.eps_lo == F(found.lo)
+
+
+def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(tmp_path: Path) -> None:
+    """A contractor that lies is no reason for the certificate to lie."""
+
+    class Liar(Composable):
+        def contract(self, box: Box) -> Contraction:
+            return Contraction(Box.empty(box.names), (Step("liar", None, "", np.nan),))
+
+    net, z = two_anchors()
+    found = net.minimize(
+        z, contractors=[Liar(), "lifted"], limits=cpcal.Limits(gap=1e-3), certificate=tmp_path / "c.jsonl"
+    )
+    assert found.lo <= OPTIMUM <= found.hi
+    assert found.verdict is cpcal.Verdict.PROVED
+    assert found.found is not None
+    assert found.found.enclosure.is_empty
+    assert "the certificate" in found.status
+    assert not check(tmp_path / "c.jsonl").claims.infeasible
+
+
+@pytest.mark.parametrize("composed", ["then", "repeat"])
+def test_compositions_give_the_weights_of_their_elements(composed: str, tmp_path: Path) -> None:
+    net, z = two_anchors()
+    hc4, lifted = HC4(net), Lifted(net, objective="z")
+    contractor = hc4 >> lifted if composed == "then" else Repeat(lifted, most=2)
+    found = net.minimize(z, contractors=[contractor], limits=cpcal.Limits(gap=1e-3), certificate=tmp_path / "c.jsonl")
+    assert found.verdict is cpcal.Verdict.PROVED
+    assert found.contractors_used[-1].certified_steps > 0
+    assert check(tmp_path / "c.jsonl").claims.eps_lo == F(found.lo)
+    with pytest.raises(cpcal.ModelError, match="no weights"):
+        net.minimize(z, contractors=[hc4 | lifted], certificate=tmp_path / "d.jsonl")

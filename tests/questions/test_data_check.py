@@ -1,0 +1,70 @@
+"""`check_data` names what is wrong with a campaign, finds nothing in good ones, and says what ranges to expect."""
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.questions.data_check import FindingKind
+from cpcal.robot import known_robot
+from cpcal.simulate import simulate
+from tests.robot.wrong_ways import WRONG_WAYS
+
+TRUE = simulate(seed=2, random_poses=20, joint_error=0.5)
+
+
+@pytest.mark.parametrize("way", WRONG_WAYS)
+def test_every_wrong_way_to_enter_data_is_named(way):
+    make, expected = WRONG_WAYS[way]
+    found = cpcal.check_data(make(TRUE))
+    assert len(found.findings) == 1
+    assert expected in found.findings[0].sentence
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("joint_error", [0.0, 2.0])
+def test_good_campaigns_have_no_findings(seed, joint_error):
+    found = cpcal.check_data(simulate(seed=seed, joint_error=joint_error, factor=3.0 * (seed % 2)))
+    assert found.good
+    assert [leg.leg for leg in found.legs] == [1, 2, 3, 4, 5, 6]
+    assert all(leg.determination.rank == 7 and leg.condition < 200 for leg in found.legs)
+
+
+def test_certified_ranges_lie_within_the_expected_ones_and_are_not_much_smaller():
+    campaign = simulate(seed=1, factor=3.0, truncate=0.5, noise=0.2)  # as if without noise: sets as wide as possible
+    expected = cpcal.check_data(campaign).legs[0].ranges
+    leg = cpcal.certify(campaign, legs=[1]).legs[0]
+    certified = 0.5 * np.array([leg.enclosure[name].width for name in leg.enclosure.names[:7]])
+    assert leg.eps_hi == 0.0
+    assert (certified < 1.1 * expected).all()  # an outer enclosure beside a first-order estimate
+    assert (certified > 0.5 * expected).all()
+
+
+def test_exact_readings_leave_no_range():
+    assert not cpcal.check_data(simulate(seed=1, factor=0.0)).legs[0].ranges.any()
+
+
+def test_what_a_planar_robot_cannot_show_is_named_as_open():
+    planar = known_robot("planar-3rpr")
+    found = cpcal.check_data(simulate(planar.robot, seed=1, random_poses=20, workspace=planar.workspace))
+    (finding,) = found.findings
+    assert finding.kind is FindingKind.OPEN
+    assert "Legs 1, 2, 3: " in finding.sentence
+    assert "leave 2 of 7 parameters open: a_z, b_z." in finding.sentence
+    assert np.array_equal(np.isinf(found.legs[0].ranges), [False, False, True, False, False, True, False])
+
+
+def test_few_poses_leave_parameters_open():
+    few = simulate(seed=1, extremal=False, random_poses=5)
+    found = cpcal.check_data(few)
+    assert {finding.kind for finding in found.findings} == {FindingKind.OPEN}
+    assert all(leg.determination.rank < 7 for leg in found.legs)
+
+
+def test_outliers_come_worst_first_and_are_counted():
+    length = TRUE.length.copy()
+    length[np.arange(8), 1] += np.linspace(5.0, 12.0, 8)
+    changed = cpcal.check_data(cpcal.Campaign.of(TRUE.robot, TRUE.position, TRUE.quaternion, length, exact=True))
+    said = [finding.sentence for finding in changed.findings]
+    assert said[0].startswith("p7/1: leg 2 reads ")
+    assert len(said) == 6
+    assert said[-1] == "3 more measurements are as far off."

@@ -1,0 +1,187 @@
+"""The verdict on a leg: a pass only for what is proved and tested, each kind a type, a word and a colour of its own."""
+
+import math
+import re
+from decimal import Decimal
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import cpcal
+from cpcal.cli.sections import STYLES
+from cpcal.questions import (
+    Bounded,
+    CampaignNote,
+    Determination,
+    Explained,
+    Options,
+    Ranges,
+    Undecided,
+    Undetermined,
+    Unexplained,
+    verdict_of,
+)
+from cpcal.report.words import fit_sentence, short_fit
+from cpcal.solver.contract import Verdict
+
+NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
+POOR = Determination(measurements=40, of=7, rank=1, undetermined=("a_x", "l"))
+BARE = Determination(measurements=7, of=7, rank=7)
+RICH = Determination(measurements=64, of=7, rank=7)
+
+lengths = st.floats(0.0, 1e6)
+
+
+def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determination=RICH, **others):
+    point = (0.0,) * 7 if math.isfinite(hi) else None
+    leg = cpcal.LegResult(
+        leg=1,
+        verdict=verdict,
+        eps_lo=lo,
+        eps_hi=hi,
+        point=point,
+        center=(0.0,) * 7,
+        enclosure=cpcal.Box(NAMES, *others.get("enclosure", ([0.0] * 7, [0.0] * 7))),
+        floor=0.0,
+        support=(),
+        nodes=1,
+        programs=1,
+        seconds=0.1,
+        determination=determination,
+        pending=others.get("pending", 0),
+        ranges=others.get("ranges"),
+    )
+    asked = {name: others[name] for name in ("delta", "method", "time_limit") if name in others}
+    options = Options(eps=eps, tolerance=tolerance, **asked)
+    result = cpcal.Result(campaign=CampaignNote("0" * 64, "R", 64), options=options, version="0", legs=(leg,))
+    return verdict_of(result, leg)
+
+
+@given(lengths, lengths, lengths, st.sampled_from(Verdict))
+def test_a_pass_is_proved_and_so_is_a_fail(x, y, tolerance, ended):
+    lo, hi = min(x, y), max(x, y)
+    verdict = judged(lo, hi, tolerance=tolerance, verdict=ended)
+    expected = Explained if hi <= tolerance else Unexplained if lo > tolerance else Undecided
+    assert type(verdict) is expected
+
+
+@given(lengths, lengths, st.none() | lengths, st.sampled_from(Verdict))
+def test_every_number_in_a_sentence_is_on_the_safe_side(x, y, tolerance, ended):
+    lo, hi = min(x, y), max(x, y)
+    said = judged(lo, hi, tolerance=tolerance, verdict=ended).sentence
+    for text in re.findall(r"to within (\S+) mm", said):
+        assert Fraction(Decimal(text)) >= Fraction(hi)
+    for text in re.findall(r"no better than (\S+) mm", said):
+        assert Fraction(Decimal(text)) <= Fraction(lo)
+    for text in re.findall(r"tolerance is (\S+) mm", said):
+        assert float(text) == tolerance
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.0, 0.5, 1e9])
+@pytest.mark.parametrize("poor", [POOR, BARE])
+def test_poor_data_pass_at_no_tolerance(poor, tolerance):
+    for lo, hi in ((0.0, 0.0), (0.0, 128.7)):
+        verdict = judged(lo, hi, tolerance=tolerance, determination=poor)
+        assert isinstance(verdict, Undetermined)
+        assert "no test of the model" in verdict.sentence
+        assert verdict.sentence.startswith(poor.sentence)
+    assert "a_x, l" in judged(0.0, 0.0, determination=POOR).sentence
+
+
+WIDE = ([0.0, 0.0, -64.4, 0.0, 0.0, 0.0, 0.0], [1.0, 50.0, 64.3, 9.0, 0.0, 0.0, 100.1])
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.0, 0.5, 1e9])
+@pytest.mark.parametrize("ended", [Verdict.PROVED, Verdict.UNKNOWN])  # unknown: a second-order effect ended the search
+def test_ranges_of_more_than_half_of_the_box_are_no_pass_and_their_parameters_are_named(tolerance, ended):
+    verdict = judged(0.0, 0.0, tolerance=tolerance, enclosure=WIDE, verdict=ended)
+    assert isinstance(verdict, Undetermined)
+    assert verdict.names == ("a_z", "l")
+    assert "a_z (130 mm), l (110 mm)" in verdict.sentence  # rounded up: 128.7 and 100.1
+    assert verdict.sentence.endswith("Some parameters explain the data exactly, and so may very different ones.")
+    assert short_fit(verdict) == "undetermined: a_z, l"
+    assert "not shown to determine" in fit_sentence(verdict)
+
+
+def test_the_rank_is_named_before_the_widths():
+    verdict = judged(0.0, 0.0, determination=POOR, enclosure=WIDE)
+    assert verdict.names == ("a_x", "l", "a_z")
+    assert verdict.sentence.index("of rank 1") < verdict.sentence.index("a_z (130 mm)")
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        {"enclosure": ([-50.0] * 7, [50.0] * 7)},  # not more than half
+        {"enclosure": WIDE, "pending": 3, "verdict": Verdict.UNKNOWN},  # a limit ended the search, not the data
+        {"enclosure": ([-10.0] * 7, [10.0] * 7), "delta": 10.0},  # the box states the parameters by itself
+        {"enclosure": WIDE, "method": "timeout", "time_limit": 1.0},  # which encloses nothing
+    ],
+)
+def test_ranges_that_are_wide_for_another_reason_leave_a_pass(known):
+    assert isinstance(judged(0.0, 0.2, tolerance=0.5, **known), Explained)
+
+
+def test_the_timeout_method_passes_no_leg_whose_ranges_are_wide():
+    asked = {"tolerance": 0.5, "method": "timeout", "time_limit": 1.0}
+    poor = judged(0.0, 0.2, **asked, ranges=Ranges(0.5, cpcal.Box(NAMES, *WIDE)))
+    assert isinstance(poor, Undetermined)
+    assert poor.names == ("a_z", "l")
+    narrow = Ranges(0.5, cpcal.Box(NAMES, [-1.0] * 7, [1.0] * 7))
+    assert isinstance(judged(0.0, 0.2, **asked, ranges=narrow), Explained)
+
+
+def test_ranges_at_an_error_that_was_asked_about_say_nothing_of_the_data():
+    assert isinstance(judged(0.0, 5.0, eps=5.0, enclosure=WIDE), Explained)
+    assert isinstance(judged(0.0, 0.0, eps=0.0, enclosure=WIDE), Undetermined)
+
+
+def test_wide_ranges_can_still_refute():
+    assert isinstance(judged(2.0, 3.0, tolerance=1.0, enclosure=WIDE), Unexplained)
+
+
+def test_poor_data_can_still_refute():
+    assert isinstance(judged(2.0, 3.0, tolerance=1.0, determination=POOR), Unexplained)
+
+
+def test_without_a_tolerance_an_error_is_neither_pass_nor_fail():
+    verdict = judged(1.1, 1.1)
+    assert isinstance(verdict, Bounded)
+    assert verdict.word == "explains to within 1.100001 mm"
+    assert "proved" not in verdict.word
+    assert isinstance(judged(0.0, 0.0), Explained)
+
+
+def test_an_open_bracket_is_undecided():
+    verdict = judged(0.0, 128.7, verdict=Verdict.UNKNOWN)
+    assert isinstance(verdict, Undecided)
+    assert isinstance(judged(0.3, 0.31, verdict=Verdict.UNKNOWN), Undecided)
+    assert isinstance(judged(0.0, math.inf, verdict=Verdict.UNKNOWN), Undecided)
+
+
+def test_an_error_that_was_asked_about_says_nothing_of_smaller_ones():
+    assert "better" not in judged(0.4, 0.4, eps=0.4).sentence
+    refuted = judged(math.inf, math.inf, eps=0.1, verdict=Verdict.REFUTED)
+    assert isinstance(refuted, Unexplained)
+    assert refuted.sentence == "The model cannot explain the data to within 0.1 mm."
+    assert isinstance(judged(math.inf, math.inf, eps=0.1, tolerance=0.5, verdict=Verdict.REFUTED), Undecided)
+    assert isinstance(judged(0.4, 0.4, eps=0.4, tolerance=0.1), Undecided)
+    assert isinstance(judged(0.4, math.inf, eps=0.4, verdict=Verdict.UNKNOWN), Undecided)
+
+
+def test_every_kind_has_a_word_and_a_colour_of_its_own():
+    kinds = [kind.kind for kind in (Explained, Unexplained, Bounded, Undecided, Undetermined)]
+    assert len(set(kinds)) == 5
+    assert set(STYLES) == {*kinds, "uncompared"}
+    assert len({STYLES[kind] for kind in kinds}) == 5
+    assert STYLES["uncompared"] != STYLES["explained"]
+    found = [
+        judged(0.0, 1.0, tolerance=2.0),
+        judged(3.0, 4.0, tolerance=2.0),
+        judged(1.0, 1.0),
+        judged(1.0, 3.0, tolerance=2.0),
+        judged(0.0, 1.0, tolerance=2.0, determination=POOR),
+    ]
+    assert len({verdict.word for verdict in found}) == len({type(verdict) for verdict in found}) == 5

@@ -1,0 +1,252 @@
+"""certify on simulated campaigns: brackets, reading sets, deficient data, both arithmetics, questions about one eps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
+from cpcal.common.values import Floats
+from cpcal.legs import residuals
+from cpcal.questions import Options, proved_sentence
+from cpcal.robot import rotation_matrix
+from cpcal.simulate import true_robot
+
+
+def without_sets(campaign: Campaign) -> Campaign:
+    return Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
+
+
+def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -> Campaign:
+    """Some measurements; a repeated one gets a run of its own."""
+    radii = (
+        {}
+        if exact
+        else {name: getattr(campaign, name)[rows] for name in ("position_radius", "rotation_radius", "length_radius")}
+    )
+    return Campaign.of(
+        campaign.robot,
+        campaign.position[rows],
+        campaign.quaternion[rows],
+        campaign.length[rows],
+        run=[str(k) for k in range(len(rows))],
+        exact=exact,
+        **radii,
+    )
+
+
+def only(campaign: Campaign, leg: int = 1, **options: object) -> LegResult:
+    return certify(campaign, legs=[leg], **options).legs[0]  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def bent() -> Campaign:
+    """64 extremal poses, joint error 1 mm, reading sets of 3 sigma."""
+    return simulate(seed=11, joint_error=1.0)
+
+
+@pytest.fixture(scope="module")
+def certified(bent: Campaign) -> LegResult:
+    return only(bent)
+
+
+# exact readings ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("joint_error", "leg"), [(0.0, 2), (1.0, 1), (10.0, 3)])
+def test_brackets_close_in_small_and_large_boxes_and_agree(joint_error: float, leg: int) -> None:
+    campaign = without_sets(simulate(seed=3, joint_error=joint_error))
+    near, far = only(campaign, leg, delta=100.0), only(campaign, leg, delta=1000.0)
+    for found in (near, far):
+        assert found.verdict is Verdict.PROVED
+        assert 0.0 < found.eps_lo <= found.eps_hi <= found.eps_lo * (1 + 1.01e-6)
+        assert found.point is not None
+        worst = np.abs(residuals(campaign, leg, found.point)).max()
+        assert worst == pytest.approx(found.eps_hi, rel=1e-9)
+        assert found.point in found.enclosure
+        assert found.support
+        assert set(found.support) <= set(campaign.measurement_ids)
+    least_squares = np.abs(residuals(campaign, leg, near.center)).max()
+    assert near.eps_hi < least_squares
+    if (np.abs(np.subtract(far.point, near.center)) < 99.0).all():  # type: ignore[arg-type]
+        assert near.eps_lo <= far.eps_hi
+        assert far.eps_lo <= near.eps_hi
+    assert far.eps_lo <= near.eps_hi  # the larger box holds the smaller one's optimum
+
+
+def test_no_point_does_better_than_the_lower_bound(bent: Campaign) -> None:
+    campaign = without_sets(bent)
+    found = only(campaign)
+    rng = np.random.default_rng(0)
+    for size in (1e-4, 1e-2, 1.0, 30.0):
+        for x in np.add(found.point, size * rng.normal(size=(100, 7))):
+            assert np.abs(residuals(campaign, 1, x)).max() >= found.eps_lo
+
+
+def test_the_support_alone_forces_the_bound(bent: Campaign) -> None:
+    campaign = without_sets(bent)
+    found = only(campaign)
+    rows = [campaign.measurement_ids.index(name) for name in found.support]
+    fewer = only(part(campaign, rows, exact=True), center="nominal", delta=110.0)
+    assert len(rows) < len(campaign)
+    assert fewer.eps_hi <= found.eps_hi * (1 + 1e-9)
+    assert fewer.eps_lo >= 0.9 * found.eps_lo
+
+
+def test_results_are_the_same_twice(bent: Campaign) -> None:
+    first, second = only(bent), only(bent)
+    assert replace(first, seconds=0.0) == replace(second, seconds=0.0)
+
+
+# reading sets -----------------------------------------------------------------------------------------------
+
+
+def sampled(campaign: Campaign, leg: int, x: Floats, rng: np.random.Generator, count: int = 100) -> Floats:
+    """For every measurement the smallest |g(x, M)| over random readings M of its set, many of them corners."""
+    best = np.full(len(campaign), np.inf)
+    base = rotation_matrix(campaign.quaternion)
+    for k in range(count):
+        draw = rng.uniform(-1, 1, (len(campaign), 7)) if k % 2 else rng.choice([-1.0, 1.0], (len(campaign), 7))
+        position = campaign.position + draw[:, :3] * campaign.position_radius
+        s = 0.5 * draw[:, 3:6] * campaign.rotation_radius
+        turned = rotation_matrix(np.concatenate([np.ones((len(s), 1)), s], axis=1)) @ base
+        length = campaign.length[:, leg - 1] + draw[:, 6] * campaign.length_radius[:, leg - 1]
+        arm = np.einsum("kij,j->ki", turned, x[3:6])
+        best = np.minimum(best, np.abs(np.linalg.norm(position + arm - x[:3], axis=1) - length - x[6]))
+    return best
+
+
+def test_bracket_with_reading_sets(bent: Campaign, certified: LegResult) -> None:
+    exact = only(without_sets(bent))
+    assert 0.0 < certified.eps_lo <= certified.eps_hi < exact.eps_lo
+    assert certified.eps_hi - certified.eps_lo <= 2e-3
+    assert certified.verdict is Verdict.PROVED
+    assert certified.point in certified.enclosure
+
+
+def test_no_sample_of_readings_refutes_the_lower_bound(bent: Campaign, certified: LegResult) -> None:
+    """For every x some measurement has |g| >= eps_lo for ALL readings: sampled ones included."""
+    rng = np.random.default_rng(1)
+    assert certified.point is not None
+    for size in (0.0, 1e-3, 1e-2, 0.1, 1.0):
+        for x in np.add(certified.point, size * rng.normal(size=(6, 7))):
+            assert sampled(bent, 1, x, rng).max() >= certified.eps_lo
+
+
+def test_the_witness_is_nearly_attained_by_sampled_readings(bent: Campaign, certified: LegResult) -> None:
+    rng = np.random.default_rng(2)
+    worst = sampled(bent, 1, np.array(certified.point), rng, 3000)
+    assert worst.max() == pytest.approx(certified.eps_hi, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
+    campaign = simulate(seed=seed, truncate=3.0)
+    found = only(campaign, 4)
+    assert (found.eps_lo, found.eps_hi) == (0.0, 0.0)
+    assert found.not_refuted
+    assert found.verdict is Verdict.PROVED
+    assert "satisfies every equation exactly" in proved_sentence(Options(), found)
+    truth = true_robot(campaign)
+    assert truth is not None
+    assert truth.parameters[3] in found.enclosure  # all x with eps = 0, the true leg among them
+
+
+def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
+    assert not certified.not_refuted
+    assert "satisfies every equation exactly" not in proved_sentence(Options(), certified)
+
+
+# deficient data ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("rows", [[5] * 64, [0, 9, 40]], ids=["one pose 64 times", "three poses"])
+def test_deficient_campaigns_are_answered_truthfully(bent: Campaign, rows: list[int], exact: bool) -> None:
+    campaign = part(bent, rows, exact=exact)
+    found = only(campaign, 2, delta=50.0, time_limit=10.0)
+    assert 0.0 == found.eps_lo <= found.eps_hi <= 1e-9
+    assert found.point is not None
+    if exact:
+        assert np.abs(residuals(campaign, 2, found.point)).max() <= max(found.eps_hi, 1e-12)
+    else:
+        assert found.not_refuted
+    # many other parameters fit as well: shift base and mobile centres together, say
+    assert (found.enclosure.width[:3] > 1.0).all()
+
+
+def test_a_single_measurement(bent: Campaign) -> None:
+    found = only(part(bent, [3]), delta=10.0, time_limit=10.0)
+    assert found.not_refuted
+
+
+# options ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_arb_gives_the_same_verdicts(bent: Campaign, exact: bool) -> None:
+    campaign = part(bent, list(range(0, 64, 4)), exact=exact)
+    fast, slow = only(campaign, delta=20.0), only(campaign, delta=20.0, arithmetic="arb")
+    assert fast.verdict is slow.verdict
+    assert fast.eps_hi == pytest.approx(slow.eps_hi, rel=2e-6, abs=1e-3 * (not exact))
+    assert fast.eps_lo <= slow.eps_hi
+    assert slow.eps_lo <= fast.eps_hi
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_questions_about_one_eps(bent: Campaign, certified: LegResult, exact: bool) -> None:
+    campaign = without_sets(bent) if exact else bent
+    known = only(campaign) if exact else certified
+    above, below = only(campaign, eps=known.eps_hi * 1.001), only(campaign, eps=known.eps_lo * 0.98)
+    assert above.verdict is Verdict.PROVED
+    assert above.point is not None
+    assert "Some x" in proved_sentence(Options(eps=1.0), above)
+    assert below.verdict is Verdict.REFUTED
+    assert below.point is None
+    assert below.enclosure.is_empty
+    assert "No x" in proved_sentence(Options(eps=1.0), below)
+    assert (above.eps_lo, below.eps_lo) == (0.0, known.eps_lo * 0.98)  # of no other eps anything is said
+
+
+def test_center_and_delta_define_the_box(bent: Campaign) -> None:
+    campaign = without_sets(bent)
+    nominal = Robot.from_parameters("x", bent.robot.parameters)
+    found = only(campaign, center="nominal", delta=0.5)
+    assert np.array_equal(found.center, nominal.parameters[0])
+    assert found.point is None or np.abs(np.subtract(found.point, found.center)).max() <= 0.5 + 1e-12
+    assert found.eps_lo > only(campaign).eps_hi  # the true leg is further off
+    point = only(campaign, delta=0.0)
+    assert point.eps_hi == pytest.approx(np.abs(residuals(campaign, 1, point.center)).max(), rel=1e-9)
+    assert point.eps_lo == pytest.approx(point.eps_hi, rel=2e-6)
+
+
+def test_a_time_limit_gives_a_valid_open_bracket(bent: Campaign, certified: LegResult) -> None:
+    found = only(bent, time_limit=1e-9)
+    assert found.eps_lo <= certified.eps_hi
+    assert found.eps_hi >= certified.eps_lo
+    assert found.verdict is Verdict.UNKNOWN
+
+
+def test_ctrl_c_keeps_what_is_proved(bent: Campaign) -> None:
+    def interrupt(leg: int, bracket: object) -> None:
+        if leg == 2:
+            raise KeyboardInterrupt
+
+    result = certify(without_sets(bent), legs=[1, 2, 3], progress=interrupt)
+    assert result.interrupted
+    assert [found.leg for found in result.legs] == [1, 2]
+
+
+def test_bad_options_are_reported_together(bent: Campaign) -> None:
+    with pytest.raises(InputError) as error:
+        certify(bent, legs=[0, 1, 1], delta=-1.0, center="mean", gap=1.0, time_limit=0.0, eps=float("nan"))
+    assert len(error.value.problems) == 7
+    with pytest.raises(PluginError, match=r"hc4, .*lifted"):
+        certify(bent, contractors=["none"])
+    with pytest.raises(InputError, match="float64"):
+        certify(bent, arithmetic="float32")
+    for endless in (2e6, 1e300, float("inf")):
+        with pytest.raises(InputError, match="delta"):
+            certify(bent, delta=endless)

@@ -1,0 +1,124 @@
+"""A run that was stopped, gone on with: the same answers and certificates, byte for byte, as if nobody had come."""
+
+import shutil
+import sys
+
+import pytest
+
+import cpcal
+from cpcal.common.errors import InputError
+from cpcal.questions.question import FOLDER
+from cpcal.solver.certificate.recording import SearchKeeper
+from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
+
+OPTIONS = {"legs": [2, 3], "delta": 200.0}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=60.0, factor=0.0, extremal=False, random_poses=10)
+
+
+@pytest.fixture(scope="module")
+def whole(campaign, tmp_path_factory):
+    run = tmp_path_factory.mktemp("whole")
+    return cpcal.certify(campaign, certificates=run, **OPTIONS), certificates(run)
+
+
+def certificates(run):
+    return {path.name: path.read_bytes() for path in run.glob("*.cert.jsonl")}
+
+
+def stopped(campaign, run, looks, **options):
+    """A certify that is asked to stop when it looks for the so-maniest time."""
+    left = iter(range(looks))
+    source = lambda: None if next(left, None) is not None else Reason.INTERRUPTED  # noqa: E731
+    with heard(), also_asked_by(source):
+        return cpcal.certify(campaign, certificates=run, **OPTIONS, **options)
+
+
+def same(one, two):
+    """But for the time that it took."""
+    assert [(leg.leg, leg.eps_lo, leg.eps_hi, leg.point, leg.support, leg.nodes, leg.programs) for leg in one.legs] == [
+        (leg.leg, leg.eps_lo, leg.eps_hi, leg.point, leg.support, leg.nodes, leg.programs) for leg in two.legs
+    ]
+    assert [leg.contractors_used for leg in one.legs] == [leg.contractors_used for leg in two.legs]
+
+
+def test_the_problem_has_boxes_that_are_divided(whole):
+    assert max(leg.nodes for leg in whole[0].legs) > 1
+
+
+@pytest.mark.parametrize("looks", [2, 5, 12])
+def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, monkeypatch, looks):
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)  # a stop may strike after a quick search
+    part = stopped(campaign, tmp_path, looks)
+    assert part.interrupted
+    assert (tmp_path / FOLDER).is_dir() or not part.legs
+    result = cpcal.certify(campaign, certificates=tmp_path, resume=True, **OPTIONS)
+    same(result, whole[0])
+    assert certificates(tmp_path) == whole[1]
+    assert not (tmp_path / FOLDER).exists()
+
+
+def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)
+    for _ in range(20):  # (a support that is stopped again and again would begin again and again)
+        if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
+            break
+    assert certificates(tmp_path) == whole[1]
+
+
+def test_a_limit_leaves_a_checkpoint_that_another_limit_goes_on_from(campaign, whole, tmp_path):
+    part = cpcal.certify(campaign, certificates=tmp_path, node_limit=1, **OPTIONS)
+    assert not part.interrupted
+    assert sum(leg.pending for leg in part.legs) > 0
+    assert all(leg.certified for leg in part.legs)
+    result = cpcal.certify(campaign, certificates=tmp_path, resume=True, **OPTIONS)
+    same(result, whole[0])
+    assert certificates(tmp_path) == whole[1]
+
+
+def test_a_checkpoint_of_other_work_is_refused(campaign, tmp_path):
+    stopped(campaign, tmp_path, 4)
+    other = cpcal.simulate(seed=2, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
+    before = certificates(tmp_path)
+    with pytest.raises(InputError, match="of another run: campaign differ"):
+        cpcal.certify(other, certificates=tmp_path, resume=True, **OPTIONS)
+    with pytest.raises(InputError, match="options differ"):
+        cpcal.certify(campaign, certificates=tmp_path, resume=True, **{**OPTIONS, "delta": 401.0})
+    (part,) = (tmp_path / FOLDER).glob("*.search")
+    part.write_bytes(part.read_bytes()[:-9])
+    with pytest.raises(InputError, match="cut off"):
+        cpcal.certify(campaign, certificates=tmp_path, resume=True, **OPTIONS)
+    assert certificates(tmp_path) == before
+
+
+def test_without_resume_it_begins_anew(campaign, whole, tmp_path):
+    stopped(campaign, tmp_path, 4)
+    shutil.copytree(tmp_path / FOLDER, tmp_path / "kept")
+    result = cpcal.certify(campaign, certificates=tmp_path, **OPTIONS)
+    same(result, whole[0])
+    assert not (tmp_path / FOLDER).exists()
+
+
+def test_an_edited_user_defined_model_does_not_go_on_from_answers_of_the_old_one(campaign, tmp_path):
+    def model(factor):
+        extra = (cpcal.Parameter("s", "mm/mm", 0.05),)
+        return cpcal.LegModel("mine", "a gain", extra, lambda measured, x: factor * measured.length * x["s"])
+
+    first = {"model": model(1.0), "node_limit": 1, "delta": 5.0}
+    begun = stopped_after_a_leg(campaign, tmp_path, **first)
+    assert begun.interrupted
+    assert begun.legs
+    with pytest.raises(InputError, match="of another run: model differ"):
+        cpcal.certify(campaign, certificates=tmp_path, resume=True, **{**first, "model": model(2.0)})
+    cpcal.certify(campaign, certificates=tmp_path, resume=True, **first)  # the same function again
+
+
+def stopped_after_a_leg(campaign, run, **options):
+    def stop(leg, _):
+        if leg == 2:
+            raise KeyboardInterrupt
+
+    return cpcal.certify(campaign, legs=[1, 2], certificates=run, progress=stop, **options)

@@ -1,0 +1,115 @@
+"""A certificate whose check would pass the checker's limit is not written, and the result says so."""
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.checker import certificate, check, check_run
+from cpcal.checker.files import Lines
+from cpcal.checker.robust_claim import check_robust
+from cpcal.cli import app
+from cpcal.common.errors import InputError
+from cpcal.questions import Uncertified, save_result
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.ranges import with_ranges
+from cpcal.report import write_report
+from cpcal.solver.certificate import recording
+
+runner = CliRunner()
+LOW = 100  # of work: less than any certificate of a leg takes
+
+
+@pytest.fixture(scope="module", params=[0.0, 3.0], ids=["exact", "uncertain"])
+def campaign(request):
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=request.param, extremal=False, random_poses=12)
+
+
+def limited(monkeypatch, work):
+    monkeypatch.setattr(recording, "WORK", work)
+    monkeypatch.setattr(recording, "leg_work", lambda legs, measurements: work)
+
+
+@pytest.mark.parametrize("method", ["bound", "timeout"])
+def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, method):
+    options = {"legs": [1], "delta": 0.5, "method": method, "time_limit": 5.0 if method == "timeout" else None}
+    limited(monkeypatch, LOW)
+    result = cpcal.certify(campaign, certificates=tmp_path, **options)
+    leg = result.legs[0]
+    assert leg.not_certified is Uncertified.UNCHECKABLE
+    assert not leg.certified
+    assert leg.eps_hi < float("inf")
+    assert not list(tmp_path.glob("*.cert.jsonl"))
+
+
+def test_the_command_says_it_and_verify_says_what_to_do(campaign, tmp_path, monkeypatch):
+    limited(monkeypatch, LOW)
+    cpcal.save_campaign(campaign, tmp_path / "campaign")
+    run = str(tmp_path / "run")
+    said = runner.invoke(
+        app, ["certify", str(tmp_path / "campaign"), "-o", run, "--legs", "1", "--delta", "0.5"]
+    ).output
+    assert "Not certified: leg 1 (its check would take more work than the checker spends)." in " ".join(said.split())
+    checked = runner.invoke(app, ["verify", run])
+    assert checked.exit_code == 2
+    assert "certify fewer measurements at a time" in " ".join(checked.output.split())
+
+
+def test_such_a_run_is_verified_as_not_certified(campaign, tmp_path, monkeypatch):
+    limited(monkeypatch, LOW)
+    result = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path)
+    result = with_ranges(campaign, result, certificates=tmp_path)
+    assert result.legs[0].ranges.certificate is None
+    save_result(result, tmp_path)
+    (leg,) = check_run(tmp_path)
+    assert leg.accepted is leg.refused is leg.ranges is None
+    page = write_report(campaign, result, tmp_path).read_text(encoding="utf-8")
+    assert "its check would take more work than the checker spends" in page
+
+
+def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
+    """What is written the checker affords, down to the last unit of work."""
+    whole = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / "whole").legs[0]
+    spent = []
+
+    class Counted(Lines):
+        def spend(self, work):
+            spent.append(work)
+            super().spend(work)
+
+    monkeypatch.setattr(certificate, "Lines", Counted)
+    check(tmp_path / "whole" / whole.certificate)
+    for work, certified in ((sum(spent), True), (sum(spent) - 1, False)):
+        limited(monkeypatch, work)
+        leg = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / str(work)).legs[0]
+        assert leg.certified is certified
+        assert (leg.eps_lo, leg.eps_hi, leg.point) == (whole.eps_lo, whole.eps_hi, whole.point)
+
+
+def test_a_small_certificate_is_not_checked_twice(campaign, tmp_path, monkeypatch):
+    def checked(*_):
+        raise AssertionError("it is far below the limit")
+
+    monkeypatch.setattr(recording, "check_lines", checked)
+    assert cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path).legs[0].certified
+
+
+@pytest.mark.parametrize("campaign", [0.0], indirect=True, ids=["exact"])
+def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp_path, monkeypatch):
+    limited(monkeypatch, LOW)
+    found = certify_robust(campaign, outliers=1, legs=[1], delta=0.5, certificates=tmp_path)
+    assert found.legs[0].eps_lo > 0.0
+    (leg,) = check_robust(tmp_path)
+    assert leg.lo is leg.hi is leg.refused is None
+    assert not list(tmp_path.glob("*.cert.jsonl"))
+
+
+def test_of_a_network_it_is_an_error_that_says_what_to_do(tmp_path, monkeypatch):
+    limited(monkeypatch, 10)
+    network = cpcal.Network("small")
+    x = network.variable("x", domain=(-1, 2))
+    network.add(x * x >= 1)
+    eps = network.variable("e", domain=(0, 4))
+    network.add(x * x <= eps)
+    with pytest.raises(InputError, match=r"small\.cert\.jsonl.*would be refused: the check takes more work.*wider gap"):
+        network.minimize(eps, certificate=tmp_path / "small.cert.jsonl", contractors=["lifted"])
+    assert not list(tmp_path.iterdir())

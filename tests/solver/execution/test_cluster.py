@@ -1,0 +1,156 @@
+"""A Dask scheduler and two workers on 127.0.0.1: the same certificates through them, whoever of them dies."""
+
+import re
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import dask
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.solver.execution import outcomes
+
+OPTIONS = ["--delta", "0.5", "--support", "none", "--no-checker", "-q"]
+LONGER = ["--delta", "200", "--legs", "2,3,5"]  # boxes are divided
+pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
+
+
+class Cluster:
+    """Begins what is missing of a scheduler and two workers."""
+
+    def __init__(self, folder):
+        self.folder, self.scheduler, self.workers = folder, None, []
+
+    def complete(self):
+        """Its address, once both workers are there."""
+        if self.scheduler is None or self.scheduler.poll() is not None:
+            self.end()
+            self.scheduler = self._begun("scheduler", "--port", "0", "--no-dashboard")
+            self.address = self._said("scheduler", rb"tcp://[\d.]+:\d+")
+        self.workers = [worker for worker in self.workers if worker.poll() is None]
+        while len(self.workers) < 2:
+            self.workers.append(self._begun("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard"))
+            self._said("worker", rb"Registered to")
+        return self.address
+
+    def end(self):
+        for process in (*self.workers, self.scheduler):
+            if process is not None:
+                process.kill()
+                process.wait()
+        self.workers, self.scheduler = [], None
+
+    def _begun(self, what, *options):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *options, "--host", "127.0.0.1"]
+        with (self.folder / what).open("wb") as said:
+            return subprocess.Popen(command, stdout=said, stderr=said, cwd=self.folder)
+
+    def _said(self, what, pattern):
+        for _ in range(1200):
+            found = re.search(pattern, (self.folder / what).read_bytes())
+            if found:
+                return found[0].decode()
+            time.sleep(0.05)
+        pytest.fail((self.folder / what).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield made
+    made.end()
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaigns")
+    for seed in range(1, 5):
+        few = cpcal.simulate(seed=seed, joint_error=40.0, factor=0.0, extremal=False, random_poses=8)
+        cpcal.save_campaign(few, folder / f"day{seed}")
+    return [folder / f"day{seed}" for seed in range(1, 5)]
+
+
+@pytest.fixture(scope="module")
+def longer(campaigns, tmp_path_factory):
+    run = tmp_path_factory.mktemp("longer") / "run"
+    assert certified(run, campaigns[0], options=LONGER).exit_code in (0, 1)
+    return certificates(run)
+
+
+def certified(run, *campaigns, options=()):
+    return CliRunner().invoke(app, ["certify", *map(str, campaigns), "-o", str(run), *OPTIONS, *options])
+
+
+def certificates(run):
+    return {str(path.relative_to(run)): path.read_bytes() for path in sorted(run.rglob("*.cert.jsonl"))}
+
+
+def once_answered(run, happens):
+    """Something happens as soon as the first leg is in the checkpoint of a run."""
+
+    def watch():
+        while not list(Path(run).glob("checkpoint/*.answer")):
+            time.sleep(0.005)
+        happens()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_six_legs_have_the_same_certificates(cluster, campaigns, tmp_path):
+    there = certified(tmp_path / "there", campaigns[0], options=["--scheduler", cluster.complete()])
+    assert there.exit_code in (0, 1), there.output
+    assert certified(tmp_path / "alone", campaigns[0]).exit_code == there.exit_code
+    assert len(certificates(tmp_path / "there")) >= 6
+    assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
+
+
+def test_four_campaigns_have_the_same_certificates(cluster, campaigns, tmp_path):
+    there = certified(tmp_path / "there", *campaigns, options=["--legs", "2", "--scheduler", cluster.complete()])
+    assert there.exit_code in (0, 1), there.output
+    assert certified(tmp_path / "alone", *campaigns, options=["--legs", "2"]).exit_code == there.exit_code
+    assert len(certificates(tmp_path / "there")) >= 4
+    assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
+
+
+def test_a_worker_that_is_killed_changes_nothing(cluster, campaigns, longer, tmp_path):
+    address = cluster.complete()
+    killed = once_answered(tmp_path, cluster.workers[0].kill)
+    found = certified(tmp_path, campaigns[0], options=[*LONGER, "--scheduler", address])
+    killed.join(10)
+    assert cluster.workers[0].wait(10) < 0
+    assert found.exit_code in (0, 1), found.output
+    assert certificates(tmp_path) == longer
+
+
+def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaigns, longer, tmp_path, monkeypatch):
+    monkeypatch.setattr(outcomes, "DESERTED", 3.0)
+    address = cluster.complete()
+    killed = once_answered(tmp_path, cluster.scheduler.kill)
+    with dask.config.set({"distributed.comm.timeouts.connect": "20s"}):  # for as long it would look for another
+        found = certified(tmp_path, campaigns[0], options=[*LONGER, "--scheduler", address])
+    killed.join(10)
+    assert cluster.scheduler.wait(10) < 0
+    assert found.exit_code == 2, found.output
+    assert "the scheduler is gone" in found.stderr
+    assert "go on with: cpcal" in found.stderr
+    assert "Traceback" not in found.output
+    proved = cpcal.load_result(tmp_path)
+    assert proved.interrupted
+    assert 1 <= len(proved.legs) < 3
+    assert CliRunner().invoke(app, ["verify", str(tmp_path)]).exit_code == 0
+    assert certified(tmp_path, campaigns[0], options=[*LONGER, "--resume"]).exit_code in (0, 1)
+    assert certificates(tmp_path) == longer
+
+
+def test_where_no_scheduler_answers_that_is_said(campaigns, tmp_path):
+    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+        found = certified(tmp_path, campaigns[0], options=["--scheduler", "tcp://127.0.0.1:1"])
+    assert found.exit_code == 2
+    assert "no Dask scheduler answers there" in found.stderr

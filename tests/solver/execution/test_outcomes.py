@@ -1,0 +1,203 @@
+"""Tasks wherever they are done: each has one outcome, none is lost with its worker, and workers end with us."""
+
+import multiprocessing
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from cpcal.common.errors import InputError
+from cpcal.solver.execution.executors import Here, Processes, executor_for
+from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.stopping import Reason, also_asked_by, asked, heard
+
+
+def squared(number):
+    return number * number
+
+
+def failing(number):
+    if number == 3:
+        raise ValueError("three")
+    return number
+
+
+def killed_once(path):
+    """Dies the first time; a file tells that it was here."""
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return path.name
+
+
+def deadly(number):
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def until_asked(number):
+    while not asked():
+        time.sleep(0.01)
+    return number
+
+
+def test_every_task_has_one_outcome_wherever_it_is_done():
+    for executor, most in ((Here(), 1), (ThreadPoolExecutor(2), 4)):
+        with executor:
+            done = {one.task: one.value for one in outcomes(executor, most, squared, range(20))}
+        assert done == {k: k * k for k in range(20)}
+
+
+def test_a_task_that_raises_stops_no_other():
+    found = list(outcomes(Here(), 1, failing, range(5)))
+    assert [one.task for one in found if one.error] == [3]
+    assert [one.value for one in found if not one.error] == [0, 1, 2, 4]
+
+
+def test_no_task_is_begun_after_a_stop():
+    done = []
+    with also_asked_by(lambda: Reason.INTERRUPTED if len(done) == 2 else None):
+        for one in outcomes(Here(), 1, squared, range(10)):
+            done.append(one.task)
+    assert done == [0, 1]
+
+
+def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
+    paths = [tmp_path / str(k) for k in range(2)]
+    with executor_for(workers=2) as (pool, most):
+        assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
+
+
+@pytest.mark.parametrize("task", [None, time.sleep])
+def test_no_worker_outlives_its_pool(monkeypatch, task):
+    """Also one that does not hear that it should stop, whose answer nobody takes any more."""
+    monkeypatch.setattr("cpcal.solver.execution.executors.PATIENCE", 1.0)
+    pool = Processes(1)
+    pid = pool.submit(os.getpid).result(60)
+    if task:
+        pool.submit(task, 100.0)
+    pool.shutdown()
+    assert gone(pid)
+
+
+def test_a_task_that_kills_its_worker_harms_no_other():
+    with executor_for(workers=2) as (pool, most):
+        found = {one.task: one for one in outcomes(pool, most, deadly, range(4))}
+    assert isinstance(found[1].error, LostWorkerError)
+    assert [found[k].value for k in (0, 2, 3)] == [0, 2, 3]
+
+
+def test_workers_hear_of_a_stop_and_what_they_answer_comes():
+    began = time.monotonic()
+    stop = lambda: Reason.INTERRUPTED if time.monotonic() - began > 3.0 else None  # noqa: E731 - they must be at work
+    with also_asked_by(stop), executor_for(workers=2) as (pool, most):
+        found = [one.value for one in outcomes(pool, most, until_asked, range(100))]
+    assert len(found) <= 2 + 2 + 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+@pytest.mark.parametrize("again", [False, True])
+def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
+    """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
+    for module in ("executors", "outcomes"):
+        monkeypatch.setattr(f"cpcal.solver.execution.{module}.PATIENCE", 600.0 if again else 1.0)
+    with heard(), executor_for(workers=2) as (pool, most):
+        pid = pool.submit(os.getpid).result(60)
+        pool.submit(os.kill, pid, signal.SIGSTOP)
+        while state(pid) != "T":
+            time.sleep(0.01)
+        monkeypatch.setattr("cpcal.solver.execution.stopping._note.insisted", again)
+        began = time.monotonic()
+        with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
+            assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
+    assert gone(pid)
+
+
+def test_a_fork_server_that_is_killed_while_it_begins_costs_no_task(monkeypatch):
+    begun = []
+    start = multiprocessing.context.ForkServerProcess.start
+
+    def killed_first(process):
+        begun.append(process)
+        if len(begun) == 1:
+            raise EOFError("unexpected EOF")  # what multiprocessing says of it
+        start(process)
+
+    monkeypatch.setattr(multiprocessing.context.ForkServerProcess, "start", killed_first)
+    with executor_for(workers=2) as (pool, most):
+        assert sorted(one.value for one in outcomes(pool, most, squared, range(3))) == [0, 1, 4]
+    assert len(begun) >= 2
+
+
+@pytest.mark.parametrize("unpicklable", [lambda: 0, threading.Lock()])
+def test_what_cannot_travel_is_its_tasks_error_alone(unpicklable):
+    with executor_for(workers=2) as (pool, most):
+        found = {str(one.task): one for one in outcomes(pool, most, str, [1, unpicklable, 2])}
+    assert re.search("pickle", str(found.pop(str(unpicklable)).error), re.IGNORECASE)
+    assert sorted(one.value for one in found.values()) == ["1", "2"]
+
+
+def test_two_places_are_refused():
+    with pytest.raises(InputError, match="both given"), executor_for(workers=2, scheduler="tcp://127.0.0.1:1"):
+        pass
+
+
+_ORPHANS = """
+import os, signal, sys, time
+from cpcal.solver.execution.executors import (Processes)
+
+if __name__ == "__main__":
+    pool = Processes(2)
+    print(*{pool.submit(os.getpid).result() for _ in range(8)}, flush=True)
+    pool.submit(time.sleep, 600)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
+def test_no_worker_outlives_the_process_that_began_it(tmp_path, name):
+    script = tmp_path / "orphans.py"
+    script.write_text(_ORPHANS, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    workers = [int(text) for text in process.stdout.readline().split()]
+    assert workers
+    process.send_signal(getattr(signal, name))
+    process.wait(60)
+    process.stdout.close()
+    assert all(map(gone, workers))
+
+
+def state(pid):
+    """Of a process, as the system has it ("S" it sleeps, "T" it is stopped); "" where it has ended."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii") as file:
+            return file.read().rpartition(")")[2].split()[0].replace("Z", "")
+    except OSError:
+        return ""
+
+
+def gone(pid):
+    """Whether a process ends, within half a minute."""
+    until = time.monotonic() + 30.0
+    while state(pid) and time.monotonic() < until:
+        time.sleep(0.05)
+    return not state(pid)
+
+
+def test_processes_are_not_signalled_with_us():
+    with executor_for(workers=1 + 1) as (pool, _):
+        assert isinstance(pool, Processes)
+        pid = pool.submit(os.getpid).result()
+        os.kill(pid, signal.SIGINT)
+        os.kill(pid, signal.SIGTERM)
+        assert pool.submit(squared, 3).result() == 9

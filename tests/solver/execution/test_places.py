@@ -1,0 +1,69 @@
+"""The same certificates, byte for byte, wherever the work is done on this machine."""
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import cpcal
+from cpcal.common.errors import InputError
+from cpcal.solver.execution.executors import executor_for
+
+OPTIONS = {"legs": [2, 3, 5], "delta": 200.0, "support": "none"}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
+
+
+@pytest.fixture(scope="module")
+def here(campaign, tmp_path_factory):
+    return certified(campaign, tmp_path_factory.mktemp("here"))
+
+
+def certified(campaign, run, **place):
+    result = cpcal.certify(campaign, certificates=run, **OPTIONS, **place)
+    brackets = [(leg.leg, leg.eps_lo, leg.eps_hi, leg.support, leg.nodes, leg.certificate) for leg in result.legs]
+    return brackets, {path.name: path.read_bytes() for path in sorted(run.glob("*.cert.jsonl"))}
+
+
+@pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.nightly)])
+def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers):
+    assert certified(campaign, tmp_path, workers=workers) == here
+
+
+def test_any_executor_gives_the_same_certificates(campaign, here, tmp_path):
+    with ThreadPoolExecutor(2) as threads:
+        assert certified(campaign, tmp_path, executor=threads) == here
+
+
+def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'cpcal\[distributed\]'"), executor_for(scheduler="tcp://x:1"):
+        pass
+
+
+def test_a_model_that_cannot_travel_is_refused_before_the_work(campaign):
+    model = cpcal.LegModel("mine", "L + l + 0 x", (cpcal.Parameter("x", "mm", 1.0),), lambda measured, x: 0.0 * x["x"])
+    with pytest.raises(InputError, match="cannot be sent to other processes"):
+        cpcal.certify(campaign, model=model, workers=2, **OPTIONS)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+def test_signals_of_the_terminal_are_for_the_process_that_began_the_workers():
+    script = (
+        "import os, signal\n"
+        "from cpcal.solver.execution.executors import Processes\n"
+        "if __name__ == '__main__':\n"
+        "    pool = Processes(1)\n"
+        "    server = pool.submit(os.getppid).result()\n"
+        "    for pid in ('self', server):\n"
+        "        lines = dict(line.split(':') for line in open(f'/proc/{pid}/status'))\n"
+        "        blocked = int(lines['SigBlk'], 16)\n"
+        "        print(*(bool(blocked >> number - 1 & 1) for number in (signal.SIGINT, signal.SIGTERM)))\n"
+        "    pool.shutdown()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert run.stdout.split("\n")[:2] == ["False False", "True True"], run.stderr

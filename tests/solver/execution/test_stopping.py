@@ -1,0 +1,173 @@
+"""A process that is asked to stop: a signal is a note that work looks at, never an exception in its midst."""
+
+import gc
+import os
+import pickle
+import signal
+import threading
+from fractions import Fraction as F
+
+import pytest
+
+import cpcal
+from cpcal.checker import check
+from cpcal.files.folders import save_campaign_json
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.question import Question
+from cpcal.solver.execution.stopping import (
+    Reason,
+    Stopped,
+    also_asked_by,
+    asked,
+    heard,
+    raising,
+    resident_bytes,
+    within_memory,
+)
+
+
+@pytest.fixture(autouse=True)
+def _ctrl_c_raises():
+    """Runners may start us with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_the_first_signal_is_a_note_and_the_second_does_what_it_always_did():
+    with heard():
+        assert asked() is None
+        os.kill(os.getpid(), signal.SIGINT)
+        assert asked() is Reason.INTERRUPTED
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert asked() is None
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_sigterm_is_heard_where_that_is_asked_for():
+    before = signal.getsignal(signal.SIGTERM)
+    with heard():
+        assert signal.getsignal(signal.SIGTERM) is before
+    with heard(terminate=True):
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert asked() is Reason.TERMINATED
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_inner_block_forgets_nothing():
+    with heard():
+        with heard():
+            os.kill(os.getpid(), signal.SIGINT)
+        assert asked() is Reason.INTERRUPTED
+
+
+def test_a_thread_leaves_signals_alone():
+    def run():
+        with heard(terminate=True), raising():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    seen = []
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
+
+
+def test_a_signal_that_the_shell_ignores_stays_ignored():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with heard():
+        os.kill(os.getpid(), signal.SIGINT)
+        assert asked() is None
+
+
+def test_both_signals_raise_where_there_is_something_to_tidy_up():
+    for name, reason in (("SIGINT", Reason.INTERRUPTED), ("SIGTERM", Reason.TERMINATED)):
+        with pytest.raises(Stopped) as stop, raising():
+            os.kill(os.getpid(), getattr(signal, name))
+        assert stop.value.reason is reason
+
+
+def test_a_stop_travels():
+    again = pickle.loads(pickle.dumps(Stopped(Reason.TERMINATED)))
+    assert (again.reason, str(again)) == (Reason.TERMINATED, "terminated")
+
+
+def test_too_much_memory_is_a_reason_to_stop():
+    here = resident_bytes()
+    assert here > 2**20
+    with within_memory(1000 * here):
+        assert asked() is None
+    with heard(), within_memory(here // 2):
+        assert asked() is Reason.MEMORY
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12)
+
+
+def stopped_after(campaign, looks, folder=None, **options):
+    """A certify that is asked to stop when it looks for the so-maniest time."""
+    left = iter(range(looks))
+    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
+    question = Question(campaign=campaign, options=given, model=model, certificates=folder)
+    source = lambda: None if next(left, None) is not None else Reason.INTERRUPTED  # noqa: E731
+    with heard(), also_asked_by(source):
+        return answered(question)
+
+
+def looks_of(campaign, **options):
+    """How often a certify looks."""
+    count = 0
+
+    def source():
+        nonlocal count
+        count += 1
+
+    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
+    with also_asked_by(source):
+        whole = answered(Question(campaign=campaign, options=given, model=model))
+    return count, whole
+
+
+@pytest.mark.parametrize("support", ["few", "irreducible"])
+def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
+    count, whole = looks_of(campaign, support=support)
+    numbers = set()
+    for looks in range(0, count, max(count // 12, 1)):
+        part = stopped_after(campaign, looks, support=support)
+        assert part.interrupted or len(part.legs) == 2
+        numbers.add(len(part.legs))
+        for leg, complete in zip(part.legs, whole.legs, strict=False):
+            assert leg.eps_lo <= complete.eps_lo
+            assert leg.eps_hi >= complete.eps_hi
+    assert numbers == {0, 1, 2}
+
+
+def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
+    count, _ = looks_of(campaign)
+    for looks in range(2, count, max(count // 6, 1)):
+        run = tmp_path / str(looks)
+        run.mkdir()
+        save_campaign_json(campaign, run)
+        part = stopped_after(campaign, looks, run)
+        for leg in part.legs:
+            assert leg.certified == (run / f"leg{leg.leg}.cert.jsonl").exists()
+            if leg.certified:
+                assert check(run / leg.certificate).claims.eps_lo == F(leg.eps_lo)
+
+
+def test_what_a_leg_needed_is_free_when_it_is_answered(campaign, tmp_path):
+    """Circles of references would keep its matrices until the garbage collector comes, which may be legs later."""
+    cpcal.certify(campaign, legs=[1], delta=0.5)  # what is made once for all stays
+    gc.collect()
+    gc.set_debug(gc.DEBUG_SAVEALL)
+    try:
+        cpcal.certify(campaign, legs=[2], delta=0.5, certificates=tmp_path)
+        gc.collect()
+        left = {type(one).__name__ for one in gc.garbage if type(one).__module__.startswith(("cpcal", "contractors"))}
+    finally:
+        gc.set_debug(0)
+        gc.garbage.clear()
+    assert not left

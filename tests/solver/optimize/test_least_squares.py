@@ -1,0 +1,95 @@
+"""The one loop of least squares: dense by singular values, and in blocks by the Schur complement."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cpcal.common.values import Floats
+from cpcal.solver.optimize.least_squares import Blocks, least_squares
+
+RNG = np.random.default_rng(5)
+VIEWS, ROWS = 7, 5
+TIMES = RNG.uniform(0.0, 2.0, (VIEWS, ROWS))
+HEIGHTS = RNG.uniform(1.0, 3.0, VIEWS)
+
+
+def residual(x: Floats) -> Floats:
+    """Decays of one rate (shared) and of a height of each view (its own), which meet at every reading."""
+    return np.asarray(x[1:, None] * np.exp(-x[0] * TIMES) - HEIGHTS[:, None] * np.exp(-0.7 * TIMES))
+
+
+def blocks(x: Floats) -> Blocks:
+    decay = np.exp(-x[0] * TIMES)
+    return Blocks.from_rows(residual(x), (-x[1:, None] * TIMES * decay)[..., None], decay[..., None])
+
+
+def jacobian(x: Floats) -> Floats:
+    decay = np.exp(-x[0] * TIMES)
+    own = np.einsum("vr,vw->vrw", decay, np.eye(VIEWS))
+    return np.concatenate([(-x[1:, None] * TIMES * decay)[..., None], own], axis=2).reshape(VIEWS * ROWS, -1)
+
+
+@pytest.mark.parametrize("linear", [jacobian, blocks])
+def test_shared_and_own_unknowns_are_found_with_and_without_elimination(linear) -> None:
+    found = least_squares(residual, linear, np.ones(1 + VIEWS), tolerance=1e-12)
+    assert found.settled
+    assert_allclose(found.at, [0.7, *HEIGHTS], rtol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_a_step_in_blocks_solves_the_whole_normal_equations(damping: float) -> None:
+    x = 1.0 + RNG.uniform(size=1 + VIEWS)
+    J = jacobian(x)
+    normal = J.T @ J
+    expected = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -J.T @ residual(x).ravel())
+    assert_allclose(blocks(x).step(damping), expected, rtol=1e-9)
+    reduced, _ = blocks(x).reduced()
+    assert_allclose(np.linalg.inv(reduced)[0, 0], np.linalg.inv(normal)[0, 0])
+
+
+def test_a_direction_that_changes_nothing_stays_as_it_is() -> None:
+    target = RNG.normal(size=4)
+    found = least_squares(
+        lambda x: x[0] + x[1] + target, lambda x: np.ones((4, 2)), np.array([5.0, 1.0]), tolerance=1e-12
+    )
+    assert_allclose(found.at[0] - found.at[1], 4.0)
+    assert_allclose(found.at.sum(), -target.mean())
+
+
+def test_far_from_the_minimum_steps_are_damped_until_the_sum_falls() -> None:
+    found = least_squares(np.arctan, lambda x: np.diag(1.0 / (1.0 + x * x)), np.array([20.0]), tolerance=1e-12)
+    assert_allclose(found.at, 0.0, atol=1e-9)
+
+
+def test_places_that_are_refused_or_not_finite_are_never_entered() -> None:
+    seen: list[float] = []
+
+    def moved(x: float, step: Floats) -> float | None:
+        return None if x + step[0] < 0.5 else x + float(step[0])
+
+    def values(x: float) -> Floats:
+        seen.append(x)
+        return np.array([np.sqrt(x) if x > 0.0 else np.nan])
+
+    found = least_squares(values, lambda x: np.array([[0.5 / np.sqrt(x)]]), 4.0, tolerance=1e-9, moved=moved)
+    assert min(seen) >= 0.5
+    assert 0.5 <= found.at < 0.51
+
+
+def test_a_robust_cost_falls_where_the_sum_of_squares_would_follow_the_outlier() -> None:
+    data = np.array([1.0, 1.1, 0.9, 1.0, 50.0])
+
+    def linear(x: Floats) -> Blocks:
+        weight = 1.0 / (1.0 + (x[0] - data) ** 2)
+        ones = np.ones((1, 5, 1)) * np.sqrt(weight)[:, None]
+        return Blocks.from_rows(((x[0] - data) * np.sqrt(weight))[None], ones, np.zeros((1, 5, 0)))
+
+    found = least_squares(
+        lambda x: x[0] - data, linear, np.array([2.0]), tolerance=1e-12,
+        cost=lambda x: float(np.log1p((x[0] - data) ** 2).sum()),
+    )  # fmt: skip
+    assert abs(found.at[0] - 1.0) < 0.05
+
+
+def test_the_steps_end_where_they_are_used_up() -> None:
+    assert not least_squares(residual, jacobian, np.ones(1 + VIEWS), tolerance=1e-12, steps=1).settled
