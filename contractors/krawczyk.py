@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -210,7 +212,7 @@ class Krawczyk(Composable):
         self._objective = None if objective is None else network.names.index(objective)
         self._ratio, self._most = ratio, most
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
         unit = np.where(box.width > 0.0, box.width, 1.0)
@@ -219,16 +221,17 @@ class Krawczyk(Composable):
             with np.errstate(all="ignore"):  # widths beyond float64 tell nothing
                 return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
 
-        return repeated(self._once, box, ratio=self._ratio, most=self._most, pays=pays)
+        once = partial(self._once, deadline)
+        return repeated(once, box, ratio=self._ratio, most=self._most, pays=pays)
 
-    def _once(self, box: Box) -> Contraction:
+    def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
         parts = [(inequalities(self._arithmetic, rows, box, how), rows.origin) for rows, how in self._rows(box)]
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
         return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(
-            self._objective, self.deadline
+            self._objective, deadline
         )
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:

@@ -7,6 +7,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from dataclasses import replace
@@ -272,7 +273,7 @@ class Lifted(Composable):
         domain = self._network.domain
         if self._structures.by_box and not domain.is_bounded:
             return frozenset()
-        system = self._structures.on(domain, self.deadline).system
+        system = self._structures.on(domain, math.inf).system
         return frozenset(constraint for constraint, _ in system.leftover)
 
     def restricted_to(self, elements: Indices) -> Lifted:
@@ -282,13 +283,13 @@ class Lifted(Composable):
         other._structures, other._within = self._structures.restricted_to(elements), None
         return other
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        programs = self._programs(box, self._objective)
-        return Contraction(box) if programs is None else tightened(programs, box, self._objective, self.deadline)
+        programs = self._programs(box, deadline, self._objective)
+        return Contraction(box) if programs is None else tightened(programs, box, self._objective, deadline)
 
-    def support_function(self, box: Box, directions: Floats) -> Floats:
+    def support_function(self, box: Box, directions: Floats, deadline: float = math.inf) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
 
         -inf for all when the box is proved to hold no solution.
@@ -298,15 +299,15 @@ class Lifted(Composable):
         widest = over_box(self._arithmetic, box, directions)
         if not box.is_bounded:
             return widest
-        programs = self._programs(box)
+        programs = self._programs(box, deadline)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
-    def _programs(self, box: Box, objective: int | None = None) -> _Programs | None:
+    def _programs(self, box: Box, deadline: float, objective: int | None = None) -> _Programs | None:
         """None where no row has a polynomial form.
 
         Within the box before, the rows that no point of that one violates are left out from the start.
         """
-        whole = self._structures.on(box, self.deadline)
+        whole = self._structures.on(box, deadline)
         if not whole.positions:
             return None
         known = self._within

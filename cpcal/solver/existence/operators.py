@@ -30,10 +30,10 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices, Ints
 from cpcal.solver.existence import square
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
+from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, sweeps
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.rows import Extremes
-from cpcal.solver.network.tape import in_arithmetic
 
 # ------------------------------------------------------------------------------------------------------------------
 # How compiled functions hear of a deadline: they cannot read the clock, and hold no lock while they run.
@@ -72,7 +72,7 @@ hansen_sengupta, krawczyk = Operator
 
 def square_of(engine: Arithmetic) -> Any:
     """The functions of `square`, by name, in an engine's arithmetic."""
-    return in_arithmetic(engine.name, square)
+    return in_arithmetic(engine.name, sweeps, square)
 
 
 def image(
@@ -156,7 +156,7 @@ class Equalities:
         """
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
         bounds = np.stack([box.lo, box.hi], axis=1)
-        kernels = in_arithmetic(engine.name, square)
+        kernels = square_of(engine)
         if not kernels.linearize(*self.program, bounds, np.array(center, np.float64), value, jacobian):
             return None
         return Linearization(_array(value), _array(jacobian), center)

@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.common.values import Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import add, factor, meet, mul, sub
-from cpcal.solver.network.operations import CONTINUOUS, quality
+from cpcal.solver.interval.operations import CONTINUOUS, quality
 from cpcal.solver.network.sweeps import all_partials, forward, gradients
 
 

@@ -1,6 +1,6 @@
 """Array-valued expressions over named variables, constants and readings: the nodes of the DAG.
 
-Expressions are plain immutable data. What an operation means stands in `cpcal.solver.network.operations`.
+Expressions are plain immutable data. What an operation means stands in `cpcal.solver.interval.operations`.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
 
+SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 

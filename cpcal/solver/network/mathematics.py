@@ -10,8 +10,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.network.expression import Expr, Operand, Shape, as_expr, binary
-from cpcal.solver.network.operations import SELECTS
+from cpcal.solver.network.expression import SELECTS, Expr, Operand, Shape, as_expr, binary
 
 _LARGEST = 2**31  # of a whole exponent
 

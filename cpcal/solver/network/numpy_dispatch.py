@@ -11,9 +11,8 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.network import mathematics
-from cpcal.solver.network.expression import Expr, Operand, as_expr, binary
+from cpcal.solver.network.expression import SELECTS, Expr, Operand, as_expr, binary
 from cpcal.solver.network.mathematics import maximum, minimum, sqr, sqrt
-from cpcal.solver.network.operations import SELECTS
 
 _Function = Callable[..., Any]
 

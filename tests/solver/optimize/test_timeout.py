@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -160,7 +161,7 @@ class KnowsMore(Composable):
     def __init__(self, least: float) -> None:
         self.least = least
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if not box.is_empty and box["eps"].hi < self.least:
             return Contraction(Box.empty(box.names), (Step("knows", None, "", np.nan),))
         return Contraction(box)
