@@ -9,7 +9,7 @@ from benchmarks.records import ANSWERED, SKIPPED, Key, Results, Run
 from benchmarks.tables import count, seconds, table
 
 EXACT = ("nodes", "programs")
-VERSIONS = ("cpcal", "numpy", "scipy", "ortools", "numba", "python-flint")  # which decide how many programs are solved
+VERSIONS = ("cpcal", "numpy", "scipy", "numba", "python-flint")  # which decide how many programs are solved
 
 
 @dataclass(frozen=True)

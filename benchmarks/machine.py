@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PACKAGES = ("cpcal", "numpy", "scipy", "ortools", "numba", "python-flint", "codac", "pyscipopt", "gurobipy")
+PACKAGES = ("cpcal", "numpy", "scipy", "numba", "python-flint", "codac", "pyscipopt", "gurobipy")
 
 
 def machine() -> dict[str, str]:

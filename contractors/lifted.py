@@ -8,7 +8,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.network import restricted
@@ -258,10 +258,8 @@ class Lifted(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Dense,
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._engine = engine
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
@@ -312,7 +310,7 @@ class Lifted(Composable):
             return None
         known = self._within
         structure = known[2] if known is not None and known[0] is whole and box.subset(known[1]) else whole
-        programs = _Programs(structure, self._arithmetic, self._engine(), box, objective)
+        programs = _Programs(structure, self._arithmetic, box, objective)
         kept, occurring = programs.rows
         if len(kept) < _FEWER * len(structure.system.origin):
             self._within = whole, box, structure.part(kept, occurring)
@@ -326,9 +324,7 @@ class _Programs:
     linear parts alone, a third of the columns. That is no relaxation: their multipliers are proved with all monomials.
     """
 
-    def __init__(
-        self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box, objective: int | None = None
-    ) -> None:
+    def __init__(self, structure: Structure, arithmetic: Arithmetic, box: Box, objective: int | None = None) -> None:
         self._structure = structure
         self._arithmetic = arithmetic
         self._relaxation = Relaxation(structure, arithmetic, box)
@@ -337,11 +333,11 @@ class _Programs:
         self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
         self._variables = np.array(list(self._positions), np.intp)
         self._columns = np.array(list(self._positions.values()), np.intp)
-        self._engine, self.count = engine, 0
+        self._engine, self.count = Dense(), 0
         self._linear: Indices | None = None  # the columns of the programs; None: all
         if objective is None or not self._bends_little(objective):
             self._linear = None
-            self._relaxation.load(engine)
+            self._relaxation.load(self._engine)
 
     def _bends_little(self, objective: int) -> bool:
         """Whether little of the objective's bound is lost to what is not linear. Then the linear programs are loaded.

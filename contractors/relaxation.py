@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.linear import LinearEngine
+from cpcal.solver.linear import Dense
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
@@ -503,13 +503,13 @@ class Relaxation:
         if structure.guards is None:
             return widening
         rows, error = structure.guards.on(self._engine, self.center, self.radius)
-        lowest = _down(rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows)))
+        lowest = np.asarray(np.nextafter((rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows))), -np.inf))
         lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # a sum that overflowed on its way may be anything
         out = widening.copy()
         out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
         return out
 
-    def load(self, engine: LinearEngine) -> LinearEngine:
+    def load(self, engine: Dense) -> Dense:
         """The engine, with its rows."""
         engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
         return engine
@@ -524,7 +524,3 @@ class Relaxation:
 def _up(values: Floats, count: int) -> Floats:
     """Upper bounds of sums of so many numbers >= 0, computed in any order."""
     return np.asarray(values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST)
-
-
-def _down(values: Floats) -> Floats:
-    return np.asarray(np.nextafter(values, -np.inf))

@@ -7,7 +7,6 @@ import numpy as np
 from benchmarks.problems import Leg
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit, linear_steps
@@ -19,7 +18,7 @@ _MARGIN = 1e-11  # of rows, in units of their gradients across the box: room for
 def minimax(leg: Leg) -> Floats:
     """The point of the smallest eps, well inside of S(eps) for a larger one."""
     network = leg.network()
-    return np.asarray(fit(Rows(network), 7, network.domain, leg.start, Dense())[:7])
+    return np.asarray(fit(Rows(network), 7, network.domain, leg.start)[:7])
 
 
 class Ends:
@@ -35,5 +34,5 @@ class Ends:
         cost[k] = sign
         start = np.append(self.inside, self._box.mid[-1])
         scale = np.maximum(self._box.width, 1e-9)
-        x = linear_steps(self._rows, cost, self._box, start, Dense(), scale=scale, margin=_MARGIN)
+        x = linear_steps(self._rows, cost, self._box, start, scale=scale, margin=_MARGIN)
         return None if x is None or self._prover.excess(x) > 0.0 else x[:7]

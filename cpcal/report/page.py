@@ -57,7 +57,7 @@ def _visible(text: str) -> str:
 # ------------------------------------------------------------------------------------------------------------------
 # Where a page comes from: the command that repeats the run, and the versions at work.
 
-_PACKAGES = ("numpy", "scipy", "ortools", "python-flint")
+_PACKAGES = ("numpy", "scipy", "python-flint")
 
 
 def command(result: Result) -> str:

@@ -407,7 +407,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     basis, _ = first.buchberger_naive(limits=_LIMITS)
     known = {str(p.primitive()[1]) for p in first}
     short = [p for p in basis if 2 <= len(p) <= longest and p.total_degree() <= highest]
-    unknowns = _unknowns(network)
+    unknowns = [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
     return tuple(_expression(p, unknowns) == 0.0 for p in short if str(p.primitive()[1]) not in known)
 
 
@@ -427,11 +427,6 @@ def _whole(terms: Terms, context: Any, size: int) -> Any:
     common = math.lcm(*(c.denominator for c in terms.values()))
     powers = {m: tuple(m.count(k) for k in range(size)) for m in terms}
     return context.from_dict({powers[m]: int(c * common) for m, c in terms.items()})
-
-
-def _unknowns(network: ConstraintNetwork) -> list[Expr]:
-    """The components in the order of `names`."""
-    return [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
 
 
 def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:

@@ -92,7 +92,11 @@ class TasksAtWork(Generic[A, T]):
 
     def fill(self) -> None:
         """Give out tasks, as many as may run; one that lost its worker twice runs alone."""
-        while len(self.running) < self._most and not asked() and not self._alone():
+        while (
+            len(self.running) < self._most
+            and not asked()
+            and not any(begun >= _TRIES for _, begun in self.running.values())
+        ):
             if self._again and (self._again[0][1] + 1 < _TRIES or not self.running):
                 task, begun = self._again.popleft()
             elif self._again:
@@ -108,9 +112,6 @@ class TasksAtWork(Generic[A, T]):
                 raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
             self.running[future] = task, begun + 1
             future.add_done_callback(self._finished.put)
-
-    def _alone(self) -> bool:
-        return any(begun >= _TRIES for _, begun in self.running.values())
 
     def done(self) -> Iterator[TaskOutcome[A, T]]:
         """Wait for some task to be done, or for a moment. Raises LostWorkerError."""

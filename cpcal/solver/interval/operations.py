@@ -352,12 +352,6 @@ Partials = tuple[float, float, float, float]  # bounds of the derivatives by the
 
 
 @compiled
-def _sign_of(lo: float, hi: float) -> Bounds:
-    """Derivative of abs: 1, -1, or anything between where zero is inside (or nothing else)."""
-    return 1.0 if lo >= 0.0 and hi > 0.0 else -1.0, -1.0 if hi <= 0.0 and lo < 0.0 else 1.0
-
-
-@compiled
 def _share_of_smaller(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
     """Derivative of min(a, b) with respect to a: 1 where a is smaller, 0 where b is, else [0, 1]."""
     return 1.0 if a_hi <= b_lo else 0.0, 0.0 if a_lo > b_hi else 1.0
@@ -453,7 +447,7 @@ def partials(
     elif code == POWER:
         low, high = _times_power(n, a_lo, a_hi)
     elif code == ABS:
-        low, high = _sign_of(a_lo, a_hi)
+        low, high = 1.0 if a_lo >= 0.0 and a_hi > 0.0 else -1.0, -1.0 if a_hi <= 0.0 and a_lo < 0.0 else 1.0
     elif code == MIN:
         low, high = _share_of_smaller(a_lo, a_hi, b_lo, b_hi)
         b_low, b_high = 1.0 - high, 1.0 - low

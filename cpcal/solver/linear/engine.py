@@ -1,4 +1,4 @@
-"""The contract of a linear engine: one polyhedron, many objectives. It proposes; rigorous arithmetic disposes."""
+"""Linear programs: one polyhedron, many objectives. The simplex method proposes; rigorous arithmetic disposes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from ortools.linear_solver import pywraplp
 
 from cpcal.common.values import Floats, Indices
 from cpcal.solver.compiled import compiled
@@ -39,21 +38,6 @@ class LinearSolution:
     point: Floats  # (columns,)
     rows: Indices
     multipliers: Floats
-
-
-class LinearEngine(Protocol):
-    """One polyhedron, many objectives. Proposes; rigorous arithmetic disposes."""
-
-    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
-        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds).
-
-        Of many rows an engine may leave out those that no vertex violates; the first `always` are likely to matter.
-        """
-        ...
-
-    def minimize(self, objective: Floats) -> LinearSolution:
-        """Minimise, from where the program before ended."""
-        ...
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -130,115 +114,7 @@ def _bound(
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# ortools' GLOP as a linear engine: to compare with, and for programs that the dense simplex method fails at.
-
-# Columns arrive centred and scaled, so the solver's own scaling and presolve only cost time and hot starts.
-# The primal simplex cycles now and then on degenerate programs: after the iterations that it never needs
-# otherwise the dual simplex takes over, from scratch.
-_FAST = "use_preprocessing:false use_scaling:false use_dual_simplex:false max_number_of_iterations:1000"
-_CAREFUL = "use_preprocessing:false use_scaling:true use_dual_simplex:true max_number_of_iterations:20000"
-
-_FIRST_ROWS = 3  # rows at the start, per column
-_MORE_ROWS = 24  # violated rows added at a time
-_ROUNDS = 12  # times that rows are added for one objective
-_VIOLATION = 1e-9  # of a row scaled to a largest coefficient of about 1
-
-
-class Glop:
-    """`LinearEngine` on GLOP. The primal simplex starts from the last basis when only the objective changed.
-
-    Rows enter when a vertex violates them; bounds from a part of them are valid, only weaker. An elastic column t,
-    fixed at zero, sits in every row; when the program has no solution it is freed and `min t` is solved, whose
-    multipliers are a Farkas ray.
-    """
-
-    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
-        solver = pywraplp.Solver.CreateSolver("GLOP")
-        if solver is None:  # pragma: no cover - every ortools wheel holds GLOP
-            raise RuntimeError("this build of ortools has no GLOP")
-        self._solver = solver
-        self._columns = [solver.NumVar(float(lo), float(hi), "") for lo, hi in zip(lower, upper, strict=True)]
-        self._elastic = solver.NumVar(0.0, 0.0, "elastic")
-        self._objective = solver.Objective()
-        self._objective.SetMinimization()
-        self._matrix, self._rhs = matrix, rhs
-        self._entered = np.zeros(0, np.intp)
-        self._constraints: list[pywraplp.Constraint] = []
-        self._enter(self._first(lower, upper, always))
-
-    def _first(self, lower: Floats, upper: Floats, always: int) -> Indices:
-        """Of the rows that some point within the bounds violates, those with the least room at the origin."""
-        matrix, rhs = self._matrix[always:], self._rhs[always:]
-        largest = np.maximum(matrix, 0.0) @ upper + np.minimum(matrix, 0.0) @ lower
-        candidates = np.flatnonzero(largest > rhs)
-        likeliest = candidates[np.argsort(rhs[candidates], kind="stable")[: _FIRST_ROWS * matrix.shape[1]]]
-        return np.concatenate([np.arange(always), np.sort(always + likeliest)])
-
-    def _enter(self, rows: Indices) -> None:
-        infinity = self._solver.infinity()
-        for i in rows:
-            row = self._solver.Constraint(-infinity, float(self._rhs[i]))
-            for j in np.flatnonzero(self._matrix[i]):
-                row.SetCoefficient(self._columns[j], float(self._matrix[i, j]))
-            row.SetCoefficient(self._elastic, -1.0)
-            self._constraints.append(row)
-        self._entered = np.concatenate([self._entered, rows])
-
-    def _enter_violated(self, point: Floats) -> bool:
-        excess = self._matrix @ point - self._rhs
-        excess[self._entered] = 0.0
-        violated = np.flatnonzero(excess > _VIOLATION)
-        self._enter(np.sort(violated[np.argsort(-excess[violated], kind="stable")[:_MORE_ROWS]]))
-        return bool(violated.size)
-
-    def minimize(self, objective: Floats) -> LinearSolution:
-        for _ in range(_ROUNDS):
-            solution = self._minimized(objective)
-            if solution.status is not LinearStatus.OPTIMAL or not self._enter_violated(solution.point):
-                break
-        return solution
-
-    def _minimized(self, objective: Floats) -> LinearSolution:
-        """Over the rows that have entered."""
-        self._objective.Clear()
-        self._objective.SetMinimization()
-        for j in np.flatnonzero(objective):
-            self._objective.SetCoefficient(self._columns[j], float(objective[j]))
-        if self._solve(_FAST) or self._solve(_CAREFUL):
-            return self._solution(LinearStatus.OPTIMAL)
-        return self._elastic_program()
-
-    def _solve(self, parameters: str) -> bool:
-        """Whether the program was solved to the end, by these parameters."""
-        start = pywraplp.MPSolverParameters()
-        if parameters == _CAREFUL:
-            start.SetIntegerParam(start.INCREMENTALITY, start.INCREMENTALITY_OFF)
-        self._solver.SetSolverSpecificParametersAsString(parameters)
-        return bool(self._solver.Solve(start) == pywraplp.Solver.OPTIMAL)
-
-    def _elastic_program(self) -> LinearSolution:
-        """`min t : rows z <= rhs + t`: always solvable; t > 0 when the rows have no common point."""
-        self._objective.Clear()
-        self._objective.SetMinimization()
-        self._objective.SetCoefficient(self._elastic, 1.0)
-        self._elastic.SetBounds(0.0, self._solver.infinity())
-        if self._solve(_FAST) or self._solve(_CAREFUL):
-            found = self._solution(LinearStatus.INFEASIBLE)
-        else:
-            nothing = np.zeros(0, np.intp)
-            found = LinearSolution(LinearStatus.FAILED, np.zeros(len(self._columns)), nothing, np.zeros(0))
-        self._elastic.SetBounds(0.0, 0.0)
-        return found
-
-    def _solution(self, status: LinearStatus) -> LinearSolution:
-        point = np.array([column.solution_value() for column in self._columns])
-        weights = np.array([-row.dual_value() for row in self._constraints])
-        carrying = np.flatnonzero(weights > 0.0)
-        return LinearSolution(status, point, self._entered[carrying], weights[carrying])
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The default linear engine: a dense simplex method, compiled.
+# The simplex method of `simplex`; a program that it fails at goes to scipy's HiGHS.
 
 _ALL = 640  # rows that are all looked at in every pivot
 _FIRST = 3  # of more rows, those that enter at the start, per column
@@ -282,9 +158,13 @@ def _solved(
 
 
 class Dense:
-    """`LinearEngine` by `cpcal.solver.linear.simplex`; a program that it fails at goes to GLOP."""
+    """One polyhedron, many objectives, each minimised from where the one before ended."""
 
     def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
+        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds).
+
+        Of many rows those enter that a vertex violates; the first `always` are likely to matter.
+        """
         m, n = matrix.shape
         self._columns = np.ascontiguousarray(matrix.T, np.float64)
         self._rhs = np.ascontiguousarray(rhs, np.float64)
@@ -305,7 +185,6 @@ class Dense:
         )
         begin(self._vertex, self._columns, self._rhs, self._first(always, m, n))
         self._fresh = True
-        self._glop: LinearEngine | None = None
 
     def _first(self, always: int, m: int, n: int) -> Indices:
         if m <= _ALL:
@@ -321,15 +200,28 @@ class Dense:
         status, count = _solved(*program, self._fresh, point, rows, weights)
         self._fresh = bool(status == FAILED)
         if self._fresh:
-            return self._by_glop(objective)
+            return self._by_highs(objective)
         meaning = LinearStatus.OPTIMAL if status == OPTIMAL else LinearStatus.INFEASIBLE
         return LinearSolution(meaning, point, rows[:count], weights[:count])
 
-    def _by_glop(self, objective: Floats) -> LinearSolution:
-        if self._glop is None:
-            self._glop = Glop()
-            self._glop.load(self._columns.T, self._rhs, self._vertex.lower, self._vertex.upper)
-        return self._glop.minimize(objective)
+    def _by_highs(self, objective: Floats) -> LinearSolution:
+        """Where there is no point, `min t : rows z <= rhs + t`, whose multipliers are a Farkas ray."""
+        from scipy.optimize import linprog  # here: it takes half a second to load, and is rarely needed
+
+        rows, n = self._columns.T, len(objective)
+        bounds = np.stack([self._vertex.lower, self._vertex.upper], axis=1)
+        elastic = np.concatenate([rows, np.full((len(rows), 1), -1.0)], axis=1)
+        programs = (
+            (LinearStatus.OPTIMAL, objective, rows, bounds),
+            (LinearStatus.INFEASIBLE, np.eye(n + 1)[n], elastic, np.concatenate([bounds, [[0.0, np.inf]]])),
+        )
+        for status, cost, matrix, reach in programs if np.isfinite(rows).all() and np.isfinite(self._rhs).all() else ():
+            found = linprog(cost, A_ub=matrix, b_ub=self._rhs, bounds=reach, method="highs")
+            if found.x is not None:
+                weights = -np.asarray(found.ineqlin.marginals)
+                carrying = np.flatnonzero(weights > 0.0)
+                return LinearSolution(status, np.asarray(found.x[:n]), carrying, weights[carrying])
+        return LinearSolution(LinearStatus.FAILED, np.zeros(n), np.zeros(0, np.intp), np.zeros(0))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -345,19 +237,17 @@ class BoxProgram:
     @np.errstate(
         over="ignore", invalid="ignore"
     )  # a program that overflows proposes nothing; what is proved is NaN-safe
-    def __init__(
-        self, matrix: Floats, rhs: Floats, box: IntervalArray, arithmetic: Arithmetic, engine: LinearEngine
-    ) -> None:
+    def __init__(self, matrix: Floats, rhs: Floats, box: IntervalArray, arithmetic: Arithmetic) -> None:
         self._matrix, self._rhs, self._box, self._arithmetic = matrix, rhs, box, arithmetic
         self._radius = box.rad
         inner = matrix * self._radius
         largest = np.abs(inner).max(axis=1, initial=0.0)
         self._scale = np.where(largest > 0.0, largest, 1.0)
-        self._engine, self.count = engine, 0
+        self._engine, self.count = Dense(), 0
         n = matrix.shape[1]
         rows, right = inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale
         finite = np.isfinite(rows).all(axis=1) & np.isfinite(right)  # a row that overflows proposes nothing
-        engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
+        self._engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
 
     def minimize(self, k: int, sign: float) -> LinearSolution:
         """The least `sign * u_k`."""

@@ -97,7 +97,9 @@ class Bounding:
         Raises Stopped between two nodes of a round.
         """
         before = self._incumbent.state
-        if self._place is None or len(nodes) == 1:
+        if len(nodes) == 1:
+            made = [self._with_first_piece(nodes[0], before, alone=True)]
+        elif self._place is None:
             made = self.decided(nodes, before)
         else:
             made = self._shared().in_parts(self._place, _decided, nodes, before)
@@ -106,8 +108,8 @@ class Bounding:
         return [decision for decision, _ in made]
 
     def decided(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
-        """The decisions about some nodes, and the incumbent after each of them, if it was `before` at its beginning."""
-        return [self._with_first_piece(node, before, alone=len(nodes) == 1) for node in nodes]
+        """The decisions about some nodes of a round, and the incumbent after each, if it was `before` when it began."""
+        return [self._with_first_piece(node, before, alone=False) for node in nodes]
 
     def _with_first_piece(self, node: Node, before: Known, *, alone: bool) -> tuple[Decision, Known]:
         """Decide a node, and in a round of several the most urgent of its pieces."""

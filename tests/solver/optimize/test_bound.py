@@ -11,7 +11,6 @@ from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.linear import Dense
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import minimize
 from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
@@ -262,8 +261,8 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     a, e = net.variable("a", 3, ([-5.0] * 3, [5.0] * 3)), net.variable("e", (), (0.0, 10.0))
     net.add((a[0] + a[1] * t + a[2] * t**2 - values).within((-e, e)))
     rows, start = Rows(net), np.array([0.0, 0.0, 0.0, 0.0])
-    of_all = fit(rows, 3, net.domain, start, Dense())
-    of_some = fit_of_many(net, rows, 3, start, Dense())
+    of_all = fit(rows, 3, net.domain, start)
+    of_some = fit_of_many(net, rows, 3, start)
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
-    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy, Dense()), easy)
+    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
