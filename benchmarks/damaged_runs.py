@@ -39,8 +39,8 @@ from typer.testing import CliRunner
 
 from benchmarks.damage import mutated
 from benchmarks.genuine_runs import RUNS
-from cpcal.calibration import calibrate_study, recorded
-from cpcal.calibration.record import load_record, save_record
+from cpcal.calibration import calibrate_study
+from cpcal.calibration.study_calibration import load_record, save_record
 from cpcal.cli import app
 from cpcal.cli.options import Status
 from cpcal.common.errors import InputError
@@ -107,7 +107,7 @@ def _input(save: Callable[[Any, Path], object], load: Callable[[Path], Any]) -> 
 
 def _record(folder: Path) -> None:
     study = simulate_study(seed=1, runs=3, random_poses=4, validation_runs=2)
-    save_record(recorded(study, calibrate_study(study, factor=3.0), factor=3.0), folder)
+    save_record(calibrate_study(study).record, folder)
 
 
 def verified(folder: Path) -> tuple[list[str], dict[str, Any]]:

@@ -17,7 +17,7 @@ from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import save_accuracy
-from cpcal.calibration import calibrate_study, recorded
+from cpcal.calibration import calibrate_study
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
@@ -56,17 +56,17 @@ def uncertain_leg(folder: Path) -> None:
 
 
 def robust(folder: Path) -> None:
-    command("robust", _campaign(folder), "--legs", "1", "--delta", "0.5", "--outliers", "1", "-o", folder / "run")
+    command("certify", _campaign(folder), "--legs", "1", "--delta", "0.5", "--outliers", "1", "-o", folder / "run")
 
 
 def compare(folder: Path) -> None:
-    command("compare", _campaign(folder), *NARROW, "--models", "plain,lateral", "-o", folder / "run")
+    command("certify", _campaign(folder), *NARROW, "--model", "plain,lateral", "-o", folder / "run")
 
 
 def fits(folder: Path) -> None:
     study = simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0)
     found = calibrate_study(study)
-    certify_fits(found.campaign, recorded(study, found, factor=3.0), folder / "run", legs=[2, 5])
+    certify_fits(found.campaign, found.record, folder / "run", legs=[2, 5])
 
 
 def accuracy(folder: Path) -> None:
@@ -101,7 +101,7 @@ def hand_eye(folder: Path, **changes: Any) -> None:
         width = [changes["position_error"]] * 3 + [changes["rotation_error"]] * 3
         study = replace(study, pose_half_width=np.tile(width, (6, 1)))
     save_hand_eye(study, folder / "study")
-    command("handeye", folder / "study", "--within", "1.5,50", "-o", folder / "run")
+    command("handeye", "certify", folder / "study", "--within", "1.5,50", "-o", folder / "run")
 
 
 def uncertain_hand_eye(folder: Path) -> None:
@@ -114,7 +114,7 @@ def wrong_images(folder: Path) -> None:
     position = np.array(study.poses.position)
     position[4] += [8.0, -5.0, 4.0]
     save_hand_eye(replace(study, poses=Pose(position, study.poses.quaternion)), folder / "study")
-    command("handeye-wrong", folder / "study", "--within", "0.8,20", "-o", folder / "run")
+    command("handeye", "certify", folder / "study", "--wrong", "1", "--within", "0.8,20", "-o", folder / "run")
 
 
 def solve(folder: Path) -> None:

@@ -6,7 +6,7 @@
 Each line: proved solutions beside the literature's count, or the proved bracket beside the literature's optimum, nodes,
 seconds of wall and of processor time. `--limit` is processor time: other work on the machine changes nothing. `--codac`
 runs codac, too, so long. `--page` renews the rows of these problems in benchmarks/pages/problems.md and .json.
-`--contractors` prints the table of docs/choosing.md.
+`--contractors` prints the table of docs/solve.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How many images a second `cpcal detect` makes poses of, and where the time goes.
+"""How many images a second `cpcal image detect` makes poses of, and where the time goes.
 
     python -m benchmarks.throughput [--images 512] [--workers 1 2] [--kinds png tiff jpg] [--folder DIR] [--json FILE]
 

@@ -1,4 +1,4 @@
-"""Ten images that `cpcal detect` refuses, and why: docs/refusals.md and its pictures.
+"""Ten images that `cpcal image detect` refuses, and why: their pictures, and the rows of the table in docs/images.md.
 
 python docs/draw_refusals.py
 """
@@ -51,11 +51,6 @@ def _taken(world: World) -> Any:
 
 
 def main() -> None:
-    lines = ["# Ten images without a pose", ""]
-    lines += [
-        "Each is refused with its reason; `cpcal detect --overlay DIR` draws such pictures (yellow: the dots that"
-    ]
-    lines += ["were found). `python docs/draw_refusals.py` writes this page.", ""]
     for k, (why, image, camera) in enumerate(cases(), start=1):
         try:
             measure_pose(image, DELTALAB_TARGET, camera)
@@ -63,10 +58,9 @@ def main() -> None:
             drawn = Image.open(io.BytesIO(refusal(image, str(reason), DELTALAB_TARGET.bright, WIDTH)))
             name = f"pictures/refused-{k:02}.png"
             drawn.quantize(COLOURS).save(HERE / name, optimize=True)
-            lines += [f"**{k}.** {why} {str(reason)[0].upper()}{str(reason)[1:]}.", "", f"![{why}]({name})", ""]
+            print(f"| ![]({name}) | {why} | {reason} |")
         else:
             raise SystemExit(f"a pose was found: {why}")
-    (HERE / "refusals.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -107,6 +107,7 @@ def certify_accuracy(
     validation: Campaign | None = None,
     gap: float = 0.2,
     cells: int = 600,
+    next_poses: int = 4,
     truth: Truth | None = None,
     certificates: str | os.PathLike[str] | None = None,
     tell: Told | None = None,
@@ -121,7 +122,8 @@ def certify_accuracy(
 
     `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
     points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
-    is within the gap of what a pose attains, or at so many cells. `truth`: gives the true poses of a simulated robot
+    is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
+    each of two rules (estimates). `truth`: gives the true poses of a simulated robot
     (default: of what `cpcal simulate` wrote). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box; the bounds of poses are proved in interval arithmetic, without certificates.
 
@@ -162,7 +164,7 @@ def certify_accuracy(
         refuted=tuple(refuted),
         poses=at,
         workspace=over,
-        next_poses=_next(campaign, sets, at, over) if sets and not refuted else (),
+        next_poses=_next(campaign, sets, at, over, next_poses) if sets and not refuted else (),
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
@@ -285,7 +287,11 @@ def _at_poses(
 
 
 def _next(
-    campaign: Campaign, sets: Sequence[CertifiedSet], at: Sequence[PoseAccuracy], over: WorkspaceAccuracy | None
+    campaign: Campaign,
+    sets: Sequence[CertifiedSet],
+    at: Sequence[PoseAccuracy],
+    over: WorkspaceAccuracy | None,
+    count: int,
 ) -> tuple[NextPose, ...]:
     """For the worst poses that were met."""
     worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
@@ -294,7 +300,8 @@ def _next(
     if not rows:
         return ()
     poses = np.array(rows)
-    return next_poses(campaign, sets, Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:]))))
+    there = Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:])))
+    return next_poses(campaign, sets, there, count)
 
 
 def _doubled(bounds: PoseBounds, k: int) -> tuple[tuple[float, ...], tuple[float, ...]]:

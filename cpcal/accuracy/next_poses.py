@@ -30,7 +30,6 @@ from cpcal.robot import (
 )
 from cpcal.solver.linear import Dense, LinearStatus
 
-COUNT = 4
 _CANDIDATES = 40
 _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
 CERTIFIED, DETERMINANT = "certified width", "DETMAX"
@@ -73,8 +72,10 @@ class _Polytope:
         )
 
 
-def next_poses(campaign: Campaign, sets: Sequence[CertifiedSet], worst: Pose, *, seed: int = 1) -> tuple[NextPose, ...]:
-    """`COUNT` poses by certified width, then as many by the determinant; `worst` (K) are poses whose bound matters.
+def next_poses(
+    campaign: Campaign, sets: Sequence[CertifiedSet], worst: Pose, count: int, *, seed: int = 1
+) -> tuple[NextPose, ...]:
+    """`count` poses by certified width, then as many by the determinant; `worst` (K) are poses whose bound matters.
 
     Candidates are drawn within the readings that the campaign has. () where none can be reached.
     """
@@ -92,8 +93,8 @@ def next_poses(campaign: Campaign, sets: Sequence[CertifiedSet], worst: Pose, *,
     forms = _forms(robot, candidates)
     out: list[NextPose] = []
     for by, order in (
-        (CERTIFIED, _by_width(polytopes, forms, rooms)),
-        (DETERMINANT, _by_determinant(polytopes, forms, rooms)),
+        (CERTIFIED, _by_width(polytopes, forms, rooms, count)),
+        (DETERMINANT, _by_determinant(polytopes, forms, rooms, count)),
     ):
         now = list(polytopes)
         for k in order:
@@ -123,9 +124,9 @@ def _forms(robot: Robot, poses: Pose) -> Floats:
     return np.concatenate([-unit, back, -np.ones((*unit.shape[:2], 1))], axis=-1)
 
 
-def _by_width(polytopes: Sequence[_Polytope], forms: Floats, rooms: Floats) -> list[int]:
+def _by_width(polytopes: Sequence[_Polytope], forms: Floats, rooms: Floats, count: int) -> list[int]:
     now, order = list(polytopes), list[int]()
-    for _ in range(min(COUNT, len(forms))):
+    for _ in range(min(count, len(forms))):
         widths = np.stack([p.ranges(forms[:, i])[1] for i, p in enumerate(now)], axis=1)
         gain = (widths / rooms).max(axis=1)
         gain[order] = -np.inf
@@ -134,12 +135,12 @@ def _by_width(polytopes: Sequence[_Polytope], forms: Floats, rooms: Floats) -> l
     return order
 
 
-def _by_determinant(polytopes: Sequence[_Polytope], forms: Floats, rooms: Floats) -> list[int]:
+def _by_determinant(polytopes: Sequence[_Polytope], forms: Floats, rooms: Floats, count: int) -> list[int]:
     information = np.stack([(p.rows / p.room[:, None]).T @ (p.rows / p.room[:, None]) for p in polytopes])
     scaled = np.stack([forms[:, i] @ p.to_x / rooms[i] for i, p in enumerate(polytopes)], axis=1)  # (K, n, 7)
     outer = scaled[..., :, None] * scaled[..., None, :]
     order: list[int] = []
-    for _ in range(min(COUNT, len(forms))):
+    for _ in range(min(count, len(forms))):
         gain = np.linalg.slogdet(information + outer)[1].sum(axis=1)
         gain[order] = -np.inf
         order.append(int(np.argmax(gain)))

@@ -1,8 +1,12 @@
 from .alignment import (
     Alignment,
     aligned,
-    in_own_frame,
-    own_frame_covariance,
+    on_drawing,
+)
+from .budget import (
+    Budget,
+    Inputs,
+    budget,
 )
 from .diagnosis import (
     Diagnosis,
@@ -14,28 +18,12 @@ from .fit import (
 )
 from .frames import (
     FrameCalibration,
-    HandEye,
     calibrate_frames,
-    hand_eye,
     redefined,
-)
-from .identification import (
-    Observability,
-    column_scale,
-    leg_jacobian,
-    observability,
-    robot_jacobian,
 )
 from .leg_equations import (
     LegEquations,
     Noise,
-)
-from .record import (
-    RECORD_NAME,
-    CalibrationRecord,
-    load_record,
-    recorded,
-    save_record,
 )
 from .repeatability import (
     Repeatability,
@@ -52,16 +40,17 @@ from .statistics import (
     campaign_deviations,
     describe,
     deviations,
-    half_widths,
     mean_rotations,
-    readings_needed,
     screen,
-    tolerance_half_width,
 )
 from .study_calibration import (
+    RECORD_NAME,
+    CalibrationRecord,
     StudyCalibration,
     as_campaign,
     calibrate_study,
+    load_record,
+    save_record,
 )
 from .validation import (
     ErrorSummary,
@@ -75,6 +64,7 @@ from .validation import (
 __all__ = [
     "RECORD_NAME",
     "Alignment",
+    "Budget",
     "CalibrationRecord",
     "ChannelStatistics",
     "Deviations",
@@ -82,11 +72,10 @@ __all__ = [
     "ErrorSummary",
     "Fit",
     "FrameCalibration",
-    "HandEye",
+    "Inputs",
     "LegEquations",
     "Noise",
     "NoiseFloor",
-    "Observability",
     "PoseErrors",
     "RepeatTest",
     "RepeatTests",
@@ -97,31 +86,22 @@ __all__ = [
     "aligned",
     "as_campaign",
     "averaged",
+    "budget",
     "calibrate_frames",
     "calibrate_study",
     "campaign_deviations",
-    "column_scale",
     "describe",
     "deviations",
     "fit",
-    "half_widths",
-    "hand_eye",
-    "in_own_frame",
     "least_squares",
-    "leg_jacobian",
     "load_record",
     "mean_rotations",
-    "observability",
-    "own_frame_covariance",
+    "on_drawing",
     "pose_errors",
-    "readings_needed",
-    "recorded",
     "redefined",
     "repeat_tests",
     "repeatability",
-    "robot_jacobian",
     "save_record",
     "screen",
-    "tolerance_half_width",
     "validate",
 ]

@@ -17,7 +17,7 @@ from cpcal.calibration.frames import cross_matrix, nearest_rotation
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
-from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.robot import Pose, Robot, quaternion_from_matrix, transformed
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,9 @@ class Alignment:
         return float(special.stdtrit(self.freedom, 0.975))
 
 
-def aligned(measured: Floats, drawing: Floats, covariance: Floats) -> Alignment:
-    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre, and the drawing's (n, 3).
+def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None) -> Alignment:
+    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre (left out: exact), and the
+    drawing's.
 
     Raises InputError for fewer than three centres, and for centres on a line.
     """
@@ -78,57 +79,38 @@ def aligned(measured: Floats, drawing: Floats, covariance: Floats) -> Alignment:
     columns = np.concatenate([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)], axis=1)
     back = np.linalg.pinv(columns)
     each = np.kron(np.eye(count), rotation)
-    own = back @ each @ covariance @ each.T @ back.T
+    own = np.zeros((6, 6)) if covariance is None else back @ each @ covariance @ each.T @ back.T
     freedom = 3 * count - 6
     drawn_error = np.sum(residual**2) / freedom if freedom else np.inf
     of_drawing = drawn_error * np.linalg.inv(columns.T @ columns) + own
     return Alignment(Pose(position, quaternion_from_matrix(rotation)), residual, own, of_drawing, freedom)
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Frames that the joint centres themselves define, so that parameters of two fits or two robots can be compared.
-#
-# For base and mobile centres each: origin at the centroid of the centres, z normal to the plane of the first three, x
-# along the first two. In these the paper prints its tables 4 and 5 (to 2e-5 mm). A frame that hangs on three centres
-# turns with their errors: z and y of the others then hold the errors of those three, enlarged where the three are close
-# to a line.
+# Parameters laid on the drawing, so that those of two fits can be compared: base and mobile centres each by the rigid
+# motion that brings them nearest to the drawing's.
 
 _STEP = 1e-3  # mm, of the difference quotients; the map is smooth over millimetres
 
 
-def in_own_frame(parameters: Floats) -> Floats:
-    """Parameters (..., n, 7), mm, with base and mobile centres each in their own frame.
+def on_drawing(parameters: Floats, drawing: Robot) -> Floats:
+    """Parameters (n, 7), mm, in the drawing's frames. Raises InputError as `aligned` does."""
+    parts = [
+        transformed(aligned(parameters[:, columns], centres).motion, parameters[:, columns])
+        for columns, centres in ((slice(0, 3), drawing.base), (slice(3, 6), drawing.mobile))
+    ]
+    return np.concatenate([*parts, parameters[:, 6:]], axis=1)
 
-    Raises InputError for fewer than three legs, and for first three centres on a line.
-    """
-    base, mobile = (_moved(parameters[..., part]) for part in (slice(0, 3), slice(3, 6)))
-    return np.concatenate([base, mobile, parameters[..., 6:]], axis=-1)
 
-
-def own_frame_covariance(parameters: Floats, covariance: Floats) -> Floats:
-    """(7 n, 7 n) mm^2 of `in_own_frame`, to first order, from that of the parameters (n, 7), leg by leg."""
+def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) -> Floats:
+    """(n, 7) mm: standard deviations of `on_drawing`, to first order, from the covariance (7 n, 7 n), leg by leg."""
     size = parameters.size
     steps = _STEP * np.eye(size).reshape(size, *parameters.shape)
-    ahead, back = (in_own_frame(parameters + sign * steps).reshape(size, size) for sign in (1.0, -1.0))
+    ahead, back = (
+        np.stack([on_drawing(parameters + sign * step, drawing).ravel() for step in steps]) for sign in (1.0, -1.0)
+    )
     slopes = ((ahead - back) / (2.0 * _STEP)).T
-    return np.asarray(slopes @ covariance @ slopes.T)
-
-
-def _moved(points: Floats) -> Floats:
-    """Points (..., n, 3) in the frame that they define."""
-    if points.shape[-2] < 3:
-        what = f"are {points.shape[-2]}: no frame follows from them"
-        raise InputError([Problem("joint centres", what, "give three that are not on a line")])
-    first, second, third = (points[..., k, :] for k in range(3))
-    along, across = second - first, third - first
-    normal = np.cross(along, across)
-    size = np.linalg.norm(normal, axis=-1, keepdims=True)
-    length = np.linalg.norm(along, axis=-1, keepdims=True)
-    if not (size > 1e-9 * length * np.linalg.norm(across, axis=-1, keepdims=True)).all():
-        raise InputError([Problem("joint centres", "of legs 1 to 3 are on a line", "choose another frame")])
-    x, z = along / length, normal / size
-    axes = np.stack([x, np.cross(z, x), z], axis=-2)
-    return np.asarray((points - points.mean(axis=-2, keepdims=True)) @ np.swapaxes(axes, -1, -2))
+    variance = np.diagonal(slopes @ covariance @ slopes.T).reshape(parameters.shape)
+    return np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.inf))
 
 
 # ------------------------------------------------------------------------------------------------------------------

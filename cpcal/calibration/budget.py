@@ -3,7 +3,7 @@
 Repeats show noise. What all of them share they cannot show: a wrong scale of the camera or of its target, a lens whose
 distortion is not quite known, thermal expansion, a wrong scale of the leg sensors. `Inputs` holds the standard
 uncertainties of these, which the user knows from certificates and from the room. Each is propagated to the joint
-parameters in their own frames by fitting the readings that it would have made, and the squares of all contributions
+parameters, laid on the drawing, by fitting the readings that it would have made, and the squares of all contributions
 add up.
 
 A set-up with a single camera has no length of its own: scale of camera, of target and of the leg sensors are one and
@@ -18,13 +18,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cpcal.calibration.alignment import in_own_frame, own_frame_covariance
+from cpcal.calibration.alignment import on_drawing, on_drawing_errors
 from cpcal.calibration.fit import Fit, fit
-from cpcal.calibration.leg_equations import Noise
-from cpcal.calibration.study_calibration import StudyCalibration
+from cpcal.calibration.leg_equations import Noise, root
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
-from cpcal.robot import Campaign, normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Campaign, Robot, normalised, quaternion_from_rotation_vector, quaternion_product
 
 _EXPANSION = 1.2e-5  # 1/K, of steel
 _TRIALS_MIN = 20
@@ -63,7 +62,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Contribution:
-    """Of one source to the joint parameters in their own frames, mm: root mean square over all, and the largest."""
+    """Of one source to the joint parameters laid on the drawing, mm: root mean square over all, and the largest."""
 
     source: str
     uncertainty: float
@@ -72,48 +71,8 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """Contributions, and what they come to: combined standard uncertainties u_c; U = 2 u_c.
-
-    inputs     what was stated
-    expanded   (n, 7) mm: U of each parameter in its own frame
-    """
-
-    inputs: Inputs
-    contributions: tuple[Contribution, ...]
-    expanded: tuple[tuple[float, ...], ...]
-    rms: float
-    largest: float
-
-    @property
-    def sentence(self) -> str:
-        """The expanded uncertainty, and what is not in it."""
-        absent = [one.source for one in self.contributions if one.uncertainty == 0.0 and one.source in _SOURCES]
-        missing = f" Not in it, as nothing was stated: {', '.join(absent)}." if absent else ""
-        return (
-            f"Uncertainty budget: the parameters in their own frames are known to U = {2.0 * self.largest:.2g} mm at "
-            f"most and {2.0 * self.rms:.2g} mm on average (k = 2).{missing} A single camera has no length of its own: "
-            "its scale, the target's and the sensors' cannot be told apart by these readings."
-        )
-
-
-def budget(found: StudyCalibration, inputs: Inputs) -> Budget:
-    """Of x_c_sigma, with what the fit itself states of noise or residuals."""
-    best = found.x_c_sigma
-    statistical = _sigmas(best, best.covariance)
-    columns = [("repeats and residuals", math.nan, statistical)]
-    for source, size in _SOURCES.items():
-        uncertainty = getattr(inputs, source)
-        columns.append((source, uncertainty, size(found, uncertainty)))
-    total = np.sqrt(sum((values**2 for _, _, values in columns), np.zeros_like(statistical)))
-    rows = tuple(Contribution(name, u, _rms(values), float(values.max())) for name, u, values in columns)
-    expanded = tuple(tuple(row) for row in (2.0 * total).tolist())
-    return Budget(inputs, rows, expanded, _rms(total), float(total.max()))
-
-
-@dataclass(frozen=True)
 class MonteCarlo:
-    """Half the 95 % intervals of the parameters in their own frames over simulated studies, mm, beside U of the budget.
+    """Half the 95 % intervals of the parameters over simulated studies, mm, beside U of the budget.
 
     inside   share of the parameters whose U agrees with it to within a fifth
     """
@@ -123,127 +82,149 @@ class MonteCarlo:
     largest: float
     inside: float
 
+
+@dataclass(frozen=True)
+class Budget:
+    """Contributions, and what they come to: combined standard uncertainties u_c; U = 2 u_c.
+
+    inputs       what was stated
+    expanded     (n, 7) mm: U of each parameter, laid on the drawing
+    monte_carlo  its check, where that was asked for
+    """
+
+    inputs: Inputs
+    contributions: tuple[Contribution, ...]
+    expanded: tuple[tuple[float, ...], ...]
+    rms: float
+    largest: float
+    monte_carlo: MonteCarlo | None = None
+
     @property
-    def sentence(self) -> str:
-        """What the simulated studies say of U."""
+    def sentences(self) -> tuple[str, ...]:
+        """The expanded uncertainty, what is not in it, and what the simulated studies say of it."""
+        absent = [one.source for one in self.contributions[1:] if one.uncertainty == 0.0]
+        missing = f" Not in it, as nothing was stated: {', '.join(absent)}." if absent else ""
+        said = (
+            f"Uncertainty budget: the parameters, laid on the drawing, are known to U = {2.0 * self.largest:.2g} mm at "
+            f"most and {2.0 * self.rms:.2g} mm on average (k = 2).{missing} A single camera has no length of its own: "
+            "its scale, the target's and the sensors' cannot be told apart by these readings."
+        )
+        made = self.monte_carlo
+        if made is None:
+            return (said,)
         return (
-            f"Monte Carlo (GUM Supplement 1, {self.trials} studies): half of the 95 % intervals is {self.largest:.2g} "
-            f"mm at most and {self.rms:.2g} mm on average; it agrees with U to within a fifth for "
-            f"{100 * self.inside:.0f} % of the parameters."
+            said,
+            f"Monte Carlo (GUM Supplement 1, {made.trials} studies): half of the 95 % intervals is {made.largest:.2g} "
+            f"mm at most and {made.rms:.2g} mm on average; it agrees with U to within a fifth for "
+            f"{100 * made.inside:.0f} % of the parameters.",
         )
 
 
-def monte_carlo(found: StudyCalibration, inputs: Inputs, *, trials: int, seed: int = 0) -> MonteCarlo:
-    """Readings drawn with the noise of camera and sensors and with the inputs' errors, each set fitted anew.
+def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, trials: int | None = None) -> Budget:
+    """Of x_c_sigma of a campaign, with what the fit itself states of noise or residuals.
 
-    Raises InputError for fewer than 20 trials.
+    trials   check U with so many simulated studies. Raises InputError for fewer than 20.
     """
-    if trials < _TRIALS_MIN:
+    if trials is not None and trials < _TRIALS_MIN:
         raise InputError([Problem("option trials", f"has no meaning: {trials}", f"give {_TRIALS_MIN} or more")])
-    stream, best = np.random.default_rng(seed), found.x_c_sigma
-    exact = _consistent(found.campaign, best)
-    noise = best.noise
-    assert noise is not None  # x_c_sigma is weighted by it
-    drawn = []
-    for _ in range(trials):
-        shifted = _disturbed(_noisy(exact, noise, stream), inputs, stream)
-        again = fit(shifted, weights="joint", noise=noise, start=best.parameters, covariance="noise")
-        drawn.append(in_own_frame(again.parameters))
-    low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
-    half, stated = 0.5 * (high - low), _total(found, inputs)
-    free = stated > 0.0
-    near = np.abs(half[free] - 2.0 * stated[free]) <= 0.2 * 2.0 * stated[free]
-    return MonteCarlo(trials, _rms(half[free]), float(half.max()), float(np.mean(near)))
+    study = _Study(best, campaign, drawing)
+    stated = {
+        source: (getattr(inputs, source), size(study, getattr(inputs, source))) for source, size in _SOURCES.items()
+    }
+    shared = sum((values**2 for _, values in stated.values()), np.zeros_like(best.parameters))
+    statistical = study.errors(best)
+    total = np.sqrt(statistical**2 + shared)
+    columns = {"repeats and residuals": (math.nan, statistical), **stated}
+    rows = tuple(Contribution(name, u, _rms(values), float(values.max())) for name, (u, values) in columns.items())
+    checked = None
+    if trials is not None:
+        by_noise = np.sqrt(study.errors(replace(best, source="noise")) ** 2 + shared)
+        checked = study.monte_carlo(inputs, 2.0 * by_noise, trials)
+    expanded = tuple(tuple(row) for row in (2.0 * total).tolist())
+    return Budget(inputs, rows, expanded, _rms(total), float(total.max()), checked)
 
 
-def _total(found: StudyCalibration, inputs: Inputs) -> Floats:
-    """(n, 7) combined standard uncertainties in the own frames, mm: of the noise, as the simulated studies have it."""
-    best = found.x_c_sigma
-    squares = _sigmas(best, replace(best, source="noise").covariance) ** 2
-    for source, size in _SOURCES.items():
-        squares = squares + size(found, getattr(inputs, source)) ** 2
-    total = np.sqrt(squares)
-    return np.asarray(np.where(total > 1e-9, total, 0.0))
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """x_c_sigma of a campaign."""
 
+    best: Fit
+    campaign: Campaign
+    drawing: Robot
 
-def _sigmas(best: Fit, covariance: Floats) -> Floats:
-    """(n, 7) standard uncertainties in the own frames."""
-    variance = np.diagonal(own_frame_covariance(best.parameters, covariance))
-    return np.sqrt(np.maximum(variance, 0.0)).reshape(best.parameters.shape)
+    def errors(self, best: Fit) -> Floats:
+        """(n, 7) standard uncertainties of the parameters laid on the drawing."""
+        return on_drawing_errors(best.parameters, best.covariance, self.drawing)
+
+    def refitted(self, campaign: Campaign) -> Floats:
+        """(n, 7) the parameters of other readings, laid on the drawing."""
+        best = self.best
+        again = fit(campaign, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
+        return on_drawing(again.parameters, self.drawing)
+
+    def changes(self, campaign: Campaign) -> Floats:
+        """(n, 7) by how much the parameters change with these readings."""
+        return np.abs(self.refitted(campaign) - on_drawing(self.best.parameters, self.drawing))
+
+    def scale_of_poses(self, size: float) -> Floats:
+        position = self.campaign.position * (1.0 + size)
+        return self.changes(replace(self.campaign, position=position)) if size else self.none
+
+    def scale_of_sensors(self, size: float) -> Floats:
+        """Each leg by itself: squares add up."""
+        legs = np.eye(self.campaign.legs) if size else ()
+        lengths = (self.campaign.length * (1.0 + size * leg) for leg in legs)
+        each = (self.changes(replace(self.campaign, length=length)) ** 2 for length in lengths)
+        return np.asarray(np.sqrt(sum(each, self.none)))
+
+    def lens(self, size: float) -> Floats:
+        if size == 0.0:
+            return self.none
+        none = np.zeros(self.campaign.legs)
+        only = Noise.from_sigmas([size] * 3, [0.0] * 3, none, count=len(self.campaign))
+        return self.errors(replace(self.best, noise=only, source="noise"))
+
+    def temperature(self, size: float) -> Floats:
+        return self.scale_of_poses(_EXPANSION * size)
+
+    @property
+    def none(self) -> Floats:
+        return np.zeros_like(self.best.parameters)
+
+    def monte_carlo(self, inputs: Inputs, expanded: Floats, trials: int) -> MonteCarlo:
+        """Readings drawn with the noise of camera and sensors and with the inputs' errors, each set fitted anew."""
+        stream, campaign, best, noise = np.random.default_rng(0), self.campaign, self.best, self.best.noise
+        assert noise is not None  # x_c_sigma is weighted by it
+        exact = campaign.length + best.equations.values(best.parameters)  # of the fitted legs at these poses
+        roots = root(noise.pose)
+        scales = np.array([inputs.camera_scale, inputs.target_scale, _EXPANSION * inputs.temperature])
+        drawn = []
+        for _ in range(trials):
+            step = np.einsum("kij,kj->ki", roots, stream.standard_normal((len(campaign), 6)))
+            read = np.einsum("kij,kj->ki", noise.length_root, stream.standard_normal(exact.shape))
+            turned = quaternion_product(quaternion_from_rotation_vector(step[:, 3:]), campaign.quaternion)
+            scale = 1.0 + float(scales @ stream.standard_normal(3))
+            lens = inputs.lens * stream.standard_normal(campaign.position.shape)
+            sensors = 1.0 + inputs.sensor_scale * stream.standard_normal(campaign.legs)
+            position = (campaign.position + step[:, :3]) * scale + lens
+            length = (exact + read) * sensors
+            drawn.append(
+                self.refitted(replace(campaign, position=position, quaternion=normalised(turned), length=length))
+            )
+        low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
+        half, free = 0.5 * (high - low), expanded > 1e-9
+        near = np.abs(half[free] - expanded[free]) <= 0.2 * expanded[free]
+        return MonteCarlo(trials, _rms(half[free]), float(half.max()), float(np.mean(near)))
 
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _refitted(found: StudyCalibration, campaign: Campaign) -> Floats:
-    """(n, 7) by how much the parameters in their own frames change with these readings."""
-    best = found.x_c_sigma
-    again = fit(campaign, weights="joint", noise=best.noise, start=best.parameters, covariance="noise")
-    return np.abs(in_own_frame(again.parameters) - in_own_frame(best.parameters))
-
-
-def _scale_of_poses(found: StudyCalibration, size: float) -> Floats:
-    campaign = found.campaign
-    if size == 0.0:
-        return np.zeros_like(found.x_c_sigma.parameters)
-    return _refitted(found, replace(campaign, position=campaign.position * (1.0 + size)))
-
-
-def _scale_of_sensors(found: StudyCalibration, size: float) -> Floats:
-    """Each leg by itself: squares add up."""
-    campaign, total = found.campaign, np.zeros_like(found.x_c_sigma.parameters)
-    for leg in range(campaign.legs if size else 0):
-        length = campaign.length.copy()
-        length[:, leg] *= 1.0 + size
-        total += _refitted(found, replace(campaign, length=length)) ** 2
-    return np.asarray(np.sqrt(total))
-
-
-def _lens(found: StudyCalibration, size: float) -> Floats:
-    best, campaign = found.x_c_sigma, found.campaign
-    if size == 0.0:
-        return np.zeros_like(best.parameters)
-    zeros = np.zeros(campaign.legs)
-    only = Noise.from_sigmas([size] * 3, [0.0] * 3, zeros, count=len(campaign))
-    return _sigmas(best, replace(best, noise=only, source="noise").covariance)
-
-
-def _temperature(found: StudyCalibration, size: float) -> Floats:
-    return _scale_of_poses(found, _EXPANSION * size)
-
-
 _SOURCES = {
-    "camera_scale": _scale_of_poses,
-    "target_scale": _scale_of_poses,
-    "lens": _lens,
-    "sensor_scale": _scale_of_sensors,
-    "temperature": _temperature,
+    "camera_scale": _Study.scale_of_poses,
+    "target_scale": _Study.scale_of_poses,
+    "lens": _Study.lens,
+    "sensor_scale": _Study.scale_of_sensors,
+    "temperature": _Study.temperature,
 }
-
-
-def _consistent(campaign: Campaign, best: Fit) -> Campaign:
-    """The campaign's poses with the readings that the fitted legs would have there."""
-    return replace(campaign, length=campaign.length + best.estimate.equations.values(best.parameters))
-
-
-def _noisy(campaign: Campaign, noise: Noise, stream: np.random.Generator) -> Campaign:
-    values, axes = np.linalg.eigh(noise.pose)
-    root = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    step = np.einsum("kij,kj->ki", root, stream.standard_normal((len(campaign), 6)))
-    read = np.einsum("kij,kj->ki", noise.length_root, stream.standard_normal(campaign.length.shape))
-    turned = quaternion_product(quaternion_from_rotation_vector(step[:, 3:]), campaign.quaternion)
-    return replace(
-        campaign,
-        position=campaign.position + step[:, :3],
-        quaternion=normalised(turned),
-        length=campaign.length + read,
-    )
-
-
-def _disturbed(campaign: Campaign, inputs: Inputs, stream: np.random.Generator) -> Campaign:
-    scales = (inputs.camera_scale, inputs.target_scale, _EXPANSION * inputs.temperature)
-    scale = 1.0 + float(np.array(scales) @ stream.standard_normal(3))
-    lens = inputs.lens * stream.standard_normal(campaign.position.shape)
-    sensors = 1.0 + inputs.sensor_scale * stream.standard_normal(campaign.legs)
-    return replace(campaign, position=campaign.position * scale + lens, length=campaign.length * sensors)

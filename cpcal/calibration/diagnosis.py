@@ -19,6 +19,7 @@ from cpcal.calibration.leg_equations import LegEquations, Noise, chances, whiten
 from cpcal.calibration.repeatability import RUNS, VARIANCES, RepeatTests
 from cpcal.common.values import Floats
 from cpcal.robot import Campaign
+from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # Fits with one parameter more a leg: does a gain of the sensor, a sag of the leg or a lateral offset explain the data?
@@ -34,28 +35,37 @@ from cpcal.robot import Campaign
 # proofs.
 # Here a model *explains* the readings when its residuals are what the noise has them.
 
-_STEPS = 8  # of Gauss and Newton; they gain two digits each
-_AT_REST = 1e-6  # mm, or mm of what the correction adds
+PLAIN, DRIFT, PLAY = "plain", "drift", "play"
+_TOLERANCE = 1e-9
+ACCUSED = 1e-4  # probability of naming something, test by test (repeats: all together), where all is well
+_EXPLAINS = 1e-3  # probability of the residuals from which a model explains them
+_PHYSICAL = 3.0  # standard errors by which a quantity that cannot be negative may be so
+_ONE_SIGNED = ("sag", "lateral")
 _LEVEL = np.radians(0.5)  # how level a base is: the standard deviation of the lean that "sag" may find of the vertical
 _LEAN = 1e-5  # rad, of the difference quotients
 _SEVENTH = 7  # the chord of a uniform beam on two hinges shortens with the seventh power of its length
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """A fit with a correction c of every leg, in the unit of its column.
-
-    size       (n,) mm: the range of what the correction adds over the poses
-    chance     probability of residuals so large by the noise alone
-    common     probability of coefficients so different by chance, if all legs had the same
-    """
+@dataclass(frozen=True)
+class Asked:
+    """A model that was asked: a correction c of each leg, in the unit of its column, with standard errors, the range of
+    what it adds over the poses (mm), and how likely its residuals are by noise alone. `common`: whether one c for all
+    legs would do."""
 
     name: str
-    values: Floats
-    errors: Floats
-    size: Floats
+    values: tuple[float, ...]
+    errors: tuple[float, ...]
+    size: tuple[float, ...]
     chance: float
-    common: float
+    common: bool
+
+    @property
+    def explains(self) -> bool:
+        """Whether its residuals are what noise makes, with parameters that can be."""
+        possible = self.name not in _ONE_SIGNED or all(
+            c > -_PHYSICAL * e for c, e in zip(self.values, self.errors, strict=True)
+        )
+        return possible and self.chance >= _EXPLAINS
 
 
 Column = Callable[[LegEquations, Floats, Floats], Floats]
@@ -72,8 +82,7 @@ class Poses:
     @classmethod
     def of(cls, campaigns: Sequence[Campaign], noises: Sequence[Noise]) -> Poses:
         """Of several campaigns of one robot in the same frames, such as calibration and validation."""
-        legs = range(1, campaigns[0].legs + 1)
-        each = [LegEquations.of(campaign, legs) for campaign in campaigns]
+        each = [LegEquations.of(campaign) for campaign in campaigns]
         equations = LegEquations(
             np.concatenate([one.position for one in each]),
             np.concatenate([one.rotation for one in each]),
@@ -84,50 +93,48 @@ class Poses:
         return cls(equations, noise, vertical(campaigns[0]))
 
 
-def corrected(poses: Poses, start: Floats, name: str) -> Corrected:
+def corrected(poses: Poses, start: Floats, name: str) -> Asked:
     """The fit with a correction of `COLUMNS`, or "plain", from the parameters (n, 7) of one without."""
-    equations, x = poses.equations, start.copy()
-    size, legs = 7 + (name != "plain"), len(start)
-    c, tilt = np.zeros(legs), np.zeros(2)
-    weight = whitening(poses.noise.propagated(equations, x), "joint")
-    for _ in range(_STEPS):
-        phi, slopes = _column(name, equations, x, poses.up, tilt)
-        jacobian = np.concatenate([equations.by_parameters(x), -phi[..., None]], axis=-1)[..., :size]
-        leaning = np.einsum("kij,kjt->kit", weight, -c[:, None] * slopes).reshape(-1, 2)
-        design = np.block([[_spread_out(weight, jacobian), leaning], [np.zeros((2, size * legs)), np.eye(2) / _LEVEL]])
-        target = np.einsum("kij,kj->ki", weight, equations.values(x) - c * phi).ravel()
-        step = np.linalg.lstsq(design, -np.concatenate([target, tilt / _LEVEL]), rcond=None)[0]
-        moved, tilt = step[:-2].reshape(legs, size), tilt + step[-2:]
-        x = x + moved[:, :7]
-        c = c + moved[:, 7] if size > 7 else c
-        if np.abs(moved[:, :7]).max() < _AT_REST:
-            break
-    phi, _ = _column(name, equations, x, poses.up, tilt)
-    white = np.einsum("kij,kj->ki", weight, equations.values(x) - c * phi)
-    square, freedom = float(np.sum(white**2) + np.sum((tilt / _LEVEL) ** 2)), white.size - size * legs
-    covariance = np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8]
-    return Corrected(
-        name=name,
-        values=c,
-        errors=np.sqrt(np.diagonal(covariance)) if size > 7 else np.zeros(legs),
-        size=np.abs(c) * np.ptp(phi, axis=0),
-        chance=chances(square, freedom, poses.noise.freedom)[1] if freedom > 0 else 1.0,
-        common=_common(c, covariance, poses.noise.freedom) if size > 7 else 1.0,
-    )
+    equations, legs, up = poses.equations, len(start), poses.up
+    size, across = 7 + (name != PLAIN), np.linalg.svd(up[None])[2][1:]
+    weight = whitening(poses.noise.propagated(equations, start))
 
+    def column(x: Floats, tilt: Floats) -> Floats:
+        """phi (N, n) where the vertical leans by `tilt` (2,) rad."""
+        leant = up + tilt @ across
+        return COLUMNS[name](equations, x, leant / np.linalg.norm(leant)) if name in COLUMNS else 0.0 * equations.length
 
-def _column(name: str, equations: LegEquations, x: Floats, up: Floats, tilt: Floats) -> tuple[Floats, Floats]:
-    """phi (N, n) where the vertical leans by `tilt` (2,) rad, and its derivative by it (N, n, 2)."""
-    if name not in COLUMNS:
-        return np.zeros_like(equations.length), np.zeros((*equations.length.shape, 2))
-    across = np.linalg.svd(up[None])[2][1:]
+    def parts(at: Floats) -> tuple[Floats, Floats, Floats]:
+        """x (n, 7), c (n,), tilt (2,)."""
+        rows = at[:-2].reshape(legs, size)
+        return rows[:, :7], rows[:, 7] if size > 7 else np.zeros(legs), at[-2:]
 
-    def at(lean: Floats) -> Floats:
-        leant = up + lean @ across
-        return COLUMNS[name](equations, x, leant / np.linalg.norm(leant))
+    def residual(at: Floats) -> Floats:
+        x, c, tilt = parts(at)
+        off = np.einsum("kij,kj->ki", weight, equations.values(x) - c * column(x, tilt))
+        return np.concatenate([off.ravel(), tilt / _LEVEL])
 
-    here = at(tilt)
-    return here, np.stack([(at(tilt + step) - here) / _LEAN for step in _LEAN * np.eye(2)], axis=-1)
+    def jacobian(at: Floats) -> Floats:
+        """phi counts as it is at x; only the lean moves it."""
+        x, c, tilt = parts(at)
+        phi = column(x, tilt)
+        leaning = np.stack([-c * (column(x, tilt + step) - phi) / _LEAN for step in _LEAN * np.eye(2)], axis=-1)
+        own = np.concatenate([equations.by_parameters(x), -phi[..., None]], axis=-1)[..., :size]
+        design = (weight[..., None] * own[:, None]).reshape(-1, legs * size)  # rows by measurement, then leg
+        leaning = np.einsum("kij,kjt->kit", weight, leaning).reshape(-1, 2)
+        return np.block([[design, leaning], [np.zeros((2, legs * size)), np.eye(2) / _LEVEL]])
+
+    first = np.concatenate([np.concatenate([start, np.zeros((legs, size - 7))], axis=1).ravel(), np.zeros(2)])
+    found = least_squares(residual, jacobian, first, tolerance=_TOLERANCE)
+    x, c, tilt = parts(found.at)
+    freedom = equations.length.size - size * legs
+    design = jacobian(found.at)
+    covariance = np.asarray(np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8], np.float64)
+    errors = np.sqrt(np.diagonal(covariance)) if size > 7 else np.zeros(legs)
+    added = np.abs(c) * np.ptp(column(x, tilt), axis=0)
+    chance = chances(found.cost, freedom, poses.noise.freedom)[1] if freedom > 0 else 1.0
+    common = size == 7 or _common(c, covariance, poses.noise.freedom) >= _EXPLAINS
+    return Asked(name, tuple(c.tolist()), tuple(errors.tolist()), tuple(added.tolist()), chance, common)
 
 
 def vertical(campaign: Campaign) -> Floats:
@@ -167,12 +174,6 @@ def _lateral(equations: LegEquations, x: Floats, up: Floats) -> Floats:
 COLUMNS: dict[str, Column] = {"gain": _gain, "sag": _sag, "lateral": _lateral}
 
 
-def _spread_out(weight: Floats, jacobian: Floats) -> Floats:
-    """(N n, 8 n): weighted rows by measurement, then leg; columns by leg."""
-    count, legs, size = jacobian.shape
-    return np.asarray((weight[..., None] * jacobian[:, None, :, :]).reshape(count * legs, legs * size))
-
-
 def _common(c: Floats, covariance: Floats, known: float) -> float:
     inverse = np.linalg.pinv(covariance)
     mean = np.sum(inverse @ c) / np.sum(inverse)
@@ -180,38 +181,9 @@ def _common(c: Floats, covariance: Floats, known: float) -> float:
     return chances(float(rest @ inverse @ rest), len(c) - 1, known)[1] if len(c) > 1 else 1.0
 
 
-ACCUSED = 1e-4  # probability of naming something, test by test (repeats: all together), where all is well
-_EXPLAINS = 1e-3  # probability of the residuals from which a model explains them
-_PHYSICAL = 3.0  # standard errors by which a quantity that cannot be negative may be so
-_ONE_SIGNED = ("sag", "lateral")
-
-PLAIN, DRIFT, PLAY = "plain", "drift", "play"
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A model that was asked: c of each leg with standard errors, the range of what it adds (mm), and how likely its
-    residuals are by noise alone. `common`: whether one c for all legs would do."""
-
-    name: str
-    values: tuple[float, ...]
-    errors: tuple[float, ...]
-    size: tuple[float, ...]
-    chance: float
-    common: bool
-
-    @property
-    def explains(self) -> bool:
-        """Whether its residuals are what noise makes, with parameters that can be."""
-        possible = self.name not in _ONE_SIGNED or all(
-            c > -_PHYSICAL * e for c, e in zip(self.values, self.errors, strict=True)
-        )
-        return possible and self.chance >= _EXPLAINS
-
-
 @dataclass(frozen=True)
 class Diagnosis:
-    """What is named, and what was asked. Nothing of it is proved; `cpcal compare` asks models with proofs."""
+    """What is named, and what was asked. Nothing of it is proved; `cpcal.compare` asks models with proofs."""
 
     named: tuple[str, ...]
     models: tuple[Asked, ...]
@@ -240,20 +212,14 @@ def diagnosis(poses: Poses, start: Floats, tests: RepeatTests) -> Diagnosis:
     """What repeats and means name, from the parameters (n, 7) of a fit."""
     named = [DRIFT] * bool(tests.found(RUNS, ACCUSED))
     named += [PLAY] * bool(tests.found(VARIANCES, ACCUSED))
-    plain = _asked(corrected(poses, start, PLAIN))
+    plain = corrected(poses, start, PLAIN)
     if plain.chance >= ACCUSED:
         return Diagnosis(tuple(named), (plain,), unexplained=False)
-    models = (plain, *(_asked(corrected(poses, start, name)) for name in COLUMNS))
+    models = (plain, *(corrected(poses, start, name) for name in COLUMNS))
     able = [model.name for model in models[1:] if model.explains]
     if len(able) == 1:
         return Diagnosis((*named, able[0]), models, unexplained=False)
     return Diagnosis(tuple(named), models, unexplained=True)
-
-
-def _asked(found: Corrected) -> Asked:
-    numbers = (tuple(map(float, np.ravel(part))) for part in (found.values, found.errors, found.size))
-    values, errors, size = numbers
-    return Asked(found.name, values, errors, size, found.chance, found.common >= _EXPLAINS)
 
 
 def _said(model: Asked) -> str:

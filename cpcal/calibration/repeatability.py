@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from cpcal.calibration.leg_equations import LegEquations, Noise
-from cpcal.calibration.statistics import LEVEL, ChannelStatistics, Deviations, campaign_deviations
+from cpcal.calibration.statistics import LEVEL, ChannelStatistics, Deviations, campaign_deviations, group_means
 from cpcal.common.files import listed
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Campaign
@@ -121,10 +121,11 @@ def repeatability(campaign: Campaign) -> Repeatability:
     Raises InputError when nothing is repeated.
     """
     spread = campaign_deviations(campaign)
-    equations = LegEquations.of(campaign, range(1, campaign.legs + 1))
-    by_pose = equations.by_pose(campaign.robot.parameters)
+    by_pose = LegEquations.of(campaign).by_pose(campaign.robot.parameters)
     legs = np.einsum("kij,kj->ki", by_pose, spread.values[:, :6]) - spread.values[:, 6:]
-    middle = _middle(by_pose, spread)
+    # the mean derivative of each configuration's repeats
+    middle = group_means(by_pose.reshape(len(by_pose), -1), spread.group, len(spread.names))
+    middle = middle.reshape(-1, *by_pose.shape[1:])
     parts = _told_apart(middle, spread)
     told = parts is not None
     camera, sensors, robot, error = parts if parts is not None else _taken_as_noise(spread)
@@ -145,13 +146,6 @@ def repeatability(campaign: Campaign) -> Repeatability:
     )
 
 
-def _middle(by_pose: Floats, spread: Deviations) -> Floats:
-    """(K, n, 6): the mean derivative of each configuration's repeats."""
-    total = np.zeros((len(spread.names), *by_pose.shape[1:]))
-    np.add.at(total, spread.group, by_pose)
-    return np.asarray(total / spread.repeats[:, None, None])
-
-
 def _taken_as_noise(spread: Deviations) -> tuple[Floats, Floats, Floats, Floats]:
     covariance = spread.values.T @ spread.values / spread.freedom
     legs = len(covariance) - 6
@@ -163,31 +157,47 @@ def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Fl
     scale = spread.sigma
     if spread.freedom < _FEWEST or not (scale > 0.0).all() or len(spread.names) < 7:
         return None
-    legs = by_pose.shape[1]
+    count, legs = by_pose.shape[:2]
     # channels in units of their own scatter, so that nothing depends on mm against rad
     unit = float(np.median(scale[6:]))
-    back = np.linalg.pinv(by_pose * scale[:6])
-    motion = np.concatenate([back, np.broadcast_to(np.eye(legs), (len(back), legs, legs))], axis=1)
+    motion = np.concatenate(
+        [np.linalg.pinv(by_pose * scale[:6]), np.broadcast_to(np.eye(legs), (count, legs, legs))], 1
+    )
     motion[:, 6:] /= scale[6:, None]
     motion *= unit
-    basis = _basis(motion)
-    scatter = np.zeros((len(back), 6 + legs, 6 + legs))
+    # what each unknown adds to the covariance of a configuration: 21 of the camera, then those of sensors and robot
+    camera, leg = _symmetric(6), _symmetric(legs)
+    sensors = slice(21, 21 + len(leg))
+    basis = np.zeros((count, 21 + 2 * len(leg), 6 + legs, 6 + legs))
+    basis[:, :21, :6, :6], basis[:, sensors, 6:, 6:] = camera, leg
+    basis[:, sensors.stop :] = np.einsum("kai,pij,kbj->kpab", motion, leg, motion, optimize=True)
+    scatter = np.zeros((count, 6 + legs, 6 + legs))
     values = spread.values / scale
     np.add.at(scatter, spread.group, values[:, :, None] * values[:, None, :])
-    found, information = _scored(basis, scatter, np.asarray(spread.repeats - 1.0, dtype=np.float64))
-    camera, sensors, robot = _parts(found, legs)
-    error = np.sqrt(np.diagonal(np.linalg.inv(information)))[_sizes(legs)[0] + _sizes(legs)[1] :]
+    freedom = np.asarray(spread.repeats - 1.0, dtype=np.float64)
+    size = 6 + legs
+    covariance = np.broadcast_to(np.eye(size), (count, size, size))
+    for _ in range(_ROUNDS):  # Fisher scoring of sums of squares with so many degrees of freedom each
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
+        seen = (whiten @ basis @ np.swapaxes(whiten, -1, -2)).reshape(count, -1, size * size)
+        given = (whiten[:, 0] @ scatter @ np.swapaxes(whiten[:, 0], -1, -2)).reshape(count, size * size)
+        information = 0.5 * np.einsum("k,kpa,kqa->pq", freedom, seen, seen, optimize=True)
+        found = np.linalg.lstsq(information, 0.5 * np.einsum("kpa,ka->p", seen, given), rcond=None)[0]
+        parts = [
+            _positive(np.einsum("p,pij->ij", found[which], unknowns))
+            for which, unknowns in ((slice(21), camera), (sensors, leg), (slice(sensors.stop, None), leg))
+        ]
+        safe = [part + floor * np.eye(len(part)) for part, floor in zip(parts, (_FLOOR, _FLOOR, 0.0), strict=True)]
+        flat = np.concatenate([part[np.triu_indices(len(part))] for part in safe])
+        covariance = np.einsum("p,kpab->kab", flat, basis)
+    error = np.sqrt(np.diagonal(np.linalg.inv(information)))[sensors.stop :]
     diagonal = np.flatnonzero(np.equal(*np.triu_indices(legs)))
     return (
-        _positive(camera) * np.outer(scale[:6], scale[:6]),
-        _positive(sensors) * np.outer(scale[6:], scale[6:]),
-        _positive(robot) * unit**2,
+        parts[0] * np.outer(scale[:6], scale[:6]),
+        parts[1] * np.outer(scale[6:], scale[6:]),
+        parts[2] * unit**2,
         error[diagonal] * unit**2,
     )
-
-
-def _sizes(legs: int) -> tuple[int, int, int]:
-    return 21, legs * (legs + 1) // 2, legs * (legs + 1) // 2
 
 
 def _symmetric(size: int) -> Floats:
@@ -197,47 +207,6 @@ def _symmetric(size: int) -> Floats:
     each = np.arange(len(rows))
     out[each, rows, columns] = out[each, columns, rows] = 1.0
     return out
-
-
-def _basis(motion: Floats) -> Floats:
-    """(K, p, 6 + n, 6 + n): what each unknown adds to the covariance of configuration k."""
-    count, size, legs = motion.shape
-    sizes = _sizes(legs)
-    out = np.zeros((count, sum(sizes), size, size))
-    out[:, : sizes[0], :6, :6] = _symmetric(6)
-    out[:, sizes[0] : sizes[0] + sizes[1], 6:, 6:] = _symmetric(legs)
-    out[:, sizes[0] + sizes[1] :] = np.einsum("kai,pij,kbj->kpab", motion, _symmetric(legs), motion, optimize=True)
-    return out
-
-
-def _scored(basis: Floats, scatter: Floats, freedom: Floats) -> tuple[Floats, Floats]:
-    """The unknowns and their information matrix, from sums of squares with so many degrees of freedom each."""
-    count, size = scatter.shape[:2]
-    covariance = np.broadcast_to(np.eye(size), (count, size, size))
-    found, information = np.zeros(basis.shape[1]), np.eye(basis.shape[1])
-    for _ in range(_ROUNDS):
-        whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
-        seen = (whiten @ basis @ np.swapaxes(whiten, -1, -2)).reshape(count, -1, size * size)
-        given = (whiten[:, 0] @ scatter @ np.swapaxes(whiten[:, 0], -1, -2)).reshape(count, size * size)
-        information = 0.5 * np.einsum("k,kpa,kqa->pq", freedom, seen, seen, optimize=True)
-        found = np.linalg.lstsq(information, 0.5 * np.einsum("kpa,ka->p", seen, given), rcond=None)[0]
-        camera, sensors, robot = (_positive(part) for part in _parts(found, size - 6))
-        safe = np.concatenate([_flat(camera + _FLOOR * np.eye(6)), _flat(sensors + _FLOOR * np.eye(size - 6))])
-        covariance = np.einsum("p,kpab->kab", np.concatenate([safe, _flat(robot)]), basis)
-    return np.asarray(found), np.asarray(information)
-
-
-def _flat(matrix: Floats) -> Floats:
-    return np.asarray(matrix[np.triu_indices(len(matrix))])
-
-
-def _parts(found: Floats, legs: int) -> tuple[Floats, Floats, Floats]:
-    first, second, _ = _sizes(legs)
-    pieces = (found[:first], found[first : first + second], found[first + second :])
-    camera, sensors, robot = (
-        np.einsum("p,pij->ij", piece, _symmetric(size)) for piece, size in zip(pieces, (6, legs, legs), strict=True)
-    )
-    return camera, sensors, robot
 
 
 def _positive(matrix: Floats) -> Floats:
@@ -342,14 +311,15 @@ def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[s
     number = np.array([names[name] for name in runs])
     if len(names) < 2:
         return []
-    values = values - _group_means(values, group)
+    count = int(group.max()) + 1
+    values = values - group_means(values, group, count)[group]
     design = np.zeros((len(values), len(names) - 1))
     chosen = number < len(names) - 1
     design[np.flatnonzero(chosen), number[chosen]] = 1.0
-    design -= _group_means(design, group)
+    design -= group_means(design, group, count)[group]
     basis, sizes, _ = np.linalg.svd(design, full_matrices=False)
     basis = basis[:, sizes > 1e-9 * sizes[0]] if sizes[0] > 0.0 else basis[:, :0]
-    between, rest = basis.shape[1], len(values) - (int(group.max()) + 1) - basis.shape[1]
+    between, rest = basis.shape[1], len(values) - count - basis.shape[1]
     if between < 1 or rest < 1:
         return []
     explained, total = np.sum((basis.T @ values) ** 2, axis=0), np.sum(values**2, axis=0)
@@ -377,9 +347,3 @@ def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[
             p, size = float(found.pvalue), float(found.statistic) / (len(groups) - 1)
             tests.append(RepeatTest(VARIANCES, name, size, p, p))
     return tests
-
-
-def _group_means(values: Floats, group: Ints) -> Floats:
-    total = np.zeros((int(group.max()) + 1, values.shape[1]))
-    np.add.at(total, group, values)
-    return np.asarray((total / np.bincount(group)[:, None])[group])

@@ -9,10 +9,10 @@ in the mean and cannot be seen here.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -68,41 +68,18 @@ class Deviations:
         several = r > 1
         return np.asarray(self.values[several] * np.sqrt(r[several] / (r[several] - 1.0))[:, None])
 
-    def without(self, rows: Sequence[int]) -> Deviations:
-        """With these readings left out, and means and deviations formed again."""
-        keep = np.setdiff1d(np.arange(len(self.group)), np.asarray(rows, dtype=np.int64))
-        names = [self.names[k] for k in self.group[keep]]
-        return deviations(names, self.values[keep], self.channels, [self.row_names[k] for k in keep])
-
 
 def deviations(
-    configuration: Sequence[Hashable],
-    values: npt.ArrayLike,
-    channels: Sequence[str] | None = None,
-    row_names: Sequence[str] | None = None,
+    configuration: Sequence[Hashable], values: Floats, channels: Sequence[str], row_names: Sequence[str]
 ) -> Deviations:
-    """Of a table of N readings: the configuration of each, and values (N, C) of C channels in any units.
+    """Of a table of N readings: the configuration of each, and finite values (N, C) of C channels in any units.
 
-    For rotations use `campaign_deviations`, which averages them as rotations. Raises InputError when the table is no
-    table of finite numbers, or nothing is repeated.
+    For rotations use `campaign_deviations`, which averages them as rotations. Raises InputError when nothing is
+    repeated.
     """
-    try:
-        table = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError([Problem("readings", str(error), "give numbers, (N, C)")]) from None
-    if table.ndim != 2 or len(table) != len(configuration) or not table.size:
-        what = f"have the shape {table.shape} for {len(configuration)} configurations"
-        raise InputError([Problem("readings", what, "give one row for each reading, (N, C)")])
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(bad):
-        raise InputError([Problem("readings", f"row {bad[0]} holds a NaN or an infinity", "give finite numbers")])
-    titles = tuple(f"c{k}" for k in range(table.shape[1])) if channels is None else tuple(channels)
-    labels = tuple(f"row {k}" for k in range(len(table))) if row_names is None else tuple(row_names)
-    if len(titles) != table.shape[1] or len(labels) != len(table):
-        raise InputError([Problem("readings", "names do not fit the table", "name each channel and each row once")])
     group, names = grouped(configuration)
-    centred = table - group_means(table, group, len(names))[group]
-    return Deviations(names, group, labels, titles, frozen_array(centred))
+    centred = values - group_means(values, group, len(names))[group]
+    return Deviations(names, group, tuple(row_names), tuple(channels), frozen_array(centred))
 
 
 def campaign_deviations(campaign: Campaign) -> Deviations:
@@ -152,100 +129,6 @@ def group_means(table: Floats, group: Ints, count: int) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Half-widths of reading sets; among them distribution-free tolerance limits from order statistics (Wilks 1941).
-#
-# Sort n independent errors from any continuous distribution by their size. The values up to the one that leaves m of
-# the
-# n + 1 gaps above it hold a share of the distribution that is Beta(n + 1 - m, m) distributed, whatever the
-# distribution.
-# So they hold at least `coverage` of it with the probability I_{1 - coverage}(m, n + 1 - m): the confidence.
-
-Method = Literal["sigma", "extreme", "tolerance"]
-
-
-def confidence_of(count: int, gaps: int, coverage: float) -> float:
-    """That `count` readings, with that many of the count + 1 gaps left out, cover a share `coverage` or more."""
-    from scipy import special  # here: it takes a third of a second to load
-
-    return float(special.betainc(gaps, count + 1 - gaps, 1.0 - coverage))
-
-
-def readings_needed(coverage: float, confidence: float) -> int:
-    """The fewest readings whose largest error is such a half-width: 59 for coverage 0.95 with confidence 0.95."""
-    _check(coverage, confidence)
-    few, enough = 0, 1  # the confidence grows with the count: doubling, then bisection
-    while confidence_of(enough, 1, coverage) < confidence:
-        few, enough = enough, 2 * enough
-    while enough - few > 1:
-        middle = (few + enough) // 2
-        few, enough = (few, middle) if confidence_of(middle, 1, coverage) >= confidence else (middle, enough)
-    return enough
-
-
-def tolerance_half_width(errors: npt.ArrayLike, coverage: float = 0.95, confidence: float = 0.95) -> float:
-    """The least order statistic h of |errors| so that [-h, h] holds `coverage` of them with that confidence."""
-    values = np.sort(np.abs(_sample(errors)))
-    return float(values[len(values) - _gaps(len(values), coverage, confidence)])
-
-
-def half_widths(
-    deviations: Deviations,
-    method: Method = "sigma",
-    *,
-    factor: float = 3.0,
-    coverage: float = 0.95,
-    confidence: float = 0.95,
-) -> Floats:
-    """(C,) half-widths of the reading sets of SINGLE readings, about their true value, channel by channel.
-
-    "sigma"      factor standard deviations (the paper's 3): 99.7 % of normal errors
-    "extreme"    the largest error seen
-    "tolerance"  `coverage` of the errors with `confidence`, whatever their distribution
-
-    of the errors of `Deviations.errors`. Each channel is taken by itself: a reading with C channels lies in all its
-    sets less often than in each.
-    """
-    if method == "sigma":
-        if not 0 < factor < np.inf:
-            raise InputError([Problem("option factor", f"has no meaning: {factor!r}", "give a number > 0")])
-        return factor * deviations.sigma
-    if method == "extreme":
-        return np.asarray(np.max(np.abs(deviations.errors), axis=0))
-    if method == "tolerance":
-        return np.array([tolerance_half_width(column, coverage, confidence) for column in deviations.errors.T])
-    remedy = "give one of 'sigma', 'extreme', 'tolerance'"
-    raise InputError([Problem("option method", f"has no meaning: {method!r}", remedy)])
-
-
-def _gaps(count: int, coverage: float, confidence: float) -> int:
-    """The most gaps that may be left out; by bisection, as the confidence falls with each."""
-    needed = readings_needed(coverage, confidence)
-    if count < needed:
-        what = f"{count} readings are too few for coverage {coverage:g} with confidence {confidence:g}"
-        raise InputError([Problem("readings", what, f"give at least {needed}, or ask for less")])
-    good, bad = 1, count + 1
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        good, bad = (middle, bad) if confidence_of(count, middle, coverage) >= confidence else (good, middle)
-    return good
-
-
-def _check(coverage: float, confidence: float) -> None:
-    for name, value in (("coverage", coverage), ("confidence", confidence)):
-        if not 0 < value < 1:
-            what = f"has no meaning: {value!r}"
-            raise InputError([Problem(f"option {name}", what, "give a number between 0 and 1")])
-
-
-def _sample(values: npt.ArrayLike) -> Floats:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or not np.isfinite(array).all():
-        what = f"have the shape {array.shape}, or hold a number that is not finite"
-        raise InputError([Problem("readings", what, "give finite numbers, (N,)")])
-    return array
-
-
-# ------------------------------------------------------------------------------------------------------------------
 # From repeated measurements to a campaign of their means, with reading sets taken from their scatter.
 #
 # The centres are means of a configuration's readings: positions and leg readings as they are, rotations by
@@ -265,96 +148,66 @@ Of = Literal["single", "mean"]
 
 def averaged(
     campaign: Campaign,
-    method: Method = "sigma",
     *,
     of: Of = "single",
     factor: float = 3.0,
-    coverage: float = 0.95,
-    confidence: float = 0.95,
-    keep: npt.ArrayLike | None = None,
     sigma: npt.ArrayLike | None = None,
     shared: npt.ArrayLike | None = None,
 ) -> Campaign:
     """One measurement for each pose of the campaign: means over its runs, in the order of the poses' first readings.
 
-    method, factor, coverage, confidence   as of `half_widths`
-    of      whose half-widths: of "single" readings, or of the "mean" (method "sigma" only: nothing distribution-free is
-            known of means that is not known of single readings)
-    keep    (N,) which measurements to use, as of `Screening.keep`; left out: all
-    sigma   (6 + n,) standard deviations of a reading's channels, mm and rad, in place of those of the repeats (method
-            "sigma" only); then nothing need be repeated
-    shared  (N, 6) standard deviations of an error of the poses that all measurements share, mm and rad (method "sigma"
-            only): repeats neither show it nor make it smaller, so it enters in full, whichever half-widths are asked
+    of      whose half-widths: of "single" readings, or of the "mean"
+    factor  of the standard deviations (the paper's 3: 99.7 % of normal errors)
+    sigma   (6 + n,) standard deviations of a reading's channels, mm and rad, in place of those of the repeats; then
+            nothing need be repeated
+    shared  (N, 6) standard deviations of an error of the poses that all measurements share, mm and rad: repeats neither
+            show it nor make it smaller, so it enters in full, whichever half-widths are asked
 
     The new campaign's `run` is "mean", and its provenance says how it was made. Raises InputError when nothing is
     repeated, or for options without a meaning.
     """
     if of not in ("single", "mean"):
         raise InputError([Problem("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")])
-    if of == "mean" and method != "sigma":
-        what = f"'mean' has no meaning with method {method!r}"
-        raise InputError([Problem("option of", what, 'use method="sigma", or half-widths of "single" readings')])
-    used = campaign if keep is None else kept(campaign, keep)
-    if sigma is None:
-        widths = half_widths(campaign_deviations(used), method, factor=factor, coverage=coverage, confidence=confidence)
-    else:
-        widths = factor * _sigmas(sigma, method, campaign.legs)
-    group, names = grouped(used.pose, repeated=sigma is None)
-    repeats = np.bincount(group)
-    shrink = np.sqrt(repeats[:, None]) if of == "mean" else np.ones((len(names), 1))
-    radii = widths / shrink
+    if not 0 < factor < np.inf:
+        raise InputError([Problem("option factor", f"has no meaning: {factor!r}", "give a number > 0")])
+    given = None if sigma is None else _deviations("sigma", sigma, (6 + campaign.legs,))
+    group, names = grouped(campaign.pose, repeated=given is None)
+    widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
+    if of == "mean":
+        widths /= np.sqrt(np.bincount(group))[:, None]
+    said = f"{len(group)} readings of {len(names)} configurations; half-widths of "
+    said += f"{'single readings' if of == 'single' else 'the means'}: {factor:g} standard deviations"
     if shared is not None:
-        radii[:, :6] = np.hypot(radii[:, :6], factor * _shared(shared, method, campaign, keep, group))
-    said = _said((len(group), len(names)), method, of, factor, coverage, confidence)
-    said += "" if shared is None else "; errors of camera and target that all images share are counted in full"
+        square = group_means(_deviations("shared", shared, (len(campaign), 6)) ** 2, group, len(names))
+        widths[:, :6] = np.hypot(widths[:, :6], factor * np.sqrt(square))
+        said += "; errors of camera and target that all images share are counted in full"
+    largest = widths.max(axis=0) / factor  # what holds for all rows
     return Campaign.of(
         campaign.robot,
-        group_means(used.position, group, len(names)),
-        mean_rotations(used.quaternion, group, len(names)),
-        group_means(used.length, group, len(names)),
+        group_means(campaign.position, group, len(names)),
+        mean_rotations(campaign.quaternion, group, len(names)),
+        group_means(campaign.length, group, len(names)),
         pose=names,
         run=["mean"] * len(names),
-        uncertainty=_declared(radii.max(axis=0), factor if method == "sigma" else None),
-        position_radius=radii[:, :3],
-        rotation_radius=radii[:, 3:6],
-        length_radius=radii[:, 6:],
+        uncertainty=Uncertainty(largest[:3], largest[3:6], largest[6:], factor),
+        position_radius=widths[:, :3],
+        rotation_radius=widths[:, 3:6],
+        length_radius=widths[:, 6:],
         provenance={**campaign.provenance, "averaged": said},
     )
 
 
-def _declared(widths: Floats, factor: float | None) -> Uncertainty:
-    """What holds for all rows: the largest half-widths, as standard deviations when they are multiples of such."""
-    values = widths if factor is None else widths / factor
-    return Uncertainty(values[:3], values[3:6], values[6:], factor)
-
-
-def _sigmas(sigma: npt.ArrayLike, method: Method, legs: int) -> Floats:
-    values = np.asarray(sigma, dtype=np.float64)
-    if method != "sigma" or values.shape != (6 + legs,) or not (np.isfinite(values) & (values >= 0.0)).all():
-        what = f"has the shape {values.shape}, with method {method!r}"
-        raise InputError([Problem("option sigma", what, f'give {6 + legs} numbers >= 0, with method="sigma"')])
-    return values
-
-
-def _shared(
-    shared: npt.ArrayLike, method: Method, campaign: Campaign, keep: npt.ArrayLike | None, group: Ints
-) -> Floats:
-    """(K, 6) of each configuration: the root mean square of its rows'."""
-    values = np.asarray(shared, dtype=np.float64)
-    if method != "sigma" or values.shape != (len(campaign), 6) or not (np.isfinite(values) & (values >= 0.0)).all():
-        what = f"has the shape {values.shape}, with method {method!r}"
-        raise InputError([Problem("option shared", what, f'give ({len(campaign)}, 6) >= 0, with method="sigma"')])
-    used = values if keep is None else values[np.asarray(keep)]
-    return np.asarray(np.sqrt(group_means(used**2, group, int(group.max()) + 1)))
+def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape or not (np.isfinite(array) & (array >= 0.0)).all():
+        what = f"has the shape {array.shape}, or a number that is no standard deviation"
+        raise InputError([Problem(f"option {name}", what, f"give {shape} numbers >= 0")])
+    return array
 
 
 def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
     """The measurements with a true value in `keep` (N,), declared exact: half-widths come from the scatter."""
-    mask = np.asarray(keep)
-    if mask.shape != (len(campaign),) or mask.dtype != np.bool_:
-        what = f"has the shape {mask.shape} and the type {mask.dtype}"
-        raise InputError([Problem("option keep", what, f"give {len(campaign)} truth values")])
-    rows = np.flatnonzero(mask).tolist()
+    rows = np.flatnonzero(np.asarray(keep)).tolist()
     return Campaign.of(
         campaign.robot,
         campaign.position[rows],
@@ -364,16 +217,6 @@ def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         run=[campaign.run[k] for k in rows],
         exact=True,
     )
-
-
-def _said(counts: tuple[int, int], method: Method, of: Of, factor: float, coverage: float, confidence: float) -> str:
-    sets = {
-        "sigma": f"{factor:g} standard deviations",
-        "extreme": "the largest error seen",
-        "tolerance": f"{coverage:g} of the errors with confidence {confidence:g}, from order statistics",
-    }[method]
-    whose = "single readings" if of == "single" else "the means"
-    return f"{counts[0]} readings of {counts[1]} configurations; half-widths of {whose}: {sets}"
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -395,13 +238,12 @@ _LARGE = 64  # readings from which the group's median is as good as the centre
 
 @dataclass(frozen=True, eq=False)
 class Screening:
-    """Scores (N, C) in robust standard deviations, and the readings with one beyond the threshold.
+    """Scores (N, C) in robust standard deviations, and the readings with one beyond `THRESHOLD`.
 
     channels   C names; untested: those where more than half of the readings agree exactly, whose MAD is zero
     rows       numbers of the outlying readings, from 0; names: what they are called
     """
 
-    threshold: float
     channels: tuple[str, ...]
     scores: Floats
     rows: tuple[int, ...]
@@ -428,7 +270,7 @@ class Screening:
     @property
     def sentence(self) -> str:
         """How many, which, in which channel most."""
-        beyond = f"beyond {self.threshold:g} robust standard deviations of their configuration's median"
+        beyond = f"beyond {THRESHOLD:g} robust standard deviations of their configuration's median"
         if not self.rows:
             said = f"None of {len(self.scores)} readings is {beyond}."
         else:
@@ -447,44 +289,30 @@ class Screening:
         return said
 
 
-def screen(deviations: Deviations, threshold: float = THRESHOLD) -> Screening:
-    """Which readings lie beyond `threshold` robust standard deviations in some channel.
+def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
+    """Which readings lie beyond 5 robust standard deviations in some channel; `values` (N, C) in place of `scores`.
 
-    At 5, chance alone names one of about 1.7 million normal readings; fewer than half of a configuration's readings,
-    and of a channel's, must be wrong.
+    Chance alone names one of about 1.7 million normal readings; fewer than half of a configuration's readings, and of a
+    channel's, must be wrong.
     """
-    if not 0 < threshold < np.inf:
-        raise InputError(
-            [Problem("option threshold", f"has no meaning: {threshold!r}", "give a number > 0, such as 5")]
-        )
-    return beyond(deviations, scores(deviations), threshold)
+    found = scores(deviations) if values is None else values
+    silent: Bools = np.asarray(np.isnan(found).all(axis=0))
+    known = np.where(np.isnan(found), 0.0, found)
+    rows = np.flatnonzero((np.abs(known) > THRESHOLD).any(axis=1)).tolist()
+    untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
+    names = tuple(deviations.row_names[row] for row in rows)
+    return Screening(deviations.channels, known, tuple(rows), names, untested)
 
 
 def scores(deviations: Deviations) -> Floats:
     """(N, C) distances from the medians in robust standard deviations; nan in channels that cannot be tested."""
-    distance = _from_medians(deviations)
+    distance = np.empty_like(deviations.values)
+    for rows in np.split(np.argsort(deviations.group, kind="stable"), np.cumsum(deviations.repeats)[:-1]):
+        distance[rows] = deviations.values[rows] - np.median(deviations.values[rows], axis=0)
     usual = np.array([_usual_distance(int(r)) for r in deviations.repeats])[deviations.group]
     several = usual > 0
     scale = np.median(np.abs(distance[several]) / usual[several, None], axis=0)
     return np.asarray(distance / np.where(scale > 0, scale, np.nan))
-
-
-def beyond(deviations: Deviations, values: Floats, threshold: float) -> Screening:
-    """The readings with a score (N, C) beyond the threshold."""
-    silent: Bools = np.asarray(np.isnan(values).all(axis=0))
-    known = np.where(np.isnan(values), 0.0, values)
-    rows = np.flatnonzero((np.abs(known) > threshold).any(axis=1)).tolist()
-    names = tuple(deviations.row_names[row] for row in rows)
-    untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
-    return Screening(threshold, deviations.channels, known, tuple(rows), names, untested)
-
-
-def _from_medians(deviations: Deviations) -> Floats:
-    """(N, C) readings less their configuration's median."""
-    distance = np.empty_like(deviations.values)
-    for rows in np.split(np.argsort(deviations.group, kind="stable"), np.cumsum(deviations.repeats)[:-1]):
-        distance[rows] = deviations.values[rows] - np.median(deviations.values[rows], axis=0)
-    return distance
 
 
 @lru_cache(maxsize=_LARGE)
@@ -506,31 +334,24 @@ def _usual_distance(repeats: int) -> float:
 
 LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
 _SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
-_DAGOSTINO_MIN = 20
 
 
 @dataclass(frozen=True)
 class ChannelStatistics:
-    """Of one channel, in its own unit; p-values are nan where a test does not apply.
+    """Of one channel, in its own unit.
 
     sigma       standard deviation of one reading (tables 2 and 3)
     extreme     largest error
-    skewness, kurtosis    of the errors; 0 and 0 (excess) for a normal distribution
-    dagostino   p-value of D'Agostino and Pearson's test: skewness and kurtosis of a normal distribution. Not used: far
-                out its law is not chi-square, and of normal samples of 704 readings 3.5 times as many as should have p
-                below 0.00015, where the words' level lies
-    shapiro     p-value of Shapiro and Wilk's, by which the words go (0.8 times as many); of every second, third, ...
-                reading where there are more than 5000
-    tests       how many tests the p-values are among: the words take it into account (Bonferroni)
+    shapiro     p-value of Shapiro and Wilk's test for normality, of every second, third, ... reading where there are
+                more than 5000; nan where it does not apply. (D'Agostino and Pearson's law is not chi-square far out,
+                where the words' level lies.)
+    tests       how many tests the p-value is among: the words take it into account (Bonferroni)
     """
 
     name: str
     readings: int
     sigma: float
     extreme: float
-    skewness: float
-    kurtosis: float
-    dagostino: float
     shapiro: float
     tests: int = 1
 
@@ -548,26 +369,13 @@ class ChannelStatistics:
 
 def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[ChannelStatistics, ...]:
     """Statistics of every channel, or of the chosen ones."""
-    columns = list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))
-    return tuple(_described(name, float(sigma), errors) for name, sigma, errors in columns[chosen])
-
-
-def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
-    count, scatters = len(errors), sigma > 0.0
-    thinned = errors[:: -(-count // _SHAPIRO_MAX)]
-
-    def tested(statistic: Callable[[], Any], applies: bool = True) -> float:
-        return float(statistic()) if scatters and applies else math.nan
-
-    return ChannelStatistics(
-        name=name,
-        readings=count,
-        sigma=sigma,
-        extreme=float(np.max(np.abs(errors))),
-        skewness=tested(lambda: stats.skew(errors)),
-        kurtosis=tested(lambda: stats.kurtosis(errors)),
-        dagostino=tested(lambda: stats.normaltest(errors).pvalue, count >= _DAGOSTINO_MIN),
-        shapiro=tested(lambda: stats.shapiro(thinned).pvalue, count >= 3),
-    )
+    out = []
+    for name, sigma, errors in list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))[
+        chosen
+    ]:
+        thinned = errors[:: -(-len(errors) // _SHAPIRO_MAX)]
+        shapiro = float(stats.shapiro(thinned).pvalue) if sigma > 0.0 and len(errors) >= 3 else math.nan
+        out.append(ChannelStatistics(name, len(errors), float(sigma), float(np.max(np.abs(errors))), shapiro))
+    return tuple(out)

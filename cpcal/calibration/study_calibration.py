@@ -8,24 +8,27 @@ was measured stays as the camera gave it, and so does the shape of its reading s
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from cpcal.calibration.alignment import Alignment, SharedError, aligned
+from cpcal.calibration.alignment import Alignment, SharedError, aligned, on_drawing, on_drawing_errors
+from cpcal.calibration.budget import Budget
 from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
 from cpcal.calibration.fit import Fit, fit
 from cpcal.calibration.frames import FrameCalibration, calibrate_frames, redefined
-from cpcal.calibration.leg_equations import Noise
 from cpcal.calibration.repeatability import Repeatability, RepeatTests, repeat_tests, repeatability
 from cpcal.calibration.statistics import (
-    THRESHOLD,
     ChannelStatistics,
     Deviations,
     Of,
     Screening,
     averaged,
-    beyond,
     campaign_deviations,
     describe,
     group_means,
@@ -35,9 +38,11 @@ from cpcal.calibration.statistics import (
     scores,
     screen,
 )
-from cpcal.calibration.validation import PosePerformance, Validation, pose_performance, validate
-from cpcal.common.values import Bools, Floats, Ints
-from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, forward_poses
+from cpcal.calibration.validation import Validation, validate
+from cpcal.common.values import Floats, Ints
+from cpcal.files import campaign_sha256
+from cpcal.files.codec import load, save
+from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -53,8 +58,7 @@ class StudyRows:
     runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
                 images count as runs; all_runs: with the outliers
     run_names   the runs of those
-    run_shared      (N, 6) of those, and all_shared of all rows: deviations of the errors that all images share, mm and
-                    rad; None where there are none
+    run_shared  (N, 6) of those: deviations of the errors that all images share, mm and rad; None where there are none
     """
 
     all: Campaign
@@ -64,13 +68,6 @@ class StudyRows:
     all_runs: Campaign
     run_names: tuple[str, ...]
     run_shared: Floats | None
-    all_shared: Floats | None
-
-    @property
-    def screened(self) -> Screening:
-        """The screening of a table that has one."""
-        assert self.screening is not None  # a table without repeats has no statistics, and was refused
-        return self.screening
 
     @property
     def repeats(self) -> Ints:
@@ -82,56 +79,28 @@ class StudyRows:
         parts = {name: replace(getattr(self, name), robot=robot) for name in ("all", "good", "runs", "all_runs")}
         return replace(self, **parts)
 
-    def single_sigma(self, repeats: Repeatability) -> Floats:
-        """(6 + n,) standard deviations of single rows, less what the robot itself adds, mm and rad."""
-        rows = np.concatenate([campaign_deviations(self.good).sigma[:6], repeats.total[6:]])
-        own = rows**2 - (repeats.total**2 - repeats.noise_sigma**2)
-        return np.asarray(np.sqrt(np.maximum(own, repeats.noise_sigma**2)))
-
 
 def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
     """The rows of a table, screened for outliers where poses are repeated."""
     rows = as_campaign(table, robot)
-    found = _screened(rows, table)
-    keep = np.ones(len(rows), dtype=np.bool_) if found is None else found.keep
+    has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
+    runs = np.array(table.run if has_runs else rows.run)
+    every, _ = _run_means(rows, runs)
+    screening = None
+    if len(set(table.pose)) < len(table):
+        spread = campaign_deviations(rows)
+        if table.image is None or not has_runs:
+            screening = screen(spread)
+        else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
+            legs = scores(campaign_deviations(every))[_by_run(rows, runs)][:, 6:]
+            screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
+    keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
     good = kept(rows, keep)
-    runs = np.array(table.run if _has_runs(table) else rows.run)
-    means, names = _run_means(good, tuple(runs[keep].tolist()))
-    every = means if keep.all() else _run_means(rows, tuple(runs.tolist()))[0]
-    return StudyRows(
-        all=rows,
-        screening=found,
-        good=good,
-        runs=means,
-        all_runs=every,
-        run_names=names,
-        run_shared=None if table.shared is None else _run_shared(table.shared[keep], good, tuple(runs[keep].tolist())),
-        all_shared=table.shared,
-    )
-
-
-def _run_shared(shared: Floats, rows: Campaign, runs: tuple[str, ...]) -> Floats:
-    """Root mean squares over the images of each run: a mean of images has all of what they share."""
-    group, _ = grouped(list(zip(rows.pose, runs, strict=True)), repeated=False)
-    return np.asarray(np.sqrt(group_means(shared**2, group, int(group.max()) + 1)))
-
-
-def _screened(rows: Campaign, table: PoseTable) -> Screening | None:
-    """Poses row by row; leg readings run by run, as all images of a run hold the same ones."""
-    if len(set(table.pose)) == len(table):
-        return None
-    spread = campaign_deviations(rows)
-    if table.image is None or not _has_runs(table):
-        return screen(spread)
-    means, _ = _run_means(rows, table.run)
-    run = grouped(list(zip(table.pose, table.run, strict=True)), repeated=False)[0]
-    legs = scores(campaign_deviations(means))[run, 6:]
-    return beyond(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1), THRESHOLD)
-
-
-def _has_runs(table: PoseTable) -> bool:
-    """Whether some pose has a second run."""
-    return len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
+    means, names = _run_means(good, runs[keep])
+    shared = None
+    if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
+        shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(names)))
+    return StudyRows(rows, screening, good, means, every if not keep.all() else means, names, shared)
 
 
 def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
@@ -142,72 +111,308 @@ def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
     )
 
 
-def _run_means(rows: Campaign, runs: tuple[str, ...]) -> tuple[Campaign, tuple[str, ...]]:
-    keys = list(zip(rows.pose, runs, strict=True))
-    group, _ = grouped(keys, repeated=False)
+def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
+    """(N,) which pose and run each row is of, in the order of their first rows."""
+    return grouped(list(zip(rows.pose, runs.tolist(), strict=True)), repeated=False)[0]
+
+
+def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tuple[str, ...]]:
+    group = _by_run(rows, runs)
     first = np.unique(group, return_index=True)[1]
+    names = tuple(runs[first].tolist())
     if len(first) == len(rows):
-        return rows, runs
-    names = tuple(runs[k] for k in first)
+        return rows, names
     means = Campaign.of(
         rows.robot,
         group_means(rows.position, group, len(first)),
         mean_rotations(rows.quaternion, group, len(first)),
         group_means(rows.length, group, len(first)),
         pose=[rows.pose[k] for k in first],
-        run=list(names),
+        run=names,
         exact=True,
     )
     return means, names
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a study's classical calibration found, as plain values: what `calibration.json` holds and reports show.
+#
+# Lengths in mm, angles in rad. Joint centres, base and mobile, are in the frames of camera and target, where the
+# campaign beside the record has them.
+
+Numbers = tuple[float, ...]
+Rows = tuple[Numbers, ...]
+
+_BINS = 31  # of a histogram
+_REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Errors of repeats counted in bins of equal width from -reach to reach; the outermost hold what is beyond."""
+
+    reach: float
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of the repeats (tables 2 and 3, figures 3 and 4), outliers left out: `unit` is "mm" or "rad".
+
+    noise      standard deviation of a run by the noise of camera or sensors alone
+    with_outliers  the standard deviation with them
+    """
+
+    unit: str
+    statistics: ChannelStatistics
+    histogram: Histogram
+    noise: float
+    with_outliers: float
+
+
+@dataclass(frozen=True)
+class ReadingSets:
+    """Half-widths of `factor` standard deviations `of` the "mean" of the repeats about which a set is, or of "single"
+    readings; `shared`: whether errors that all images share are in them."""
+
+    factor: float
+    of: str
+    shared: bool
+
+    @property
+    def sentence(self) -> str:
+        whose = (
+            "of the mean of its repeats, about which they are"
+            if self.of == "mean"
+            else "of a single reading, though they are about the mean of its repeats (the paper's choice)"
+        )
+        shared = " and by the errors that all images share" if self.shared else ""
+        return (
+            f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors{shared}."
+        )
+
+
+@dataclass(frozen=True)
+class RepeatRecord:
+    """What the repeats of the calibration poses say.
+
+    readings         before outliers were left out; `left_out` names these
+    equation_sigma   (n,) mm: scatter of g between repeats
+    robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
+    scatter          whose scatter it is, in words
+    tests            drift, play
+    shared           of the poses' errors, by camera and target; None where the study states none
+    """
+
+    readings: int
+    configurations: int
+    screening: str
+    left_out: tuple[str, ...]
+    channels: tuple[Channel, ...]
+    equation_sigma: Numbers
+    robot_sigma: Numbers
+    scatter: str
+    tests: RepeatTests
+    shared: SharedError | None
+
+
+@dataclass(frozen=True)
+class FittedFrame:
+    """A frame in another: position (mm), quaternion, and standard deviations (6,) of position and rotation vector.
+
+    sigma          of the frame that the robot's own joint centres define, errors that all images share included
+    drawing_sigma  of the drawing's, from which those centres deviate by `drawing_error` mm a coordinate; 95 % of it
+                   takes the `coverage_factor`
+    """
+
+    position: Numbers
+    quaternion: Numbers
+    sigma: Numbers
+    drawing_sigma: Numbers
+    drawing_error: float
+    coverage_factor: float
+
+    def sentence(self, name: str) -> str:
+        own, drawn = max(self.sigma[:3]), max(self.drawing_sigma[:3])
+        return (
+            f"{name}: the calibrated joint centres are {self.drawing_error:.2g} mm a coordinate off the "
+            f"drawing's; the frame that they define is known to U = {2.0 * own:.2g} mm (k = 2), the drawing's to "
+            f"{self.coverage_factor * drawn:.2g} mm (k = {self.coverage_factor:.2g}, 95 %)."
+        )
+
+
+@dataclass(frozen=True)
+class FittedFrames:
+    """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
+    root mean squares of the components, mm and rad."""
+
+    method: str
+    camera_in_base: FittedFrame
+    target_in_mobile: FittedFrame
+    position_residual: float
+    rotation_residual: float
+    unit_weight: float
+    remarks: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
+        said = (
+            f"Frames by the method of {self.method.capitalize()}, refined, to start with: the two ways to the target "
+            f"differ by {self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
+            "component (rms), which holds the drawing's errors and the legs' imperfections too."
+        )
+        both = self.camera_in_base.sentence("Camera in base"), self.target_in_mobile.sentence("Target in mobile")
+        return " ".join([said, *self.remarks, *both])
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """A fit: parameters and standard errors (n, 7), mm, and what it says of itself. An error is inf where unknown.
+
+    drawn, drawn_errors  the same laid on the drawing, in its frames
+    source     what the errors are from: "noise" or "residuals"
+    explained  whether the noise explains the residuals: if not, no error knows what the model lacks
+    """
+
+    values: Rows
+    standard_errors: Rows
+    drawn: Rows
+    drawn_errors: Rows
+    converged: bool
+    source: str
+    explained: bool
+    sentence: str
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what is not seven finite numbers a leg, each with its error."""
+        parts = (self.values, self.standard_errors, self.drawn, self.drawn_errors)
+        if any(len(part) != len(self.values) or any(len(row) != 7 for row in part) for part in parts):
+            raise ValueError("a fit is not seven numbers a leg, each with its standard error")
+        if not all(math.isfinite(value) for row in (*self.values, *self.drawn) for value in row):
+            raise ValueError("a fit is not finite")
+
+    @classmethod
+    def of(cls, fit: Fit, drawing: Robot) -> Parameters:
+        return cls(
+            values=_rows(fit.parameters),
+            standard_errors=_rows(fit.standard_errors),
+            drawn=_rows(on_drawing(fit.parameters, drawing)),
+            drawn_errors=_rows(on_drawing_errors(fit.parameters, fit.covariance, drawing)),
+            converged=fit.converged,
+            source=fit.source,
+            explained=fit.explained,
+            sentence=fit.sentence,
+        )
+
+
+@dataclass(frozen=True)
+class ValidationRecord:
+    """Pose errors (table 6, figure 5) with x_c and x_c_sigma; with_outliers: with x_c, outliers kept; None where there
+    are none. `left_out` names these, `screening` says how they were told."""
+
+    screening: str
+    left_out: tuple[str, ...]
+    x_c: Validation
+    x_c_sigma: Validation
+    with_outliers: Validation | None
+
+
+@dataclass(frozen=True)
+class CalibrationRecord:
+    """The calibration of a study.
+
+    drawing          (n, 7) nominal parameters in the drawing's own frames; the campaign's robot has them moved
+    campaign_sha256  of the campaign that the fits are of; check_sha256 of the one that they were validated with
+    budget           uncertainty budget (GUM), where it was asked for
+    """
+
+    robot: str
+    drawing: Rows
+    campaign_sha256: str
+    check_sha256: str
+    sets: ReadingSets
+    repeats: RepeatRecord
+    frames: FittedFrames
+    x_c: Parameters
+    x_c_sigma: Parameters
+    validation: ValidationRecord
+    diagnosis: Diagnosis
+    budget: Budget | None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError when the parts are not of the same number of legs."""
+        legs = len(self.drawing)
+        if not legs or any(len(row) != 7 for row in self.drawing):
+            raise ValueError("the drawing is not seven numbers a leg")
+        if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
+            raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
+
+    @property
+    def sentences(self) -> Iterator[str]:
+        """What the steps say of themselves, in their order."""
+        repeats, check = self.repeats, self.validation
+        yield repeats.screening
+        yield from (channel.statistics.sentence() for channel in repeats.channels)
+        yield repeats.scatter
+        if repeats.shared is not None:
+            yield repeats.shared.sentence
+        yield from repeats.tests.sentences
+        yield from (self.sets.sentence, self.frames.sentence)
+        yield from (f"x_c: {self.x_c.sentence}", f"x_c_sigma: {self.x_c_sigma.sentence}")
+        yield f"Validation poses: {check.screening}"
+        yield f"Validation of x_c: {check.x_c.sentence}"
+        yield f"Validation of x_c_sigma: {check.x_c_sigma.sentence}"
+        if check.with_outliers is not None:
+            yield f"Validation of x_c with the outliers: {check.with_outliers.sentence}"
+        if self.budget is not None:
+            yield from self.budget.sentences
+        yield self.diagnosis.sentence
+
+
+FORMAT = "cpcal-calibration/6"
+RECORD_NAME = "calibration.json"
+
+
+def save_record(record: CalibrationRecord, folder: str | os.PathLike[str]) -> Path:
+    """Write `calibration.json` into `folder` (made if missing), all or nothing; its path. Raises InputError."""
+    return save(record, Path(folder) / RECORD_NAME, FORMAT)
+
+
+def load_record(folder: str | os.PathLike[str]) -> CalibrationRecord:
+    """Read `calibration.json` in `folder`. Raises InputError."""
+    remedy = "name a folder that cpcal calibrate wrote, or run it again"
+    return load(CalibrationRecord, Path(folder) / RECORD_NAME, FORMAT, remedy=remedy)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The steps.
 
 
 @dataclass(frozen=True, eq=False)
 class StudyCalibration:
     """What a study's classical calibration found.
 
-    screening, check_screening    outliers among calibration and validation rows, left out of all that follows; the
-                  second is None where validation poses were measured once
-    spreads       the calibration rows' deviations from their configurations' means without outliers, of the pose and of
-                  the leg readings, which are the same for all images of a run
-    statistics    of the calibration poses' repeats, channel by channel (tables 2 and 3, figures 3 and 4)
-    statistics_all    the same with the outliers
-    repeats       whose scatter that is: camera's, sensors', robot's
-    shared        deviations of the part of a pose's error that camera and target make in all images alike; None where
-                  the study states none
-    tests         drift, play
-    diagnosis     which mechanism is named, of repeats and of the means of calibration and validation poses together
-    frames        camera in base, target in mobile, from pairs of poses: where the fits start
-    base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
+    drawing       the study's robot
     campaign      one measurement a configuration: means; reading sets of `factor` standard deviations
     check         the same of the validation poses
+    repeats       whose scatter the repeats show: camera's, sensors', robot's
+    frames        camera in base, target in mobile, from pairs of poses: where the fits start
+    base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
     x_c, x_c_sigma        least squares of g: plain, and weighted by the noise of the means, all legs together
-    x_c_f         plain least squares of the paper's f
-    validation, validation_sigma    pose errors with x_c and x_c_sigma, against the drawing's (table 6, figure 5)
-    validation_all    that of x_c with the validation's outliers; None where there are none
-    performance   AP and RP of the validation poses (ISO 9283) with x_c_sigma; None where some have one run only
+    record        all of it as plain values, with statistics, validation and diagnosis
     """
 
-    screening: Screening
-    check_screening: Screening | None
-    spreads: tuple[Deviations, Deviations]
-    statistics: tuple[ChannelStatistics, ...]
-    statistics_all: tuple[ChannelStatistics, ...]
+    drawing: Robot
+    campaign: Campaign
+    check: Campaign
     repeats: Repeatability
-    shared: SharedError | None
-    tests: RepeatTests
-    diagnosis: Diagnosis
     frames: FrameCalibration
     base_frame: Alignment
     mobile_frame: Alignment
-    campaign: Campaign
-    check: Campaign
     x_c: Fit
     x_c_sigma: Fit
-    x_c_f: Fit
-    validation: Validation
-    validation_sigma: Validation
-    validation_all: Validation | None
-    performance: PosePerformance | None
+    record: CalibrationRecord
 
 
 def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
@@ -219,76 +424,116 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     Raises InputError for data that do not determine what is asked, KinematicsError where the drawing cannot reach the
     leg readings.
     """
-    rows, check_rows = study_rows(study.calibration, study.robot), study_rows(study.validation, study.robot)
-    frames = _frames(rows.good, study.robot, method)
-    robot = redefined(study.robot, frames.camera_in_base, frames.target_in_mobile)
+    drawing = study.robot
+    rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
+    means = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
+    drawn = forward_kinematics(drawing, means.length, central_pose(drawing, means.length.mean(axis=0)))
+    frames = calibrate_frames(drawn, Pose(means.position, means.quaternion), method=method)
+    robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
-    repeats = repeatability(rows.runs)
-    spreads = campaign_deviations(rows.good), repeats.spread
-    statistics = _described(*spreads)
-    tests, statistics = repeat_tests(repeats, rows.run_names, statistics)
-    sigma = repeats.noise_sigma if of == "mean" else rows.single_sigma(repeats)
+    repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
+    sigma = repeats.noise_sigma
+    if of == "single":  # of a row, less what the robot itself adds
+        single = np.concatenate([of_rows.sigma[:6], repeats.total[6:]])
+        own = single**2 - (repeats.total**2 - repeats.noise_sigma**2)
+        sigma = np.sqrt(np.maximum(own, repeats.noise_sigma**2))
     campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
     noise, check_noise = repeats.noise(rows.repeats), repeats.noise(check_rows.repeats)
-    x_c = fit(campaign, noise=noise)
-    x_c_sigma = fit(campaign, weights="joint", noise=noise)
-    base, mobile = laid_on_drawing(x_c_sigma, study.robot)
-    return StudyCalibration(
-        screening=rows.screened,
-        check_screening=check_rows.screening,
-        spreads=spreads,
-        statistics=statistics,
-        statistics_all=statistics
-        if rows.screened.keep.all()
-        else _described(*map(campaign_deviations, (rows.all, rows.all_runs))),
-        repeats=repeats,
-        shared=None if rows.run_shared is None else SharedError.of(rows.run_shared, rows.runs.position),
-        tests=tests,
-        diagnosis=diagnosis(Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, tests),
-        frames=frames,
-        base_frame=base,
-        mobile_frame=mobile,
-        campaign=campaign,
-        check=check,
-        x_c=x_c,
-        x_c_sigma=x_c_sigma,
-        x_c_f=fit(campaign, form="f", noise=noise),
-        validation=validate(check, x_c.parameters, forward, noise=check_noise),
-        validation_sigma=validate(check, x_c_sigma.parameters, forward, noise=check_noise),
-        validation_all=_with_outliers(check_rows, x_c, check_noise, repeats.noise_sigma),
-        performance=pose_performance(check_rows.runs, robot.parameters, x_c_sigma.parameters, forward),
+    x_c, x_c_sigma = fit(campaign, noise=noise), fit(campaign, weighted=True, noise=noise)
+    base, mobile = (_aligned(x_c_sigma, part, drawn) for part, drawn in ((0, drawing.base), (3, drawing.mobile)))
+    repeat_record = _repeats(rows, of_rows, repeats)
+    shared, outliers = repeat_record.shared, check_rows.screening
+    with_outliers = None
+    if outliers is not None and not outliers.keep.all():
+        every = averaged(check_rows.all, of="mean", sigma=repeats.noise_sigma)
+        with_outliers = validate(every, x_c.parameters, noise=check_noise)
+    record = CalibrationRecord(
+        robot=drawing.name,
+        drawing=_rows(drawing.parameters),
+        campaign_sha256=campaign_sha256(campaign),
+        check_sha256=campaign_sha256(check),
+        sets=ReadingSets(factor, of, shared is not None),
+        repeats=repeat_record,
+        frames=FittedFrames(
+            method=frames.method,
+            camera_in_base=_frame(base, np.zeros(6) if shared is None else shared.camera_in_base),
+            target_in_mobile=_frame(mobile, np.zeros(6) if shared is None else shared.target_in_mobile),
+            position_residual=float(np.sqrt(np.mean(frames.position_residual**2))),
+            rotation_residual=float(np.sqrt(np.mean(frames.rotation_residual**2))),
+            unit_weight=frames.unit_weight,
+            remarks=frames.remarks,
+        ),
+        x_c=Parameters.of(x_c, drawing),
+        x_c_sigma=Parameters.of(x_c_sigma, drawing),
+        validation=ValidationRecord(
+            "measured once each, so that nothing tells outliers." if outliers is None else outliers.sentence,
+            () if outliers is None else outliers.left_out,
+            validate(check, x_c.parameters, noise=check_noise),
+            validate(check, x_c_sigma.parameters, noise=check_noise),
+            with_outliers,
+        ),
+        diagnosis=diagnosis(
+            Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, repeat_record.tests
+        ),
+        budget=None,
+    )
+    return StudyCalibration(drawing, campaign, check, repeats, frames, base, mobile, x_c, x_c_sigma, record)
+
+
+def _aligned(fit: Fit, first: int, drawn: Floats) -> Alignment:
+    """The frame of the drawing's joint centres, from the fitted ones that begin with that parameter."""
+    x, covariance = fit.parameters, fit.covariance
+    blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
+    part = slice(first, first + 3)
+    return aligned(x[:, part], drawn, blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x)))
+
+
+def _frame(found: Alignment, shared: Floats) -> FittedFrame:
+    return FittedFrame(
+        position=_numbers(found.motion.position),
+        quaternion=_numbers(found.motion.quaternion),
+        sigma=_numbers(np.hypot(found.sigma, shared)),
+        drawing_sigma=_numbers(np.hypot(found.drawing_sigma, shared)),
+        drawing_error=found.drawing_error,
+        coverage_factor=found.coverage_factor,
     )
 
 
-def laid_on_drawing(fit: Fit, drawing: Robot) -> tuple[Alignment, Alignment]:
-    """The frames of the drawing's base and mobile joint centres, from the fitted ones. Raises InputError."""
-    x, covariance = fit.parameters, fit.covariance
-    covariance = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
-    parts = ((slice(0, 3), drawing.base), (slice(3, 6), drawing.mobile))
-    size = 3 * len(x)
-    base, mobile = (aligned(x[:, k], drawn, covariance[:, k, :, k].reshape(size, size)) for k, drawn in parts)
-    return base, mobile
+def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> RepeatRecord:
+    """The pose's channels are of rows, those of the legs of runs: all images of a run hold the same readings."""
+    screening = rows.screening
+    assert screening is not None  # a table without repeats has no statistics, and was refused
+    statistics = (*describe(of_rows, slice(6)), *describe(repeats.spread, slice(6, None)))
+    tests, statistics = repeat_tests(repeats, rows.run_names, statistics)
+    with_outliers = np.array([one.sigma for one in statistics])
+    if not screening.keep.all():
+        every = campaign_deviations(rows.all).sigma[:6], campaign_deviations(rows.all_runs).sigma[6:]
+        with_outliers = np.concatenate(every)
+    channels = []
+    for k, channel in enumerate(statistics):
+        errors = (of_rows if k < 6 else repeats.spread).errors[:, k]
+        reach = _REACH * channel.sigma or 1.0  # a channel without any scatter: one bin has it all
+        counts, _ = np.histogram(np.clip(errors, -reach, reach), bins=_BINS, range=(-reach, reach))
+        unit, histogram = "rad" if 3 <= k < 6 else "mm", Histogram(reach, tuple(counts.tolist()))
+        channels.append(Channel(unit, channel, histogram, float(repeats.noise_sigma[k]), float(with_outliers[k])))
+    return RepeatRecord(
+        readings=len(rows.all),
+        configurations=len(of_rows.names),
+        screening=screening.sentence,
+        left_out=screening.left_out,
+        channels=tuple(channels),
+        equation_sigma=_numbers(repeats.equation_sigma),
+        robot_sigma=_numbers(repeats.robot_sigma),
+        scatter=repeats.sentence,
+        tests=tests,
+        shared=None if rows.run_shared is None else SharedError.of(rows.run_shared, rows.runs.position),
+    )
 
 
-def _described(poses: Deviations, legs: Deviations) -> tuple[ChannelStatistics, ...]:
-    return (*describe(poses, slice(6)), *describe(legs, slice(6, None)))
+def _rows(values: Floats) -> Rows:
+    return tuple(tuple(row) for row in values.tolist())
 
 
-def _frames(rows: Campaign, drawing: Robot, method: str) -> FrameCalibration:
-    """From the drawing's forward kinematics of the mean readings, against the mean poses."""
-    means = averaged(rows)
-    drawn = forward_kinematics(drawing, means.length, central_pose(drawing, means.length.mean(axis=0)))
-    return calibrate_frames(drawn, Pose(means.position, means.quaternion), method=method)
-
-
-def _with_outliers(rows: StudyRows, x_c: Fit, noise: Noise, sigma: Floats) -> Validation | None:
-    if rows.screening is None or rows.screening.keep.all():
-        return None
-    return validate(averaged(rows.all, of="mean", sigma=sigma), x_c.parameters, forward, noise=noise)
-
-
-def forward(parameters: Floats, lengths: Floats, guess: Pose) -> tuple[Floats, Floats, Bools]:
-    """Forward kinematics of any parameters (n, 7), as `validate` asks for it."""
-    found = forward_poses(Robot.from_parameters("", parameters), lengths, guess)
-    return found.pose.position, found.pose.quaternion, found.converged
+def _numbers(values: Floats) -> Numbers:
+    return tuple(map(float, values))

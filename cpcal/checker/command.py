@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, ROBUST_NAME, RUN_WORK, WORK
+from .files import POSE_SET_SUFFIX, ROBUST_NAME, WORK
 from .refusal import Refused, Unusable
 from .run import check_run
 
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
         if (given.target / ROBUST_NAME).is_file():
             return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
-            return _run(given.target, given.work or RUN_WORK)
+            return _run(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
         return PROVED
     except Refused as reason:
@@ -80,7 +80,7 @@ def _robust(folder: Path, work: int) -> int:
 def _pose_sets(target: Path, work: int) -> int:
     from .pose_claim import check_pose_set, check_pose_sets
 
-    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or RUN_WORK)]
+    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or WORK)]
     for one in found:
         radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
         print(f"{one.name}: {f'REFUSED: {one.refused}' if one.refused else f'PROVED: {radii}, {one.digest[:16]}'}")

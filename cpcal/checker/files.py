@@ -15,7 +15,8 @@ from .readers import shown
 from .refusal import Refused, Unusable
 
 WORK = 100_000_000  # of one certificate, or of a robust claim: see docs/certificate-format.md, "Limits"
-RUN_WORK = 240_000_000  # of all legs of a run, or of all pose sets of a folder
+RUN_WORK = 100_000_000  # of all legs of a run of up to 1,000 measurements: 10 s
+_A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond
 ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
@@ -147,6 +148,11 @@ class Members:
             except UnicodeDecodeError as error:
                 raise Refused(f"is not UTF-8: {shown(error)}") from None
             self._at = 0
+
+
+def leg_work(legs: int, measurements: int) -> int:
+    """What the check of each of so many legs of a run may cost."""
+    return RUN_WORK // max(legs, 1) + _A_MEASUREMENT * max(0, measurements - 1_000)
 
 
 class Budget:

@@ -96,6 +96,8 @@ def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], Degree]:
             signs = [(leg.way or 1) * ENDS[leg.signs[j]][0] if not part else ENDS[leg.signs[j]][1] for leg in legs]
             own = zip(signs, widths[j::7], strict=True)
             columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in own])
+    if eased(legs[0].model, reads):
+        columns += [[width >> 1 for width in widths[j::7]] for j in range(3, 6)]
     return columns, (given.power, unit)
 
 
@@ -146,6 +148,11 @@ def held_legs(legs: Sequence[LegConstraint], sides: tuple[str, ...]) -> Iterator
         yield all(at.get(side, 0) <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
 
 
+def eased(model: str, reads: int) -> bool:
+    """Whether rows are eased by what the rotation's half-widths allow: see `_constraint`."""
+    return model == "linear" and reads == 2
+
+
 def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
     return leg_formula(legs[0].model, legs[0].x.moves, legs[0].reads, names)
 
@@ -171,9 +178,8 @@ class LegFormula(NamedTuple):
 def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u if the box `moves`, that is, has a width; `reads`: 0 exactly, 1 one reading, 2 sets, in y."""
     n = 8 + len(EXTRA[model])
-    box = n * (1 + moves)
-    shared = [False] * 9 + [True] * box + [False] * (READINGS * reads)
-    program = Program([0] * 4 + [1] * (5 + box + READINGS * reads), shared)
+    box, own = n * (1 + moves), READINGS * reads + 3 * eased(model, reads)
+    program = Program([0] * 4 + [1] * (5 + box + own), [False] * 9 + [True] * box + [False] * own)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
     x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)] if moves else centers
@@ -181,7 +187,8 @@ def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> 
     reading = [next(given) for _ in range(READINGS)] if reads else [nothing] * READINGS
     if reads == 2:
         reading = [at + next(given).moved(1 << FIELD * j) for j, at in enumerate(reading)]
-    found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading)
+    widest = list(given)
+    found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading, widest)
     parts = [found.part(name) for name in names]
     program.highest = max(p.degree[0] for p in parts), max(p.degree[1] for p in parts)
     places = [part.places() for part in parts]
@@ -198,14 +205,16 @@ class _Constraint(NamedTuple):
     at_most: Traced
     length: Traced
     eps: Traced
+    upper: Traced | None = None  # where these rows are not those of the bounds squared
+    lower: Traced | None = None
 
     def part(self, name: str) -> Traced:
         """A row, or one of the fields."""
         body, factor, low, high = self[:4]
         if name == "upper":
-            return body - factor * (high * high)
+            return body - factor * (high * high) if self.upper is None else self.upper
         if name == "lower":
-            return factor * (low * low) - body
+            return factor * (low * low) - body if self.lower is None else self.lower
         if name == "sign":
             return high.times(-1)
         found: Traced = body.times(-1) if name == "body" else getattr(self, name)
@@ -213,7 +222,12 @@ class _Constraint(NamedTuple):
 
 
 def _constraint(
-    model: str, one: Traced, m: tuple[Quaternion, Quaternion, Traced, Traced], x: Sequence[Traced], y: Sequence[Traced]
+    model: str,
+    one: Traced,
+    m: tuple[Quaternion, Quaternion, Traced, Traced],
+    x: Sequence[Traced],
+    y: Sequence[Traced],
+    widest: Sequence[Traced],
 ) -> _Constraint:
     """See docs/certificate-format.md, "A leg as constraints", for every name here."""
     position, quaternion, reading, shortest = m
@@ -229,7 +243,7 @@ def _constraint(
     if model == "lateral":
         square = square - x[7]
     body = kappa * square + along.times(2)
-    read, factor, wide = reading + y[6], kappa, eps
+    read, factor, wide, upper, lower = reading + y[6], kappa, eps, None, None
     length = read + offset
     if model in ("gain", "linear"):
         length = length + x[7] * read
@@ -239,9 +253,17 @@ def _constraint(
         moved = _cross(s, quaternion[1:])
         vector = [quaternion[1 + i] + s[i] * quaternion[0] + moved[i] for i in _AXES]
         of_rotation = (scalar * _dot(x[11:14], vector)).times(2)
-        length = kappa * (length + of_position) + of_rotation
+        length = length + of_position
+        if widest:  # divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
+            low, high, of_square = length - eps, length + eps, of_rotation * of_rotation
+            parts = norm * kappa, (norm * along).times(2), (norm * of_rotation).times(2)
+            upper = parts[0] * (square - high * high) + parts[1] - parts[2] * high - of_square
+            less = one - _total([c * c for c in widest])
+            parts = parts[0] * less.unit, parts[1] * less.unit, parts[2] * less.unit  # in the degree of what is added
+            lower = parts[0] * (low * low - square) - parts[1] + parts[2] * low + less * of_square
+        length = kappa * length + of_rotation
         body, wide, factor = kappa * body, kappa * eps, one
-    return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, eps.times(-1))
+    return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, eps.times(-1), upper, lower)
 
 
 def _total(parts: Sequence[Traced]) -> Traced:

@@ -15,7 +15,7 @@ from typing import Any
 from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
 from .certificate import check_lines
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, RUN_WORK, Budget, Lines, content, opened, parsed
+from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, opened, parsed
 from .header import stated_problem
 from .lens import View
 from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
@@ -71,7 +71,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work or max(RUN_WORK, _IMAGE_WORK * len(claims)))
+    budget = Budget(work or max(WORK, _IMAGE_WORK * len(claims)))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
@@ -80,7 +80,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     return found
 
 
-def check_pose_set(path: Path, *, work: int | Budget = RUN_WORK) -> PoseSetChecked:
+def check_pose_set(path: Path, *, work: int | Budget = WORK) -> PoseSetChecked:
     """What is proved by one claim and the certificates beside it. Raises Unusable where it cannot be read.
 
     `work`: what it may cost, or what is left for a folder.

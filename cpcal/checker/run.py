@@ -12,7 +12,7 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import RUN_WORK, Budget, content, parsed
+from .files import Budget, content, leg_work, parsed
 from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
@@ -37,16 +37,16 @@ class LegChecked:
     ranges: Accepted | None = None  # of the parameters at a tolerance
 
 
-def check_run(folder: Path, *, work: int = RUN_WORK) -> list[LegChecked]:
+def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
     """What is proved of every leg of the run.
 
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
-    `work`: what the check may cost; each leg has the same part of it, so that no leg depends on another.
+    `work`: what the check may cost (0: `leg_work`); each leg has the same part, so that no leg depends on another.
     """
     return [check_leg() for check_leg in leg_checks(folder, work=work)]
 
 
-def leg_checks(folder: Path, *, work: int = RUN_WORK) -> list[Callable[[], LegChecked]]:
+def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]:
     """The run as a whole is checked; what is given checks each of its legs. Raises as `check_run`."""
     if not folder.is_dir():
         raise Unusable(f"{shown(folder.name)} is no folder")
@@ -62,7 +62,8 @@ def leg_checks(folder: Path, *, work: int = RUN_WORK) -> list[Callable[[], LegCh
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
-        certificates = Certificates(folder, campaign, work // max(len(legs), 1))
+        work = work // max(len(legs), 1) or leg_work(len(legs), len(campaign))
+        certificates = Certificates(folder, campaign, work)
         return [partial(_checked, replace(certificates), result, leg) for leg in legs]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":

@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
-from cpcal.cli.options import Status, Talk, check_target, output_path, talking
+from cpcal.cli.options import Status, Talk, answer, check_target, output
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
-from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
 from cpcal.questions import load_result
 from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
@@ -29,24 +28,19 @@ class Controller(StrEnum):
     PROVED = "proved"
 
 
-@talking
-def accuracy_of(
+def accuracy(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify wrote, with all six legs.")],
     folder: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            parser=output_path,
-            help="Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.",
-        ),
+        Path, output("DIR", "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.")
     ],
     workspace: Annotated[
         str | None,
         typer.Option(metavar="BOX", help="x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0)."),
     ] = None,
     poses: Annotated[Path | None, typer.Option(metavar="CSV", help="Poses: pose,x,y,z,qw,qx,qy,qz.")] = None,
+    count: Annotated[
+        int, typer.Option("--next", metavar="N", min=0, help="Poses to measure next, by each of two rules.")
+    ] = 4,
     model_error: Annotated[
         str | None,
         typer.Option(
@@ -61,11 +55,11 @@ def accuracy_of(
     cells: Annotated[int, typer.Option(help="Of the workspace, at most.")] = 600,
     *,
     talk: Talk,
-) -> None:
+) -> Status:
     """How far off can the platform of a certified RUN be, at given poses or anywhere in a workspace?
 
     Bounds are proved under one assumption, which is printed first: how large the model error is at poses that nobody
-    measured.
+    measured. It also says which poses to measure next: those where the certified sets leave most open (estimates).
     """
     if workspace is None and poses is None:
         raise InputError([Problem("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")])
@@ -73,13 +67,14 @@ def accuracy_of(
     named = None if poses is None else NamedPoses(*load_poses(poses))
     check_target(folder, ACCURACY)
     _check(run)
-    campaign = load_campaign_json(run)
+    campaign, result = load_campaign_json(run), load_result(run)
     error = None if model_error is None else _numbers(model_error)
     known = None if validation is None else load_campaign(validation)
-    with answers_into(folder, ACCURACY, campaign) as draft:
-        found = certify_accuracy(
+
+    def find(draft: Path) -> Accuracy:
+        return certify_accuracy(
             campaign,
-            load_result(run),
+            result,
             poses=named,
             workspace=space,
             model_error=error,
@@ -87,14 +82,24 @@ def accuracy_of(
             validation=known,
             gap=gap,
             cells=cells,
+            next_poses=count,
             certificates=draft,
             tell=talk.progress(),
         )
+
+    def write(found: Accuracy, draft: Path) -> None:
         save_accuracy(found, draft)
         write_accuracy(found, draft)
-    _show(talk.out, found)
-    talk.say(f"Page: {folder / ACCURACY_PAGE}")
-    raise typer.Exit(_status(found))
+
+    def show(found: Accuracy, failure: InputError | None) -> None:
+        talk.say(assumption(found), *sentences(found))
+        if failure is None:
+            talk.say(f"Page: {folder / ACCURACY_PAGE}")
+
+    found = answer(folder, ACCURACY, find, write, show, campaign)
+    over = found.workspace
+    lost = found.refuted or any(not pose.proved for pose in found.poses) or (over is not None and over.left_out)
+    return Status.UNKNOWN if lost else Status.ANSWERED
 
 
 def _check(run: Path) -> None:
@@ -116,15 +121,3 @@ def _numbers(text: str) -> float | tuple[float, ...]:
             [Problem("option --model-error", what, "give one, or one for each leg: 0.2,0.3,...")]
         ) from None
     return values[0] if len(values) == 1 else values
-
-
-def _show(console: Console, found: Accuracy) -> None:
-    for text in (assumption(found), *sentences(found)):
-        console.print(text, soft_wrap=not console.is_terminal)
-
-
-def _status(found: Accuracy) -> Status:
-    """Answered where something is proved of every pose and every cell."""
-    over = found.workspace
-    lost = bool(found.refuted) or any(not pose.proved for pose in found.poses)
-    return Status.UNKNOWN if lost or (over is not None and bool(over.left_out)) else Status.ANSWERED

@@ -10,7 +10,6 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from functools import wraps
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Annotated, Any, NamedTuple
@@ -18,18 +17,10 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.options import (
-    CHECK_STATUS_HELP,
-    HAND_EYE_STATUS_HELP,
-    IMPORT_STATUS_HELP,
-    SOLVE_STATUS_HELP,
-    STATUS_HELP,
-    VERIFY_STATUS_HELP,
-    Status,
-)
+from cpcal.cli.options import Status, command
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
-from cpcal.solver.execution.stopping import Reason, Stopped, raising
+from cpcal.solver.execution.stopping import Reason, Stopped
 
 # ------------------------------------------------------------------------------------------------------------------
 # How errors leave the program: one message on stderr and an exit status; never a traceback.
@@ -108,85 +99,128 @@ def _give_up_stdout() -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The typer application: its verbs, --version, and how errors leave it.
+# The table of verbs. A verb is imported when it is asked for.
+
+_ENDS = (
+    "**2** unusable input (one message lists every problem), **3** an internal error (please report it), **130** "
+    "interrupted by Ctrl-C or **143** terminated by SIGTERM, with what was proved until then written and printed."
+)
+_CERTIFIED = (
+    "every leg answered, or with --tolerance every leg passes",
+    "some leg undecided (a limit came first, or the search ended at the second-order effect of the readings, or where "
+    "contractors end), or with --tolerance some leg that does not pass",
+)
 
 
 class Verb(NamedTuple):
-    """Where the function of a verb is, and a command that it can be tried with."""
+    """Where the function of a verb is, a command that it can be tried with, and what exit statuses 0 and 1 mean."""
 
     module: str
     function: str
     example: str
-    statuses: str | None = None
+    statuses: tuple[str, str] | None = None
+    hidden: bool = False
 
     @property
     def epilog(self) -> str:
-        return "\n\n".join(filter(None, (f"Example: `cpcal {self.example}`", self.statuses)))
+        said = (
+            ()
+            if self.statuses is None
+            else (f"Exit status: **0** {self.statuses[0]}, **1** {self.statuses[1]}, {_ENDS}",)
+        )
+        return "\n\n".join((f"Example: `cpcal {self.example}`", *said))
 
     @property
     def summary(self) -> str:
         """Its docstring, read and not imported: to load all verbs for a list of them would take a second or two."""
-        spec: Any = find_spec(self.module)
+        spec: Any = find_spec(f"cpcal.cli.{self.module}")
         functions = (node for node in ast.parse(spec.loader.get_data(spec.origin)).body)
         own = next(node for node in functions if isinstance(node, ast.FunctionDef) and node.name == self.function)
         return ast.get_docstring(own) or ""
 
 
 VERBS = {
-    "robot": Verb("cpcal.cli.campaign", "robot", "robot list"),
+    "demo": Verb("demo", "demo", "demo -o demo", _CERTIFIED),
+    "robot": Verb("campaign", "robot", "robot list"),
     "import": Verb(
-        "cpcal.cli.campaign", "import_log", "import log.csv --robot deltalab -o campaign", IMPORT_STATUS_HELP
+        "campaign",
+        "import_log",
+        "import log.csv --robot deltalab -o campaign",
+        ("the campaign was written (or looks right, with --preview)", "nothing was written: the data look mixed up"),
     ),
-    "check": Verb("cpcal.cli.campaign", "check", "check campaign", CHECK_STATUS_HELP),
-    "certify": Verb("cpcal.cli.certify", "certify", "certify campaign -o run --tolerance 0.5", STATUS_HELP),
-    "accuracy": Verb(
-        "cpcal.cli.accuracy", "accuracy_of", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"
+    "simulate": Verb("campaign", "simulate", "simulate deltalab -o campaign --joint-error 1"),
+    "check": Verb(
+        "campaign",
+        "check",
+        "check campaign",
+        ("nothing looks wrong", "something is to be looked at (each with a sentence)"),
     ),
-    "compare": Verb(
-        "cpcal.cli.certify", "compare_models", "compare campaign -o models --tolerance 0.5 --legs 1", STATUS_HELP
+    "calibrate": Verb("calibrate", "calibrate", "calibrate study -o calibrated"),
+    "certify": Verb("certify", "certify", "certify campaign -o run --tolerance 0.5", _CERTIFIED),
+    "accuracy": Verb("accuracy", "accuracy", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
+    "verify": Verb("verify", "verify", "verify run", ("every certificate proved", "one refused")),
+    "report": Verb("report", "report", "report run"),
+    "export": Verb("report", "export", "export run --format toml -o parameters.toml"),
+    "handeye study": Verb("handeye", "study", "handeye study --simulate 20 -o study"),
+    "handeye certify": Verb(
+        "handeye",
+        "certify",
+        "handeye certify study -o run --tolerance 1",
+        (
+            "the bracket is closed, or with --tolerance the tolerance is met",
+            "the bracket is open, or with --tolerance it is not met or undecided",
+        ),
     ),
-    "solve": Verb("cpcal.cli.solve", "solve", "solve kin1.bch -o kin1.json", SOLVE_STATUS_HELP),
-    "simulate": Verb("cpcal.cli.campaign", "simulate", "simulate deltalab -o campaign --joint-error 1"),
-    "camera": Verb("cpcal.cli.image", "camera", "camera head_camera.yaml -o camera.toml"),
-    "target": Verb("cpcal.cli.image", "target", "target -o target.toml"),
-    "detect": Verb(
-        "cpcal.cli.image", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
+    "handeye legs": Verb("handeye", "legs", "handeye legs run --frames frames"),
+    "image target": Verb("image", "target", "image target -o target.toml"),
+    "image camera": Verb("image", "camera", "image camera head_camera.yaml -o camera.toml"),
+    "image detect": Verb(
+        "image", "detect", "image detect images --target target.toml --camera camera.toml -o poses.csv"
     ),
-    "pose-sets": Verb(
-        "cpcal.cli.image", "pose_sets", "pose-sets images --target target.toml --camera camera.toml -o sets"
+    "image sets": Verb("image", "sets", "image sets images --target target.toml --camera camera.toml -o sets"),
+    "solve": Verb(
+        "solve",
+        "solve",
+        "solve kin1.bch -o kin1.json",
+        (
+            "complete (that there is no solution is an answer too)",
+            "a limit came first, or the certificate does not hold all of the answer",
+        ),
     ),
-    "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
-    "demo": Verb("cpcal.cli.demo", "demo", "demo -o demo", STATUS_HELP),
-    "robust": Verb("cpcal.cli.certify", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
-    "handeye": Verb("cpcal.cli.handeye", "hand_eye", "handeye study -o run --tolerance 1", HAND_EYE_STATUS_HELP),
-    "handeye-wrong": Verb("cpcal.cli.handeye", "wrong_images", "handeye-wrong study -o wrong --outliers 1"),
-    "handeye-next": Verb("cpcal.cli.handeye", "hand_eye_next", "handeye-next study --poses reachable.csv"),
-    "handeye-legs": Verb("cpcal.cli.handeye", "hand_eye_legs", "handeye-legs run --frames frames"),
-    "handeye-study": Verb("cpcal.cli.handeye", "hand_eye_study", "handeye-study --simulate 20 -o study"),
-    "export": Verb("cpcal.cli.report", "export", "export run --format toml -o parameters.toml"),
-    "report": Verb("cpcal.cli.report", "report", "report run"),
-    "plugins": Verb("cpcal.cli.solve", "plugins", "plugins"),
-    "verify": Verb("cpcal.cli.verify", "verify", "verify run", VERIFY_STATUS_HELP),
+    "plugins": Verb("solve", "plugins", "plugins", hidden=True),
+}
+GROUPS = {
+    "handeye": "Robot-world hand-eye calibration: a study, how accurate its frames can be, legs in these frames.",
+    "image": "From images to poses: a target, a camera, poses in images, boxes of poses that are proved.",
 }
 
 
 class _Verbs(TyperGroup):
     """Imports a verb when it is asked for. Whatever is raised leaves as one message and a status: see `leaving`."""
 
-    def __init__(self, **attributes: Any) -> None:
+    def __init__(self, group: str = "", **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = {name: TyperCommand(name) for name in VERBS}  # stand-ins: their names are all that is asked for
+        begins = f"{group} " if group else ""
+        names = [name.removeprefix(begins) for name in VERBS if name.startswith(begins)]
+        self.begins, self.names = begins, list(dict.fromkeys(name.split()[0] for name in names))
+        self.commands = {
+            name: TyperCommand(name) for name in self.names
+        }  # stand-ins: their names are all that is asked for
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in VERBS:
+        if cmd_name in GROUPS and not self.begins:
+            attributes = {"no_args_is_help": True, "rich_markup_mode": "markdown"}
+            return _Verbs(cmd_name, name=cmd_name, help=GROUPS[cmd_name], **attributes)
+        name = self.begins + cmd_name
+        if name not in VERBS:
             return None
-        verb = VERBS[cmd_name]
+        verb = VERBS[name]
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-        alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
-        command = typer.main.get_command(alone)
-        command.callback = _interruptible(command.callback)
-        _untyped(command.get_params(ctx))
-        return command
+        function = getattr(import_module(f"cpcal.cli.{verb.module}"), verb.function)
+        alone.command(cmd_name, epilog=verb.epilog)(command(name, function))
+        made = typer.main.get_command(alone)
+        _untyped(made.get_params(ctx))
+        return made
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _untyped(super().get_params(ctx))
@@ -194,7 +228,7 @@ class _Verbs(TyperGroup):
     def format_help(self, ctx: Any, formatter: Any) -> None:
         listed = TyperGroup(
             name=self.name,
-            commands={name: TyperCommand(name, help=verb.summary) for name, verb in VERBS.items()},
+            commands={name: self._listed(name) for name in self.names},
             params=self.get_params(ctx),
             add_help_option=False,  # which is one of them
             help=self.help,
@@ -202,6 +236,12 @@ class _Verbs(TyperGroup):
             rich_markup_mode=self.rich_markup_mode,
         )
         listed.format_help(ctx, formatter)
+
+    def _listed(self, name: str) -> TyperCommand:
+        if name in GROUPS and not self.begins:
+            return TyperCommand(name, help=GROUPS[name])
+        verb = VERBS[self.begins + name]
+        return TyperCommand(name, help=verb.summary, hidden=verb.hidden)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():
@@ -221,17 +261,6 @@ def _untyped(parameters: list[Any]) -> list[Any]:
     return parameters
 
 
-def _interruptible(callback: Any) -> Any:
-    """A verb that tidies up when it is stopped."""
-
-    @wraps(callback)
-    def run(*given: Any, **named: Any) -> Any:
-        with raising():
-            return callback(*given, **named)
-
-    return run
-
-
 app = typer.Typer(
     name="cpcal",
     cls=_Verbs,
@@ -239,7 +268,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
-    epilog=STATUS_HELP,
+    epilog=f"Exit status: **0** done, **1** something is not answered, or refused, {_ENDS}",
 )
 
 

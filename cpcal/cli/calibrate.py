@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
-from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
+from cpcal.calibration import (
+    RECORD_NAME,
+    CalibrationRecord,
+    Inputs,
+    StudyCalibration,
+    budget,
+    calibrate_study,
+    save_record,
+)
 from cpcal.cli.certify import warn
-from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, grouped, talking, unwritable
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, output
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import unwritable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_report
 from cpcal.report.study_report import summary
@@ -60,13 +64,6 @@ class BudgetFlags:
             raise InputError([Problem("option --trials", what, "state one, such as --camera-scale 1e-4")])
         return None
 
-    def made(self, found: StudyCalibration, inputs: Inputs | None) -> tuple[Budget | None, MonteCarlo | None]:
-        """The budget and its check, where they are asked for. Raises InputError."""
-        if inputs is None:
-            return None, None
-        checked = None if self.trials is None else monte_carlo(found, inputs, trials=self.trials)
-        return budget(found, inputs), checked
-
 
 class FrameStart(StrEnum):
     SHAH = "shah"
@@ -81,22 +78,11 @@ class SetOf(StrEnum):
 class FrameName(StrEnum):
     MEASURED = study_report.MEASURED
     DRAWING = study_report.DRAWING
-    CENTROID = study_report.CENTROID
 
 
-@talking
-@grouped(BudgetFlags)
 def calibrate(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for campaign/, validation/ and calibration.json; replaced there.",
-        ),
-    ],
+    folder: Annotated[Path, output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there.")],
     method: Annotated[
         FrameStart, typer.Option(help="How the frames of camera and target are started.")
     ] = FrameStart.SHAH,
@@ -111,10 +97,9 @@ def calibrate(
     frame: Annotated[
         FrameName,
         typer.Option(
-            help="In which the parameters are printed: measured (of camera and target), drawing, or the joint centres' "
-            "own: centroid (the paper's tables 4 and 5)."
+            help="In which the parameters are printed: measured (of camera and target), or laid on the drawing."
         ),
-    ] = FrameName.CENTROID,
+    ] = FrameName.DRAWING,
     *,
     options: BudgetFlags,
     talk: Talk,
@@ -127,15 +112,16 @@ def calibrate(
     if not 0.0 < factor < float("inf"):
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
     inputs = options.checked()
-    check_writable(output)
-    measured = load_study(study)
-    found = calibrate_study(measured, method=method.value, factor=factor, of=of.value)
-    made, simulated = options.made(found, inputs)
-    record = recorded(measured, found, factor=factor, of=of.value, budget=made, monte_carlo=simulated)
+    check_writable(folder)
+    found = calibrate_study(load_study(study), method=method.value, factor=factor, of=of.value)
+    record = found.record
+    if inputs is not None:
+        made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=options.trials)
+        record = replace(record, budget=made)
     warn(found.campaign)
-    write_calibration(found, record, output)
+    write_calibration(found, record, folder)
     show_record(talk, record, frame.value)
-    talk.say(f"Campaign to certify: {output / CAMPAIGN}. All parameters and figures: {output / RECORD_NAME}")
+    talk.say(f"Campaign to certify: {folder / CAMPAIGN}. All parameters and figures: {folder / RECORD_NAME}")
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
@@ -149,42 +135,25 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
+def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DRAWING.value) -> None:
     """A few sentences; with --verbose every table and sentence, parameters in one of `study_report.FRAMES`."""
-    if talk.verbose:
-        _show_everything(talk.out, record, frame)
-    else:
-        for sentence in (*summary(record), "Tables of deviations, parameters and validation: --verbose."):
-            talk.say(printable(sentence))
-
-
-def _show_everything(console: Console, record: CalibrationRecord, frame: str) -> None:
+    if not talk.verbose:
+        talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")
+        return
     fits = {
         "x_c, plain least squares": record.x_c,
-        "x_c of the paper's f, plain least squares": record.x_c_f,
         "x_c_sigma, weighted by the noise of all legs together": record.x_c_sigma,
     }
-    title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
-    console.print(Text(printable(title), style="bold"))
+    title = f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations"
+    talk.say(title, style="bold")
     tables = (
         ("Standard deviations of a leg reading [mm]", study_report.leg_lengths(record, paper_too=False)),
         ("Standard deviations of a pose", study_report.poses(record, paper_too=False)),
         ("Standard deviations in the calibration equations [mm]", study_report.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_report.parameters(record, fit, frame)) for name, fit in fits.items()),
+        *((f"{name} [mm, frame: {frame}]", study_report.parameters(fit, frame)) for name, fit in fits.items()),
         ("Errors of the validation poses", study_report.validation(record)),
-        *study_report.standards(record),
+        *(() if record.budget is None else study_report.budget_tables(record.budget)),
     )
     for heading, content in tables:
-        console.print(Text(heading, style="bold"))
-        console.print(_table(content))
-    for sentence in record.sentences:
-        console.print(printable(sentence), soft_wrap=not console.is_terminal)
-
-
-def _table(content: study_report.TextTable) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, name in enumerate(content.head):
-        table.add_column(name, justify="right" if k else "left", overflow="fold")
-    for row in content.rows:
-        table.add_row(*row)
-    return table
+        talk.table(content.head, content.rows, title=heading)
+    talk.say(*record.sentences)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from pathlib import Path
@@ -10,13 +11,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
-from cpcal.cli.options import Status, check_new, grouped, output_path, terminal, unwritable
-from cpcal.cli.progress import bar
-from cpcal.common.errors import InputError, Problem, Problems, printable
+from cpcal.cli.options import Status, Talk, check_new, output
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
 from cpcal.files import (
@@ -29,22 +26,14 @@ from cpcal.files import (
     save_study,
     settings_template,
 )
-from cpcal.files.settings import STUDY_NAME, study_bytes
 from cpcal.legs import PLAIN
-from cpcal.questions.data_check import DataCheck, check_data, expected, mistake_in
-from cpcal.robot import ROBOTS, Campaign, KnownRobot, Robot, Study, Uncertainty, known_robot, rotation_vector
+from cpcal.questions.data_check import check_data, expected, mistake_in
+from cpcal.robot import ROBOTS, Campaign, KnownRobot, Uncertainty, known_robot, rotation_vector
 from cpcal.robot.campaign import Given, stated_uncertainty
 from cpcal.robot.robot import EXACT_OR_NOT, KINDS
 from cpcal.robot.units import ANGLES, LENGTHS, column_map
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.study_images import RenderedImages, camera_above
-from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import readings_bytes, readings_of
-from cpcal.vision.files.plate_and_camera import save_camera, save_target
-from cpcal.vision.opencv import opencv
-from cpcal.vision.render import Scene
-from cpcal.vision.target import DELTALAB_TARGET
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal robot`: the catalogue of robots, and a campaign.toml to fill in.
@@ -60,26 +49,23 @@ def robot(
     name: Annotated[
         str | None, typer.Argument(metavar="[NAME]", help="A known robot, or what your own is to be called.")
     ] = None,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The file for init, which must not be there yet.")
-    ] = Path("campaign.toml"),
+    file: Annotated[Path, output("FILE", "The file for init, which must not be there yet.")] = Path("campaign.toml"),
     legs: Annotated[int, typer.Option(help="Legs of your own robot.")] = 6,
 ) -> None:
     """List the robots with published dimensions, or write a commented campaign.toml to fill in for a robot.
 
     Example: `cpcal robot init deltalab -o table.toml`, or `cpcal robot init "our crane" --legs 8`
     """
+    talk = Talk()
     if action is Action.LIST:
-        for key, known in ROBOTS.items():
-            typer.echo(printable(f"{key}: {known.robot.name}, {known.robot.legs} legs. {known.source}"))
+        talk.say(*(f"{key}: {one.robot.name}, {one.robot.legs} legs. {one.source}" for key, one in ROBOTS.items()))
         return
     if name is None:
         raise InputError([Problem("robot init", "lacks a name", "name a known robot, or your own")])
-    if os.path.lexists(output):
-        raise InputError([Problem(str(output), "is there already", "choose another file with -o, or remove it")])
-    text = settings_template(name, legs)
-    write_file(output, text)
-    typer.echo(printable(f"{output}: replace every nan, then use it as --robot of `cpcal import`, or as it stands."))
+    if os.path.lexists(file):
+        raise InputError([Problem(str(file), "is there already", "choose another file with -o, or remove it")])
+    write_file(file, settings_template(name, legs))
+    talk.say(f"{file}: replace every nan, then use it as --robot of `cpcal import`, or as it stands.")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -138,33 +124,30 @@ class ImportFlags:
     force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False
 
 
-@grouped(ImportFlags)
 def import_log(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The log: a table as text, in any usual form.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR", parser=output_path, help="Folder for the campaign.")
-    ],
+    folder: Annotated[Path, output("DIR", "Folder for the campaign.")],
     options: ImportFlags,
-) -> None:
+) -> Status:
     """Make a campaign of a log: poses and leg readings in any units, rotation form and separators.
 
     The first rows, and how far the legs are off at the nominal parameters, are shown before anything is written;
     nothing is written when they look mixed up.
     """
-    check_new(output, force=options.force or options.preview)
+    check_new(folder, force=options.force or options.preview)
     log = read_log(file, separator=options.separator, decimal=options.decimal, header=options.header)
     campaign = campaign_of_log(log, _settings(options))
-    console = terminal()
-    mistake = _preview(console, campaign)
-    wrap = not console.is_terminal
+    talk = Talk()
+    mistake = _preview(talk, campaign)
     if mistake is not None and not options.anyway:
-        console.print("Nothing was written. Correct the options, or say --anyway.", soft_wrap=wrap)
-        raise typer.Exit(Status.UNKNOWN)
+        talk.say("Nothing was written. Correct the options, or say --anyway.")
+        return Status.UNKNOWN
     if options.preview:
-        console.print("Nothing was written, as --preview asks for.", soft_wrap=wrap)
-        return
-    save_campaign(campaign, output)
-    console.print(f"{len(campaign):,} measurements in {output}. Next: cpcal check {output}", soft_wrap=wrap)
+        talk.say("Nothing was written, as --preview asks for.")
+    else:
+        save_campaign(campaign, folder)
+        talk.say(f"{len(campaign):,} measurements in {folder}. Next: cpcal check {folder}")
+    return Status.ANSWERED
 
 
 def _settings(options: ImportFlags) -> LogSettings:
@@ -206,34 +189,33 @@ def _uncertainty(legs: int, options: ImportFlags) -> Uncertainty | None:
     return stated_uncertainty(legs, sigmas, options.factor, None)
 
 
-def _preview(console: Console, campaign: Campaign) -> str | None:
+def _preview(talk: Talk, campaign: Campaign) -> str | None:
     """Show the first rows and the residuals at the nominal parameters; the sentence on what looks mixed up."""
     given = Given.of(campaign)
-    wrap = not console.is_terminal
-    console.print(printable(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs"))
-    console.print("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
-    console.print(_rows(campaign, given))
-    off = np.median(given.share * given.nominal, axis=0)
-    listed = ", ".join(about(float(value), 2) for value in off)
-    console.print(f"At the nominal parameters the legs are off by {listed} mm (median of each leg).", soft_wrap=wrap)
+    talk.say(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs")
+    talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
+    shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
+    off = (given.share[some] * given.nominal[some]).max(axis=1)
+    parts = (
+        campaign.position[some],
+        np.degrees(rotation_vector(campaign.quaternion[some])),
+        campaign.length[some, :shown],
+    )
+    numbers = np.column_stack([*parts, off]).tolist()
+    names = campaign.measurement_ids[some]
+    rows = [(name, *(nearest(value, 2) for value in row)) for name, row in zip(names, numbers, strict=True)]
+    head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
+    talk.table(head, rows, left=())
+    talk.say(_off(np.median(given.share * given.nominal, axis=0).tolist()))
     mistake = mistake_in(given, given.typical)
     if mistake is not None:
-        console.print(f"! {mistake}", soft_wrap=wrap)
+        talk.say(f"! {mistake}")
     return mistake
 
 
-def _rows(campaign: Campaign, given: Given) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    shown = min(campaign.legs, 6)
-    legs = [f"L{i}" for i in range(1, shown + 1)]
-    for name in ("pose/run", "x", "y", "z", "rx", "ry", "rz", *legs, "off"):
-        table.add_column(name, justify="right")
-    degrees = np.degrees(rotation_vector(campaign.quaternion[:_PREVIEWED]))
-    off = (given.share[:_PREVIEWED] * given.nominal[:_PREVIEWED]).max(axis=1)
-    for row, name in enumerate(campaign.measurement_ids[:_PREVIEWED]):
-        numbers = [*campaign.position[row], *degrees[row], *campaign.length[row, :shown], off[row]]
-        table.add_row(name, *(nearest(float(value), 2) for value in numbers))
-    return table
+def _off(each: Sequence[float]) -> str:
+    listed = ", ".join(about(value, 2) for value in each)
+    return f"At the nominal parameters the legs are off by {listed} mm (median of each leg)."
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -242,86 +224,32 @@ def _rows(campaign: Campaign, given: Given) -> Table:
 
 def check(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
-) -> None:
+) -> Status:
     """Look for what is wrong with a CAMPAIGN before it is certified: units, orders, frames, odd rows, open parameters.
 
     Says what each leg's parameters can be expected to be known to. Estimates in floating point: nothing is proved.
     """
-    loaded = load_campaign(campaign)
+    loaded, talk = load_campaign(campaign), Talk()
     found = check_data(loaded)
-    show_check(terminal(), loaded, found)
-    raise typer.Exit(Status.ANSWERED if found.good else Status.UNKNOWN)
-
-
-def show_check(console: Console, campaign: Campaign, found: DataCheck) -> None:
-    """The table of legs, and a line for each finding."""
-    wrap = not console.is_terminal
-    console.print(printable(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs"))
-    off = ", ".join(about(value, 2) for value in found.nominal)
-    console.print(f"At the nominal parameters the legs are off by {off} mm (median of each leg).", soft_wrap=wrap)
+    talk.say(f"{loaded.robot.name}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
     if found.legs:
-        console.print(_table(found))
-        console.print(f"Expected: {_meaning(campaign)}", soft_wrap=wrap)
-    for finding in found.findings:
-        console.print(f"! {finding.sentence}", soft_wrap=wrap)
-    if found.good:
-        console.print("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN", soft_wrap=wrap)
-
-
-def _meaning(campaign: Campaign) -> str:
-    if campaign.exact:
-        return "readings are called exact, so only the model error leaves parameters a range."
-    return "mm, by how far the reading sets leave each parameter open if the model is right; runs come out narrower."
-
-
-def _table(found: DataCheck) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for name in ("leg", "rank", "condition", "index O1", *PLAIN.parameters):
-        table.add_column(name, justify="right")
-    for leg in found.legs:
-        indices = leg.observability
-        rank = f"{leg.determination.rank} of {leg.determination.of}"
-        table.add_row(str(leg.leg), rank, about(indices.condition, 2), about(indices.product, 2), *expected(leg))
-    return table
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal simulate`: a campaign, or a whole study, as sensors would deliver it.
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
-
-SCENE = Scene(gradient=(0.25, 0.15))
-IMAGES = "images"
-TARGET_NAME, CAMERA_NAME = "target.toml", "camera.toml"
-TABLES = ("calibration", "validation")
-
-
-def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
-    """A study with exact poses, and for both of its tables the images of them. Raises MissingExtraError."""
-    opencv()  # or nothing is begun
-    seed = options["seed"]
-    exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
-    study = simulate_study(nominal, **exact)
-    tables = zip(TABLES, (study.calibration, study.validation), strict=True)
-    return study, {
-        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed) for name, table in tables
-    }
-
-
-def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -> None:
-    """The study without its tables of poses: `cpcal detect` makes them. Raises InputError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
-            with bar(f"{name}: rendering") as progress:
-                images[name].write(folder / IMAGES / name, progress=progress)
-            (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
-        save_target(DELTALAB_TARGET, folder / TARGET_NAME)
-        save_camera(DELTALAB_CAMERA, folder / CAMERA_NAME)
-        (folder / STUDY_NAME).write_bytes(study_bytes(study))
-    except OSError as error:
-        raise unwritable(folder, error) from None
+        rows = []
+        for leg in found.legs:
+            rank = f"{leg.determination.rank} of {leg.determination.of}"
+            indices = about(leg.condition, 2), about(leg.index, 2)
+            rows.append((str(leg.leg), rank, *indices, *expected(leg)))
+        talk.table(("leg", "rank", "condition", "index O1", *PLAIN.parameters), rows, left=())
+        meaning = (
+            "readings are called exact, so only the model error leaves parameters a range."
+            if loaded.exact
+            else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
+        )
+        talk.say(f"Expected: {meaning}")
+    talk.say(*(f"! {finding.sentence}" for finding in found.findings))
+    if not found.good:
+        return Status.UNKNOWN
+    talk.say("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN")
+    return Status.ANSWERED
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -398,7 +326,7 @@ class StudyFlags:
         _study_flag(
             None,
             "--render",
-            help="Write images instead of poses, for `cpcal detect`, with target.toml, camera.toml and leg readings.",
+            help="Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
         ),
     ] = None
 
@@ -422,79 +350,64 @@ class LegFlags:
     gain: Annotated[float | None, _leg("REL", "Relative error of each length sensor, about mid-stroke.")] = None
 
 
-@dataclass(frozen=True)
-class SimulateFlags(LegFlags, StudyFlags, CampaignFlags, CommonFlags):
-    """All of them."""
-
-    study: Annotated[
-        bool, _study_flag(None, "--study", help="A study: a target seen by a camera, both frames unknown.")
-    ] = False
-    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False
-
-    def given(self, *kinds: type[Any]) -> dict[str, Any]:
-        """The options of these kinds that have a value."""
-        names = (field.name for kind in kinds for field in fields(kind))
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
+def _given(*groups: Any) -> dict[str, Any]:
+    """The options that have a value."""
+    return {f.name: value for one in groups for f in fields(one) if (value := getattr(one, f.name)) is not None}
 
 
-@grouped(SimulateFlags)
 def simulate(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help=f"One of: {', '.join(ROBOTS)}.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for what is simulated.")],
-    options: SimulateFlags,
+    folder: Annotated[Path, output("DIR", "Folder for what is simulated.")],
+    common: CommonFlags,
+    plain: CampaignFlags,
+    study: Annotated[
+        bool, _study_flag(None, "--study", help="A study: a target seen by a camera, both frames unknown.")
+    ] = False,
+    *,
+    of_study: StudyFlags,
+    legs: LegFlags,
+    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False,
 ) -> None:
     """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study.
 
     `cpcal robot list` says where the dimensions of each ROBOT are published.
     """
-    _check(options)
-    check_new(output, force=options.force)
+    strange = _given(plain) if study else _given(of_study, legs)
+    where, remedy = ("with --study", "leave it out") if study else ("without --study", "add --study, or leave it out")
+    if strange:
+        what = f"has no meaning {where}"
+        raise InputError([Problem(f"option --{name.replace('_', '-')}", what, remedy) for name in strange])
+    check_new(folder, force=force)
     nominal = known_robot(robot)
-    rows = _study(nominal, output, options) if options.study else _campaign(nominal, output, options)
-    typer.echo(printable(f"{nominal.robot.name}: {rows} (seed {options.seed}) in {output}"))
+    if study:
+        rows = _study(nominal, folder, {"stroke": nominal.stroke} | _given(common, of_study, legs))
+    else:
+        campaign = simulate_campaign(nominal.robot, **_range(nominal, common), **_given(plain))
+        save_campaign(campaign, folder)
+        rows = f"{len(campaign):,} measurements"
+    Talk().say(f"{nominal.robot.name}: {rows} (seed {common.seed}) in {folder}")
 
 
-def _campaign(nominal: KnownRobot, output: Path, options: SimulateFlags) -> str:
-    """Write a campaign; how many rows it has, in words."""
-    given = _range(nominal, options) | options.given(CommonFlags, CampaignFlags)
-    campaign = simulate_campaign(nominal.robot, **given)
-    save_campaign(campaign, output)
-    return f"{len(campaign):,} measurements"
-
-
-def _range(nominal: KnownRobot, options: SimulateFlags) -> dict[str, Any]:
-    """Where the robot is measured. Raises InputError for a stroke where poses are what is chosen."""
+def _range(nominal: KnownRobot, common: CommonFlags) -> dict[str, Any]:
+    """The common options, and where the robot is measured. Raises InputError for a stroke where poses are chosen."""
     if nominal.workspace is None:
-        return {"stroke": nominal.stroke}
-    if options.stroke is not None:
+        return {"stroke": nominal.stroke} | _given(common)
+    if common.stroke is not None:
         what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
         raise InputError([Problem("option --stroke", what, "leave it out")])
-    return {"workspace": nominal.workspace}
+    return {"workspace": nominal.workspace} | _given(common)
 
 
-def _study(nominal: KnownRobot, output: Path, options: SimulateFlags) -> str:
-    """Write a study, or images of one."""
-    given = {"stroke": nominal.stroke} | options.given(CommonFlags, StudyFlags, LegFlags)
+def _study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
+    """Write a study, or images of one; how many, in words."""
     if given.pop("render", False):
+        from cpcal.cli.image import shot_study, write_shots  # the other verbs here start sooner without
+
         study, shots = shot_study(nominal.robot, given)
-        write_shots(study, shots, output)
+        write_shots(study, shots, folder)
         kind = "images"
     else:
         study = simulate_study(nominal.robot, **given)
-        save_study(study, output)
+        save_study(study, folder)
         kind = "rows"
     return f"{len(study.calibration):,} {kind} for calibration, {len(study.validation):,} for validation"
-
-
-def _check(options: SimulateFlags) -> None:
-    """InputError for each option that was given and belongs to the other kind of simulation."""
-    kinds: tuple[type[object], ...] = (CampaignFlags,) if options.study else (StudyFlags, LegFlags)
-    where, remedy = (
-        ("with --study", "leave it out") if options.study else ("without --study", "add --study, or leave it out")
-    )
-    problems = [
-        Problem(f"option --{name.replace('_', '-')}", f"has no meaning {where}", remedy)
-        for name in options.given(*kinds)
-    ]
-    if problems:
-        raise InputError(problems)

@@ -1,44 +1,42 @@
-"""`cpcal certify`: brackets of legs, of one campaign or many, of several models, or with wrong measurements."""
+"""`cpcal certify`: brackets of legs, of one campaign or many, in several models, or with wrong measurements."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from cpcal.cli.options import (
-    Running,
+    Legs,
     Status,
     Talk,
+    TimeLimit,
     Where,
+    answer,
     check_target,
     check_writable,
-    grouped,
-    output_path,
+    expert,
+    numbers_of,
+    output,
     record,
-    talking,
 )
-from cpcal.cli.progress import bar, watch
+from cpcal.cli.progress import Counted, counted, line
+from cpcal.cli.progress import Legs as LegsProgress
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import COMPARED as FOLDER
-from cpcal.files.run_folder import REPORT_NAME, ROBUST, RUN, answers_into, locked
+from cpcal.files.run_folder import COMPARED, REPORT_NAME, ROBUST, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
 from cpcal.questions import (
-    COMPARED,
     Comparison,
     Entry,
     Explained,
@@ -54,8 +52,7 @@ from cpcal.questions import (
 from cpcal.questions.ask import answered, checked_options
 from cpcal.questions.compare import compared, comparison_question
 from cpcal.questions.outliers import certify_robust
-from cpcal.questions.question import HERE, Checkpoints, Progress, Question
-from cpcal.questions.robust_result import RobustResult
+from cpcal.questions.question import HERE, Checkpoints, Question
 from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
 from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
@@ -80,24 +77,13 @@ from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
 from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.optimize.minimum import Bracket
 
-# ------------------------------------------------------------------------------------------------------------------
-# Campaigns as verbs read them: what looks mixed up is said on stderr before the work begins.
-
-
-def read_campaign(folder: Path) -> Campaign:
-    """The campaign in a folder; see `warn`. Raises InputError."""
-    return warn(load_campaign(folder))
-
 
 def warn(campaign: Campaign) -> Campaign:
-    """Say on stderr what looks wrong with the campaign."""
+    """The campaign; what looks mixed up is said on stderr before the work begins."""
     for sentence in suspicions(campaign):
         typer.echo(printable(f"cpcal: warning: {sentence}"), err=True)
     return campaign
 
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal certify`: the main job. For exit statuses see `cpcal.cli`.
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.
@@ -114,85 +100,59 @@ _MOST_LEGS = 6  # of which each has a line
 _DECIMALS = 4  # of parameters, mm
 
 
-def show_result(
-    console: Console, campaign: Campaign, result: Result, model: LegModel, *, verbose: bool = False
-) -> None:
+def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
     """The answer in ten lines at most, or all of it."""
     title = Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold")
-    verdict = overall(result)
-    if verdict is not None:
+    if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
-        title.append(verdict.word, style=STYLES[verdict.kind])
-    console.print(title, soft_wrap=True)
-    if verbose:
-        _everything(console, campaign, result)
+        title.append(whole.word, style=STYLES[whole.kind])
+    talk.say(title)
+    if talk.verbose:
+        _everything(talk, campaign, result)
     else:
-        _lines(console, campaign, result, model)
-    missing = notices(result, campaign.legs)
-    if missing:
-        console.print(Text(missing, style="bold yellow"))
-    uncertified = uncertified_legs(result)
-    if uncertified is not None:
-        console.print(Text(uncertified, style="bold yellow"), soft_wrap=True)
+        for leg in result.legs[:_MOST_LEGS]:
+            found = advise(campaign, result, leg, model, fitted(campaign, result, leg, model))
+            verdict = verdict_of(result, leg)
+            text = Text(f"Leg {leg.leg}: ").append(short_fit(verdict), style=STYLES[verdict.kind])
+            if found.first:
+                text.append(f"; look at {', '.join(str(k + 1) for k in found.first)}")
+            talk.say(text.append(f"; next: {found.short}"))
+        if (more := len(result.legs) - _MOST_LEGS) > 0:
+            talk.say(f"and {more} more legs, which the report shows")
+        talk.say(SHORT_QUANTIFIER, style="italic")
+    for missing in filter(None, (notices(result, campaign.legs), uncertified_legs(result))):
+        talk.say(missing, style="bold yellow")
 
 
-def _lines(console: Console, campaign: Campaign, result: Result, model: LegModel) -> None:
-    """A line a leg: how well it fits, what to look at first, what to do next."""
-    for leg in result.legs[:_MOST_LEGS]:
-        verdict = verdict_of(result, leg)
-        found = advise(campaign, result, leg, model, fitted(campaign, result, leg, model))
-        line = Text(f"Leg {leg.leg}: ").append(short_fit(verdict), style=STYLES[verdict.kind])
-        if found.first:
-            line.append(f"; look at {', '.join(str(k + 1) for k in found.first)}")
-        console.print(line.append(f"; next: {found.short}"), soft_wrap=not console.is_terminal)
-    more = len(result.legs) - _MOST_LEGS
-    if more > 0:
-        console.print(f"and {more} more legs, which the report shows")
-    console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=not console.is_terminal)
-
-
-def _everything(console: Console, campaign: Campaign, result: Result) -> None:
-    console.print(_table(result))
+def _everything(talk: Talk, campaign: Campaign, result: Result) -> None:
+    content = result_table(result)
+    rows: list[tuple[str | Text, ...]] = [
+        (str(row.leg), Text(row.verdict.word, style=STYLES[row.verdict.kind]), *row.cells) for row in content.rows
+    ]
+    talk.table(content.header, rows, left=(content.header.index("verdict"),))
     for leg in result.legs:
         verdict = verdict_of(result, leg)
-        line = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
-        said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
-        console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
+        sentences = f"{leg_sentence(result, leg)} {center_sentence(result, leg) or ''}".strip()
+        text = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
+        talk.say(text.append(f". {printable(sentences)}"))
         if leg.ranges is not None:
-            console.print(_ranges(campaign, result, leg))
-    console.print(Text(FRAME), soft_wrap=not console.is_terminal)
-    console.print(Text(f"{QUANTIFIER} {LONGER}", style="italic"), soft_wrap=not console.is_terminal)
+            at = bracket_text(leg.ranges.eps, leg.ranges.eps)[0]
+            head = ("parameter", "nominal", "certified", f"at least, at eps {at} mm", "at most")
+            talk.table(head, _ranges(campaign, result, leg))
+    talk.say(FRAME)
+    talk.say(f"{QUANTIFIER} {LONGER}", style="italic")
 
 
-def _table(result: Result) -> Table:
-    content = result_table(result)
-    table = _columns(*content.header, left=("verdict",))
-    for row in content.rows:
-        word = Text(row.verdict.word, style=STYLES[row.verdict.kind])
-        table.add_row(str(row.leg), word, *row.cells)
-    return table
-
-
-def _ranges(campaign: Campaign, result: Result, leg: LegResult) -> Table:
+def _ranges(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[tuple[str, ...]]:
     """The parameters of a leg, with their ranges; units of extra parameters are those of the model."""
     assert leg.ranges is not None
-    at = bracket_text(leg.ranges.eps, leg.ranges.eps)[0]
-    table = _columns("parameter", "nominal", "certified", f"at least, at eps {at} mm", "at most", left=("parameter",))
     nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
     for k, name in enumerate(result.parameters):
         decimals = _DECIMALS if result.model.unit(name) == "mm" else 9
         point = "—" if leg.point is None else nearest(leg.point[k], decimals)
         lo, hi = float(leg.ranges.box.lo[k]), float(leg.ranges.box.hi[k])
         sides = rounded_down(lo, decimals), rounded_up(hi, decimals)
-        table.add_row(f"{name} [{result.model.unit(name)}]", nearest(float(nominal[k]), decimals), point, *sides)
-    return table
-
-
-def _columns(*names: str, left: tuple[str, ...]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for name in names:
-        table.add_column(name, justify="left" if name in left else "right", overflow="fold")
-    return table
+        yield f"{name} [{result.model.unit(name)}]", nearest(float(nominal[k]), decimals), point, *sides
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -204,8 +164,8 @@ def certified_into(
     campaign: Campaign,
     given: Mapping[str, Any],
     *,
+    talk: Talk,
     as_json: bool = False,
-    talk: Talk | None = None,
     checker: bool = True,
     place: Place = HERE,
     resume: bool = False,
@@ -215,59 +175,49 @@ def certified_into(
     `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
     checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
     stays.
-    What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
-    talk = replace(talk or Talk(), quiet=True) if as_json else talk or Talk()
     options, model = checked_options(campaign, **given)
     record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
     kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
     question = Question(campaign=campaign, options=options, model=model, checkpoints=kept, whole=True)
-    result: Result | None = None
-    failure: InputError | None = None
-    try:
-        with answers_into(run, RUN, campaign) as draft:
-            kept.begin()
-            try:
-                result = _watched(question, draft, place, talk)
-            except LostWorkerError as error:
-                result = _kept_until(error, replace(question, certificates=draft))
-            except MemoryError as error:
-                what = (
-                    f"{len(campaign)} measurements need more memory than there is ({str(error) or 'nothing is left'})"
-                )
-                raise MemoryError(
-                    f"{what}; go on with --resume, which keeps what is answered, where there is more"
-                ) from None
-            _check_something(result)
-            save_result(result, draft)
-            write_report(campaign, result, draft, checker=checker)
-    except InputError as error:
-        if result is None:
-            raise
-        failure = error
-    _record(result)
-    if as_json:
-        typer.echo(result_text(result), nl=False)
-    elif not talk.quiet:
-        show_result(talk.out, campaign, result, model, verbose=talk.verbose)
-        if failure is None:
-            talk.say(f"Report: {run / REPORT_NAME}")
-    if failure is not None:
-        if any(kept.folder.glob("*.answer")):
-            said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
-            typer.echo(printable(said), err=True)
-        raise failure
+
+    def find(draft: Path) -> Result:
+        kept.begin()
+        here = replace(question, certificates=draft)
+        try:
+            with line(talk.errors) as shown:
+                result = answered(replace(here, progress=_recorded(LegsProgress(shown))), place)
+        except LostWorkerError as error:
+            result = _kept_until(error, here)
+        except MemoryError as error:
+            what = f"{len(campaign)} measurements need more memory than there is ({str(error) or 'nothing is left'})"
+            remedy = "go on with --resume, which keeps what is answered, where there is more"
+            raise MemoryError(f"{what}; {remedy}") from None
+        return _something(result)
+
+    def show(result: Result, failure: InputError | None) -> None:
+        for leg in result.legs:
+            verdict = verdict_of(result, leg)
+            bounds = {"eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi, "certified": leg.certified, "seconds": leg.seconds}
+            record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
+        if as_json:
+            typer.echo(result_text(result), nl=False)
+        elif not talk.quiet:
+            show_result(talk, campaign, result, model)
+            if failure is None:
+                talk.say(f"Report: {run / REPORT_NAME}")
+        if failure is not None and any(kept.folder.glob("*.answer")):
+            note = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
+            typer.echo(printable(note), err=True)
+
+    def write(result: Result, draft: Path) -> None:
+        save_result(result, draft)
+        write_report(campaign, result, draft, checker=checker)
+
+    result = answer(run, RUN, find, write, show, campaign)
     kept.end_after(result)
     record("written", folder=str(run))
     return result
-
-
-def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Result:
-    """The answers, with ranges and what the report draws. Progress goes to stderr unless `talk` is quiet."""
-    legs = list(question.options.legs or range(1, question.campaign.legs + 1))
-    watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
-    with watching as progress:
-        return answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
 
 
 def _kept_until(lost: LostWorkerError, question: Question) -> Result:
@@ -283,43 +233,36 @@ def _kept_until(lost: LostWorkerError, question: Question) -> Result:
     return result
 
 
-def _check_something(result: Result) -> None:
+def _something(result: Result) -> Result:
     """Raises Stopped for a run that was stopped before there was any answer."""
     if result.interrupted and not result.legs:
         raise Stopped(asked() or Reason.INTERRUPTED)
+    return result
 
 
-def _recorded(progress: Progress | None) -> Progress:
+def _recorded(progress: LegsProgress) -> Any:
     """A callback that also keeps a record of every bracket."""
 
     def tell(leg: int, bracket: Bracket) -> None:
         done = {"nodes": bracket.nodes, "pending": bracket.pending, "rate": bracket.rate, "seconds": bracket.seconds}
         record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, **done)
-        if progress is not None:
-            progress(leg, bracket)
+        progress(leg, bracket)
 
     return tell
 
 
-def _record(result: Result) -> None:
-    for leg in result.legs:
-        verdict = verdict_of(result, leg)
-        bounds = {"eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi, "certified": leg.certified, "seconds": leg.seconds}
-        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
-
-
 def status_of(result: Result) -> Status:
-    """The exit status that tells of a result; what stopped it counts while that is heard."""
+    """The exit status that tells of a result; what stopped it counts while that is heard.
+
+    With a tolerance each leg has to pass; without one, to have an answer.
+    """
     if result.interrupted:
         return Status(asked() or Reason.INTERRUPTED)
-    return Status.ANSWERED if all(_good(result, leg) for leg in result.legs) else Status.UNKNOWN
-
-
-def _good(result: Result, leg: LegResult) -> bool:
-    """With a tolerance: the leg passes; without: it has an answer."""
     if result.options.tolerance is None:
-        return leg.verdict is not Verdict.UNKNOWN
-    return isinstance(verdict_of(result, leg), Explained)
+        good = all(leg.verdict is not Verdict.UNKNOWN for leg in result.legs)
+    else:
+        good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
+    return Status.ANSWERED if good else Status.UNKNOWN
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -354,26 +297,22 @@ class CampaignWork:
 
     def __call__(self, task: CampaignTask) -> CertifiedCampaign:
         """Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into."""
-        with nullcontext() if task.run is None else locked(task.run):
-            return self._certified(task)
-
-    def _certified(self, task: CampaignTask) -> CertifiedCampaign:
         campaign = task.campaign
-        options, model = checked_options(campaign, **self.given)
-        kept = None
-        if task.run is not None:
-            kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
-            kept.begin()
-        with linear_algebra_on_one_thread(), scratch_folder() as folder:
-            question = Question(
-                campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
-            )
-            result = answered(question)
-            if result.interrupted and not result.legs:
-                raise Stopped(asked() or Reason.INTERRUPTED)
-            save_result(result, folder, campaign)
-            write_report(campaign, result, folder, checker=self.checker)
-            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}, kept)
+        with nullcontext() if task.run is None else locked(task.run):
+            options, model = checked_options(campaign, **self.given)
+            kept = None
+            if task.run is not None:
+                kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
+                kept.begin()
+            with linear_algebra_on_one_thread(), scratch_folder() as folder:
+                question = Question(
+                    campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
+                )
+                result = _something(answered(question))
+                save_result(result, folder, campaign)
+                write_report(campaign, result, folder, checker=self.checker)
+                files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+                return CertifiedCampaign(result, files, kept)
 
 
 def certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, talk: Talk) -> Status:
@@ -382,15 +321,20 @@ def certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place
     One that cannot be used stops no other. Where the work resumes those that are answered already stay as they are.
     Raises InputError for two campaigns of one name, and while another run writes into `runs`.
     """
-    names = _names(folders)
-    with locked(runs):
-        return _all_of(dict(zip(names, folders, strict=True)), runs, work, place, talk)
+    names = [folder.resolve().name for folder in folders]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        remedy = "give their folders different names, or certify them into different folders"
+        raise InputError([Problem(name, "is the name of two campaigns", remedy) for name in twice])
+    with locked(runs), counted("campaigns", talk.errors) as progress:
+        rows, failed = _rows_of_all(dict(zip(names, folders, strict=True)), runs, work, place, progress)
+        return _ended(rows, failed, len(names), runs, talk)
 
 
-def _all_of(folders: Mapping[str, Path], runs: Path, work: CampaignWork, place: Place, talk: Talk) -> Status:
+def _rows_of_all(
+    folders: Mapping[str, Path], runs: Path, work: CampaignWork, place: Place, progress: Counted
+) -> tuple[list[CampaignRow], list[str]]:
     rows: list[CampaignRow] = []
     failed: list[str] = []
-    count = len(folders)
     near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
 
     def tasks() -> Iterator[CampaignTask]:
@@ -407,22 +351,30 @@ def _all_of(folders: Mapping[str, Path], runs: Path, work: CampaignWork, place: 
                 rows.append(row_of(name, earlier))
 
     began = time.monotonic()
-    with bar("campaigns", quiet=talk.quiet) as progress:
-        executor, most = place
-        for outcome in _while_reachable(outcomes(executor, most, work, tasks())):
-            try:
-                found = outcome.value
-                put(runs / outcome.task.name, outcome.task.campaign, found)
-                if found.kept is not None:
-                    found.kept.end_after(found.result)
-            except (CpcalError, OSError) as error:
-                _fail(failed, outcome.task.name, error)
-            else:
-                rows.append(row_of(outcome.task.name, found.result))
-                _campaign_record(rows[-1], len(rows) + len(failed), count, began)
-            if progress is not None:
-                progress(len(rows) + len(failed), count)
-    return _ended(rows, failed, count, runs, talk)
+    executor, most = place
+    for outcome in _while_reachable(outcomes(executor, most, work, tasks())):
+        name = outcome.task.name
+        try:
+            found = outcome.value
+            put(runs / name, outcome.task.campaign, found)
+            if found.kept is not None:
+                found.kept.end_after(found.result)
+        except (CpcalError, OSError) as error:
+            _fail(failed, name, error)
+        else:
+            rows.append(row_of(name, found.result))
+            worst, done, spent = rows[-1].worst, len(rows) + len(failed), time.monotonic() - began
+            rate = done / spent if spent > 0.0 else 0.0
+            pace = {
+                "done": done,
+                "of": len(folders),
+                "rate": rate,
+                "left": (len(folders) - done) / rate if rate else None,
+            }
+            bounds = {"eps_lo": worst.eps_lo, "eps_hi": worst.eps_hi, "leg": worst.leg}
+            record("campaign", campaign=name, **bounds, seconds=rows[-1].seconds, **pace)
+        progress(len(rows) + len(failed), len(folders))
+    return rows, failed
 
 
 def _while_reachable(
@@ -434,16 +386,6 @@ def _while_reachable(
     except LostWorkerError as error:
         record("lost", message=str(error))
         typer.echo(f"cpcal: {error}; what is done is kept, and --resume goes on with the others", err=True)
-
-
-def _names(folders: Sequence[Path]) -> list[str]:
-    """Of the runs. Raises InputError for two of one name."""
-    names = [folder.resolve().name for folder in folders]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        remedy = "give their folders different names, or certify them into different folders"
-        raise InputError([Problem(name, "is the name of two campaigns", remedy) for name in twice])
-    return names
 
 
 def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result | None:
@@ -477,29 +419,21 @@ def _fail(failed: list[str], name: str, error: Exception) -> None:
     typer.echo(printable(f"cpcal: {failed[-1]}"), err=True)
 
 
-def _campaign_record(row: CampaignRow, done: int, count: int, began: float) -> None:
-    spent = time.monotonic() - began
-    rate = done / spent if spent > 0.0 else 0.0
-    left = (count - done) / rate if rate > 0.0 else None
-    bounds = {"eps_lo": row.worst.eps_lo, "eps_hi": row.worst.eps_hi, "leg": row.worst.leg}
-    record("campaign", campaign=row.name, **bounds, seconds=row.seconds, done=done, of=count, rate=rate, left=left)
-
-
 def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, talk: Talk) -> Status:
     """Write the summary, print it, and the status of all."""
     reason = asked()
     missing = count - len(rows) - len(failed)
-    interrupted = reason is not None and (missing > 0 or any(row.result.interrupted for row in rows))
     page = write_campaigns(rows, failed, missing, runs)
-    if not talk.quiet:
-        for line in page.lines:
-            typer.echo(printable(line))
-        typer.echo(printable(f"Summary: {page.path}"))
-    if interrupted:
-        return Status(reason or Reason.INTERRUPTED)
+    talk.say(*page.lines, f"Summary: {page.path}")
+    if reason is not None and (missing > 0 or any(row.result.interrupted for row in rows)):
+        return Status(reason)
     if failed or missing:
         return Status.UNUSABLE
     return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The verb.
 
 
 class Center(StrEnum):
@@ -525,127 +459,123 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags(Running):
-    """The options of the command line: those of `cpcal.certify`, and where it runs."""
+class CertifyFlags:
+    """The options of `cpcal.certify`, `compare` and `certify_robust`."""
 
-    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
-    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
-    center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
-    gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None
-    node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes a leg, at most.")] = None
-    contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
-    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
-    eps: Annotated[
-        float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
-    ] = None
     tolerance: Annotated[
         float | None, typer.Option(metavar="MM", help="The error that the legs may have: each passes or fails.")
     ] = None
-    support: Annotated[
-        Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
-    ] = Support.FEW
-    method: Annotated[
-        MethodName,
-        typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
-    ] = MethodName.BOUND
+    outliers: Annotated[
+        int | None,
+        typer.Option(metavar="Q", min=0, help="Measurements of a leg that may be wrong, at most, nobody knows which."),
+    ] = None
     model: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
+        typer.Option(
+            metavar="A,B", help="Leg model, such as plain or gain; several are compared.", show_default="the campaign's"
+        ),
     ] = None
+    legs: Legs = None
+    time_limit: TimeLimit = None
+    eps: Annotated[float | None, expert(metavar="MM", help="Ask instead whether any parameters reach this eps.")] = None
+    delta: Annotated[float, expert(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
+    center: Annotated[Center, expert(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
+    gap: Annotated[float, expert(help="Relative width at which the bracket counts as closed.")] = 1e-6
+    node_limit: Annotated[int | None, expert(metavar="N", min=1, help="Boxes a leg, at most.")] = None
+    contractors: Annotated[str, expert(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
+    arithmetic: Annotated[Engine, expert(help="Rigorous arithmetic.")] = Engine.FLOAT64
+    support: Annotated[
+        Support, expert(help="Few measurements that prove the bound alone, or none that could be left out.")
+    ] = Support.FEW
+    method: Annotated[
+        MethodName, expert(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
+    ] = MethodName.BOUND
     half_width: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=X", help="Of an extra parameter of the model; repeat for others.")
+        list[str] | None, expert(metavar="NAME=X", help="Of an extra parameter of the model; repeat for others.")
     ] = None
+    as_json: Annotated[bool, expert("--json", help="Print result.json and nothing else.")] = False
+    no_checker: Annotated[bool, expert("--no-checker", help="A page that does not check itself.")] = False
 
-    def given(self) -> dict[str, object]:
+    def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
-        return {
-            "legs": None if self.legs is None else numbers_of(self.legs),
-            "delta": self.delta,
-            "center": self.center.value,
-            "gap": self.gap,
-            "time_limit": self.time_limit,
-            "node_limit": self.node_limit,
+        shared = ("time_limit", "delta", "gap", "eps", "tolerance", "node_limit", "model")
+        return {name: getattr(self, name) for name in shared} | {
+            "legs": numbers_of(self.legs),
             "contractors": names_of(self.contractors),
-            "arithmetic": self.arithmetic.value,
-            "eps": self.eps,
-            "tolerance": self.tolerance,
-            "support": self.support.value,
-            "method": self.method.value,
-            "model": self.model,
             "half_widths": half_widths_of(self.half_width or []),
+            **{name: getattr(self, name).value for name in ("center", "arithmetic", "support", "method")},
         }
 
+    def only(self, *names: str, where: Where, because: str) -> None:
+        """InputError for each option that was given and is none of these."""
+        problems = [
+            Problem(
+                f"option --{field.name.replace('_', '-').removeprefix('as-')}",
+                f"has no meaning {because}",
+                "leave it out",
+            )
+            for values in (self, where)
+            for field in fields(values)
+            if field.name not in names and getattr(values, field.name) != field.default
+        ]
+        if problems:
+            raise InputError(problems)
 
-@talking
-@grouped(CertifyFlags)
+
 def certify(
     campaigns: Annotated[
         list[Path], typer.Argument(metavar="CAMPAIGN...", help="Folders of campaign.toml, measurements.csv.")
     ],
     run: Annotated[
         Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="RUN",
-            parser=output_path,
-            help="Folder for result.json, campaign.json, report.html and certificates; replaced there. Of several "
-            "campaigns each has a folder in it.",
+        output(
+            "RUN",
+            "Folder for result.json, campaign.json, a page and certificates; replaced there. Of several campaigns each "
+            "has a folder in it.",
         ),
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
-    no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
-    *,
     options: CertifyFlags,
+    where: Where,
     talk: Talk,
-) -> None:
+) -> Status:
     """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
 
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
-    equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
-    With --tolerance the exit status is 0 if every leg passes, else 1: one fails, or is undecided.
+    equation is off by at most eps (mm). With --tolerance the exit status is 0 if every leg passes, else 1: one fails,
+    or is undecided. With --outliers the bracket holds whichever so many measurements are left out. Several models by
+    commas are compared: which does the data refute, and does any pass?
 
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
-    given = options.given()
+    models = names_of(options.model or "")
+    one = options.outliers is not None or len(models) > 1
     if len(campaigns) > 1:
-        if as_json:
+        if options.as_json:
             raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
+        if one:
+            raise InputError([Problem("options", "--outliers and several models ask about one campaign", "name one")])
         check_writable(run)
-        work = CampaignWork(given, checker=not no_checker, resume=options.resume)
-        with options.place() as place:
-            status = certified_all(campaigns, run, work, place, talk=talk)
-        raise typer.Exit(status)
+        work = CampaignWork(options.given(), checker=not options.no_checker, resume=where.resume)
+        with where.place() as place:
+            return certified_all(campaigns, run, work, place, talk=talk)
     (campaign,) = campaigns
+    if options.as_json:
+        talk = replace(talk, quiet=True)
+    if options.outliers is not None:
+        return _with_outliers(campaign, run, options, where, talk)
+    if len(models) > 1:
+        return _models_compared(campaign, run, models, options, where, talk)
+    given = options.given()
     check_target(run, RUN, campaign)
-    with options.place() as place:
-        result = certified_into(
-            run,
-            read_campaign(campaign),
-            given,
-            as_json=as_json,
-            talk=talk,
-            checker=not no_checker,
-            place=place,
-            resume=options.resume,
-        )
-        status = status_of(result)
-    raise typer.Exit(status)
+    with where.place() as place:
+        measured, checker = warn(load_campaign(campaign)), not options.no_checker
+        how: dict[str, Any] = {"talk": talk, "as_json": options.as_json, "checker": checker, "resume": where.resume}
+        return status_of(certified_into(run, measured, given, place=place, **how))
 
 
 def names_of(text: str) -> tuple[str, ...]:
     """Names with commas between them."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def numbers_of(text: str) -> tuple[int, ...]:
-    """The numbers of --legs. Raises BadParameter."""
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        message = f"{text!r:.60} is no list of legs: give numbers with commas between them, such as 1,3"
-        raise typer.BadParameter(message, param_hint="--legs") from None
 
 
 def half_widths_of(texts: list[str]) -> dict[str, float]:
@@ -662,203 +592,95 @@ def half_widths_of(texts: list[str]) -> dict[str, float]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal compare`: leg models side by side. For exit statuses see `cpcal.cli`.
+# With --outliers: brackets when some measurements may be wrong.
 
 
-@dataclass(frozen=True)
-class CompareFlags(Where):
-    """The options of the command line: those of `cpcal.compare`, and where it runs."""
-
-    models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
-    tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
-    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
-    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of (a, b, l).")] = 100.0
-    gap: Annotated[float, typer.Option(help="Relative width at which a bracket counts as closed.")] = 1e-6
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg and model, at most.")] = None
-    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
-
-
-@talking
-@grouped(CompareFlags)
-def compare_models(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
-    folder: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            parser=output_path,
-            help="Folder for compare.json, compare.html, campaign.json and certificates; replaced there.",
-        ),
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print compare.json and nothing else.")] = False,
-    *,
-    options: CompareFlags,
-    talk: Talk,
-) -> None:
-    """Bracket the smallest model error eps of every leg of a CAMPAIGN under each of several leg models.
-
-    With --tolerance it says which models the measurements refute at that many mm, and which certificate proves it; the
-    exit status is then 0 if every leg has a model that passes, else 1: one has none, or is undecided.
-    """
-    legs = None if options.legs is None else numbers_of(options.legs)
-    check_target(folder, FOLDER, campaign)
-    if as_json:
-        talk = replace(talk, quiet=True)
-    with options.place() as place:
-        found, failure = _written(read_campaign(campaign), options, legs, folder, talk, place)
-        status = _status_of_models(found)
-    if as_json:
-        typer.echo(comparison_text(found), nl=False)
-    _show_models(talk.out, found, verbose=talk.verbose)
-    if failure is not None:
-        raise failure
-    talk.say(f"Page: {folder / COMPARISON_PAGE}")
-    raise typer.Exit(status)
-
-
-def _written(
-    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, talk: Talk, place: Place
-) -> tuple[Comparison, InputError | None]:
-    """What was found, and why it could not be written."""
-    question, models = comparison_question(
-        campaign,
-        names_of(options.models),
-        tolerance=options.tolerance,
-        legs=legs,
-        delta=options.delta,
-        gap=options.gap,
-        time_limit=options.time_limit,
-        arithmetic=options.arithmetic.value,
+def _with_outliers(campaign: Path, run: Path, options: CertifyFlags, where: Where, talk: Talk) -> Status:
+    known = ("outliers", "model", "legs", "time_limit", "delta", "center", "workers", "scheduler", "memory_limit")
+    options.only(*known, where=where, because="with --outliers")
+    given = {name: value for name, value in options.given().items() if name in known}
+    check_target(run, ROBUST, campaign)
+    with where.stoppable():
+        found = certify_robust(
+            warn(load_campaign(campaign)),
+            outliers=options.outliers or 0,
+            **given,
+            certificates=run,
+            tell=talk.progress(),
+            workers=where.workers,
+            scheduler=where.scheduler,
+        )
+    rows = []
+    for leg in found.legs:
+        record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
+        bounds = bracket_text(leg.eps_lo, leg.eps_hi)
+        rows.append((str(leg.leg), *bounds, ", ".join(leg.left_out) or "none", str(len(leg.proofs))))
+    talk.table(("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"), rows, left=(0, 3, 4))
+    talk.say(*(f"Leg {leg.leg}: {leg.sentence}" for leg in found.legs))
+    talk.say(
+        f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others "
+        "better than eps_lo; some explain all but those left out to within eps_hi."
     )
+    return Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# With several models: the same of each, side by side.
+
+
+def _models_compared(
+    campaign: Path, run: Path, models: tuple[str, ...], options: CertifyFlags, where: Where, talk: Talk
+) -> Status:
+    """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
+    known = ("tolerance", "legs", "time_limit", "delta", "gap", "arithmetic")
+    options.only(
+        *known, "model", "as_json", "workers", "scheduler", "memory_limit", where=where, because="with several models"
+    )
+    given = {name: value for name, value in options.given().items() if name in known}
+    check_target(run, COMPARED, campaign)
+    measured = warn(load_campaign(campaign))
+    question, chosen = comparison_question(measured, models, **given)
     errors = talk.errors
 
     def tell(entry: Entry) -> None:
         record("entry", subject=entry.subject, model=entry.model, eps_lo=entry.eps_lo, eps_hi=entry.eps_hi)
         errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
 
-    found: Comparison | None = None
-    try:
-        with answers_into(folder, FOLDER, campaign) as draft:
-            found = compared(replace(question, certificates=draft), models, tell, place)
-            save_comparison(found, draft)
-            write_comparison(found, draft)
-    except InputError as error:
-        if found is None:
-            raise
-        return found, error
-    return found, None
+    def write(found: Comparison, draft: Path) -> None:
+        save_comparison(found, draft)
+        write_comparison(found, draft)
 
+    def show(found: Comparison, failure: InputError | None) -> None:
+        if options.as_json:
+            typer.echo(comparison_text(found), nl=False)
+        if talk.verbose:
+            # without the enclosures of extra parameters, which are too wide for a terminal but for a single one
+            rows = [[Text(printable(cell)) for cell in comparison_row(found, entry)] for entry in found.entries]
+            for cells, entry in zip(rows, found.entries, strict=True):
+                if found.tolerance is not None:
+                    cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
+                if len(entry.enclosure.names) > 8:
+                    cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
+            talk.table(comparison_header(found), rows, left=(0, 1, 4, 5, 6))
+            talk.say(*map(printable, comparison_sentences(found)))
+        else:
+            talk.say(*comparison_lines(found))
+        talk.say(said(found) if talk.verbose else SHORT_QUANTIFIER, style="italic")
+        if failure is None:
+            talk.say(f"Page: {run / COMPARISON_PAGE}")
 
-def _show_models(console: Console, found: Comparison, *, verbose: bool) -> None:
-    wrapped = not console.is_terminal
-    if not verbose:
-        for line in comparison_lines(found):
-            console.print(line, soft_wrap=wrapped)
-        console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=wrapped)
-        return
-    console.print(_table_of_models(found))
-    for sentence in comparison_sentences(found):
-        console.print(printable(sentence), soft_wrap=wrapped)
-    console.print(Text(said(found), style="italic"), soft_wrap=wrapped)
-
-
-def _table_of_models(found: Comparison) -> Table:
-    """Without the enclosures of extra parameters, which are too wide for a terminal but for a single one."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, name in enumerate(comparison_header(found)):
-        table.add_column(name, justify="right" if k in (2, 3) else "left", overflow="fold")
-    for entry in found.entries:
-        cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
-        if found.tolerance is not None:
-            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
-        if len(entry.enclosure.names) > 8:
-            cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
-        table.add_row(*cells)
-    return table
-
-
-def _status_of_models(found: Comparison) -> Status:
-    """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
-    if found.interrupted:
-        return Status(asked() or Reason.INTERRUPTED)
-    at, subjects = found.tolerance, {entry.subject for entry in found.entries}
-    if at is None:
+    with where.place(resumable=False) as place:
+        found = answer(
+            run,
+            COMPARED,
+            lambda draft: compared(replace(question, certificates=draft), chosen, tell, place),
+            write,
+            show,
+            measured,
+        )
+        if found.interrupted:
+            return Status(asked() or Reason.INTERRUPTED)
+    if (at := found.tolerance) is None:
         return Status.ANSWERED
     passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at, found.options), Explained)}
-    return Status.ANSWERED if passed == subjects else Status.UNKNOWN
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal robust`: brackets when some measurements may be wrong. For exit statuses see `cpcal.cli`.
-
-
-@talking
-@grouped(Where, "where")
-def robust_brackets(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
-    folder: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            parser=output_path,
-            help="Folder for robust.json, campaign.json and certificates; replaced there.",
-        ),
-    ],
-    outliers: Annotated[int, typer.Option(help="Measurements of a leg that may be wrong, at most.")],
-    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
-    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
-    center: Annotated[
-        Center,
-        typer.Option(help="Middle of that box: a least-squares fit, which gross errors move, or nominal."),
-    ] = Center.FIT,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
-    ] = None,
-    *,
-    where: Where,
-    talk: Talk,
-) -> None:
-    """Bracket the smallest model error of a CAMPAIGN's legs when some measurements may be wrong, nobody knows which.
-
-    Proved: whichever so many are left out, no parameters explain all others better than eps_lo. The point explains all
-    but those that are named.
-    """
-    check_target(folder, ROBUST, campaign)
-    with where.stoppable():
-        found = certify_robust(
-            read_campaign(campaign),
-            outliers=outliers,
-            legs=None if legs is None else numbers_of(legs),
-            delta=delta,
-            center=center.value,
-            time_limit=time_limit,
-            model=model,
-            certificates=folder,
-            tell=talk.progress(),
-            workers=where.workers,
-            scheduler=where.scheduler,
-        )
-    for leg in found.legs:
-        record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
-    _show_robust(talk.out, found)
-    raise typer.Exit(Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN)
-
-
-def _show_robust(console: Console, found: RobustResult) -> None:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for name in ("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"):
-        table.add_column(name, justify="right" if name.startswith("eps") else "left", overflow="fold")
-    for leg in found.legs:
-        bounds = bracket_text(leg.eps_lo, leg.eps_hi)
-        table.add_row(str(leg.leg), *bounds, ", ".join(leg.left_out) or "none", str(len(leg.proofs)))
-    console.print(table)
-    for leg in found.legs:
-        console.print(f"Leg {leg.leg}: {leg.sentence}", soft_wrap=not console.is_terminal)
-    said = f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others"
-    console.print(f"{said} better than eps_lo; some explain all but those left out to within eps_hi.", soft_wrap=True)
+    return Status.ANSWERED if passed == {entry.subject for entry in found.entries} else Status.UNKNOWN

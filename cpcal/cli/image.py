@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,30 +13,35 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from cpcal.cli.options import Talk, check_target, check_writable, made, output_path, record, talking
-from cpcal.cli.progress import bar
+from cpcal.cli.options import Status, Talk, check_target, check_writable, made, output, record, terminal
+from cpcal.cli.progress import counted
 from cpcal.cli.verified import NUMBERS, TABLE, say_assumptions
-from cpcal.common.errors import InputError, Problem, printable
-from cpcal.common.files import listed, write_file
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import listed, unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
-from cpcal.files.settings import table_bytes
+from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import file_cell, guarded
 from cpcal.report.detections_page import write_detections_page
+from cpcal.robot import Robot, Study
+from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
-from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect, in_parallel
+from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
+from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
-from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table
+from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
 from cpcal.vision.calibration import calibrate_from_images
+from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import (
     SCALE,
     SHARED,
-    Detection,
     Readings,
     by_reason,
     detections_bytes,
     load_readings,
+    readings_bytes,
+    readings_of,
     values_of,
 )
 from cpcal.vision.files.image_file import image_path
@@ -49,11 +55,53 @@ from cpcal.vision.files.plate_and_camera import (
     save_target,
 )
 from cpcal.vision.files.target_print import on_paper, print_target
+from cpcal.vision.opencv import opencv
 from cpcal.vision.pose_sets import CameraSet, TargetSet
+from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET, Target, design_target, separation
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal camera`: a camera from one kind of file to another.
+# `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
+
+SCENE = Scene(gradient=(0.25, 0.15))
+IMAGES = "images"
+TARGET_NAME, CAMERA_NAME = "target.toml", "camera.toml"
+TABLES = ("calibration", "validation")
+SHOTS = (TARGET_NAME, CAMERA_NAME, STUDY_NAME, *(f"{name}-readings.csv" for name in TABLES))  # beside the images
+
+
+def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
+    """A study with exact poses, and for both of its tables the images of them. Raises MissingExtraError."""
+    opencv()  # or nothing is begun
+    seed = options["seed"]
+    exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
+    study = simulate_study(nominal, **exact)
+    tables = zip(TABLES, (study.calibration, study.validation), strict=True)
+    return study, {
+        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed) for name, table in tables
+    }
+
+
+def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -> None:
+    """The study without its tables of poses: `cpcal image detect` makes them. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
+            with counted(f"{name}: rendering", terminal(stderr=True)) as progress:
+                images[name].write(folder / IMAGES / name, progress=progress)
+            (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
+        save_target(DELTALAB_TARGET, folder / TARGET_NAME)
+        save_camera(DELTALAB_CAMERA, folder / CAMERA_NAME)
+        (folder / STUDY_NAME).write_bytes(study_bytes(study))
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal image camera`: a camera from one kind of file to another. `cpcal image target`: the plate that it sees.
+
+Images = Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")]
 
 
 class Style(StrEnum):
@@ -65,26 +113,22 @@ class Style(StrEnum):
 
 def camera(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="camera.toml, or a YAML file of OpenCV or ROS.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Ends in .toml, .yaml or .yml.")],
+    file: Annotated[Path, output("FILE", "Ends in .toml, .yaml or .yml.")],
     style: Annotated[Style, typer.Option("--as", help="Who shall read the YAML.")] = Style.ROS,
 ) -> None:
     """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back."""
     record = load_camera(source)
-    check_writable(output.absolute().parent)
-    if output.suffix == ".toml":
-        save_camera(record, output)
-    elif output.suffix in YAML_SUFFIXES:
-        write_file(output, camera_yaml().camera_yaml(record.camera, style.value))
+    check_writable(file.absolute().parent)
+    if file.suffix == ".toml":
+        save_camera(record, file)
+    elif file.suffix in YAML_SUFFIXES:
+        write_file(file, camera_yaml().camera_yaml(record.camera, style.value))
     else:
-        raise InputError([Problem(str(output), "is neither a .toml nor a .yaml file", "name it so")])
+        raise InputError([Problem(str(file), "is neither a .toml nor a .yaml file", "name it so")])
     seen = record.camera
-    leaves_covariance = record.covariance is not None and output.suffix != ".toml"
-    lost = "; the covariance is in camera.toml only" if leaves_covariance else ""
-    typer.echo(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {printable(output)}{lost}")
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal target`: a target's file and its page to print; the default one, or one designed for another plate.
+    lost = record.covariance is not None and file.suffix != ".toml"
+    more = "; the covariance is in camera.toml only" if lost else ""
+    Talk().say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}{more}")
 
 
 class Paper(StrEnum):
@@ -99,9 +143,7 @@ class Paper(StrEnum):
 
 
 def target(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: target.toml, or a .pdf or .svg page.")
-    ],
+    file: Annotated[Path, output("FILE", "What to write: target.toml, or a .pdf or .svg page.")],
     source: Annotated[
         Path | None, typer.Option("--from", metavar="FILE", help="Print the target of this target.toml.")
     ] = None,
@@ -113,8 +155,7 @@ def target(
     dark: Annotated[bool, typer.Option("--dark", help="Design dark dots on a bright plate.")] = False,
     seed: Annotated[int, typer.Option(help="Of the search for the spacings.")] = 1,
     paper: Annotated[
-        Paper | None,
-        typer.Option(help="Sheet to print on; the default target is made to fit it."),
+        Paper | None, typer.Option(help="Sheet to print on; the default target is made to fit it.")
     ] = None,
 ) -> None:
     """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.
@@ -123,7 +164,7 @@ def target(
     """
     if source is not None and side is not None:
         raise InputError([Problem("options", "--from and --side exclude each other", "give one of them")])
-    check_writable(output.absolute().parent)
+    check_writable(file.absolute().parent)
     if source is not None:
         plate = load_target(source)
     elif side is not None:
@@ -131,26 +172,23 @@ def target(
         plate = design_target(name, side=side, pitch=pitch, radius=radius, bright=not dark, seed=seed)
     else:
         plate = DELTALAB_TARGET if paper is None else on_paper(DELTALAB_TARGET, paper.value)
-    if output.suffix == ".toml":
-        save_target(plate, output)
+    if file.suffix == ".toml":
+        save_target(plate, file)
     else:
-        print_target(plate, output, None if paper is None else paper.value)
+        print_target(plate, file, None if paper is None else paper.value)
     told = f"; separation of its diagonals {separation(plate).least:.3g}" if plate.lines else ""
-    typer.echo(f"{printable(plate.name)}: {len(plate.dots)} dots{told}: {printable(output)}")
+    Talk().say(f"{plate.name}: {len(plate.dots)} dots{told}: {file}")
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal detect`: from a folder of images to a table of poses; or, with --calibrate, to a camera.
+# `cpcal image detect`: from a folder of images to a table of poses; or, with --calibrate, to a camera.
 
 _NAMED = 3  # files for each reason
 
 
-@talking
-def detect_poses(
-    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: poses.csv, or camera.toml.")
-    ],
+def detect(
+    images: Images,
+    file: Annotated[Path, output("FILE", "What to write: poses.csv, or camera.toml.")],
     target: Annotated[Path, typer.Option(metavar="FILE", help="The target's dots: target.toml.")],
     camera: Annotated[Path | None, typer.Option(metavar="FILE", help="The camera: camera.toml.")] = None,
     readings: Annotated[
@@ -162,10 +200,9 @@ def detect_poses(
         typer.Option(metavar="FILE", help="With --readings: the table of a study to write, such as calibration.csv."),
     ] = None,
     overlays: Annotated[
-        Path | None,
-        typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
+        Path | None, typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead; its workers read IMAGES."),
@@ -185,109 +222,6 @@ def detect_poses(
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
     images with what was found, where residuals point, where time went.
     """
-    _check(images, camera, readings, table, calibrate, refine_dots)
-    for file in (output, *([table] if table else [])):
-        check_writable(file.absolute().parent)
-    if camera is None:
-        _calibrate(images, load_target(target), output, refine_dots, talk)
-        return
-    plate, lens_file, known = _loaded(target, camera, readings)
-    made(output.absolute().parent)
-    source = ImageFolder(images, (lens_file.camera.width, lens_file.camera.height))
-    with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
-        found = detect(
-            source,
-            plate,
-            lens_file.camera,
-            lens_file.covariance,
-            journal=output.with_name(f"{output.name}.journal"),
-            workers=workers,
-            scheduler=scheduler,
-            progress=progress,
-            overlays=overlays,
-        )
-    _write(found, source, plate, lens_file, output, talk)
-    if known is not None and table is not None:
-        _write_table(found, known, table, talk)
-
-
-def _write(found: Detections, source: ImageSource, plate: Target, lens: CameraRecord, output: Path, talk: Talk) -> None:
-    """The table first, then the page, for which some images are measured again."""
-    write_file(output, detections_bytes(found.rows))
-    show_detections(found, output, talk)
-    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
-    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, output)}")
-
-
-def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:
-    made(table.absolute().parent)
-    write_file(table, table_bytes(study_table(found.rows, known)))
-    talk.say(f"Table of a study: {table}")
-
-
-def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
-    """What the files say. Raises one InputError with every problem of all."""
-    found: list[Any] = []
-    problems: list[Problem] = []
-    for load, path in ((load_target, target), (load_camera, camera), (load_readings, readings)):
-        try:
-            found.append(None if path is None else load(path))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    plate, lens_file, known = found
-    return plate, lens_file, known
-
-
-def show_detections(found: Detections, where: Path, talk: Talk) -> None:
-    """Counts, and each reason with some files, or with all."""
-    poses = sum(row.found for row in found.rows)
-    record("images", images=len(found.rows), poses=poses, measured=found.measured)
-    work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
-    pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
-    talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
-    _say_shared(found.rows, talk)
-    doubtful = [row for row in found.rows if row.doubt]
-    if doubtful:
-        worst = max(doubtful, key=lambda row: row.values[SCALE])
-        talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
-    for reason, files in by_reason(found.rows).items():
-        talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
-
-
-def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:
-    """What the camera's and the plate's errors make, where they are stated: no mean over images lessens it."""
-    shared = values_of(rows)[:, SHARED]
-    if len(shared) and shared.any():
-        position, turn = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
-        talk.say(
-            f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
-            f"{turn:.6f} rad (medians); no mean lessens them"
-        )
-
-
-def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool, talk: Talk) -> None:
-    """The camera; with refined dots also the target that was found, beside it."""
-    files = [image_path(images, name) for name in ImageFolder(images).names]
-    found = calibrate_from_images(files, plate, refine_dots=refine_dots)
-    save_camera(found.record(), output)
-    for line in str(found).split("\n"):
-        talk.say(line)
-    for view in found.views:
-        if not view.reason:
-            talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
-    talk.say(f"Camera: {output}")
-    if refine_dots:
-        refined = output.with_name("refined-target.toml")
-        save_target(found.target, refined)
-        talk.say(f"Target as it was seen: {refined}")
-
-
-def _check(
-    images: Path, camera: Path | None, readings: Path | None, table: Path | None, calibrate: bool, refine_dots: bool
-) -> None:
-    """InputError for options that do not go together, and for a folder without images."""
     problems = []
     if calibrate and (camera or readings or table):
         problems.append(Problem("options", "--calibrate goes with none of --camera, --readings, --table", "choose"))
@@ -304,22 +238,93 @@ def _check(
         problems.append(Problem(str(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
     if problems:
         raise InputError(problems)
+    for path in (file, *([table] if table else [])):
+        check_writable(path.absolute().parent)
+    if camera is None:
+        _calibrate(images, load_target(target), file, refine_dots, talk)
+        return
+    plate, lens, known = _loaded(target, camera, readings)
+    made(file.absolute().parent)
+    source = ImageFolder(images, (lens.camera.width, lens.camera.height))
+    found = detected(source, plate, lens, file, talk, workers=workers, scheduler=scheduler, overlays=overlays)
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
+    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
+    if known is not None and table is not None:
+        made(table.absolute().parent)
+        write_file(table, table_bytes(study_table(found.rows, known)))
+        talk.say(f"Table of a study: {table}")
+
+
+def detected(
+    source: ImageFolder, plate: Target, lens: CameraRecord, file: Path, talk: Talk, **where: Any
+) -> Detections:
+    """The poses in a folder of images: the table of them, and what is said of it."""
+    journal = file.with_name(f"{file.name}.journal")
+    with heard(terminate=True), counted("images", talk.errors) as progress:
+        found = detect_poses(source, plate, lens.camera, lens.covariance, journal=journal, progress=progress, **where)
+    write_file(file, detections_bytes(found.rows))
+    poses = sum(row.found for row in found.rows)
+    record("images", images=len(found.rows), poses=poses, measured=found.measured)
+    work = sum(found.seconds.values())
+    pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
+    talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
+    shared = values_of(found.rows)[:, SHARED]
+    if len(shared) and shared.any():
+        position, turn = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
+        talk.say(
+            f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
+            f"{turn:.6f} rad (medians); no mean lessens them"
+        )
+    doubtful = [row for row in found.rows if row.doubt]
+    if doubtful:
+        worst = max(doubtful, key=lambda row: row.values[SCALE])
+        talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
+    for reason, files in by_reason(found.rows).items():
+        talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
+    return found
+
+
+def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
+    """What the files say. Raises one InputError with every problem of all."""
+    found: list[Any] = []
+    problems: list[Problem] = []
+    for load, path in ((load_target, target), (load_camera, camera), (load_readings, readings)):
+        try:
+            found.append(None if path is None else load(path))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    plate, lens, known = found
+    return plate, lens, known
+
+
+def _calibrate(images: Path, plate: Target, file: Path, refine_dots: bool, talk: Talk) -> None:
+    """The camera; with refined dots also the target that was found, beside it."""
+    files = [image_path(images, name) for name in ImageFolder(images).names]
+    found = calibrate_from_images(files, plate, refine_dots=refine_dots)
+    save_camera(found.record(), file)
+    talk.say(*str(found).split("\n"))
+    for view in found.views:
+        if not view.reason:
+            talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
+    talk.say(f"Camera: {file}")
+    if refine_dots:
+        refined = file.with_name("refined-target.toml")
+        save_target(found.target, refined)
+        talk.say(f"Target as it was seen: {refined}")
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal pose-sets`: from images to boxes of poses that are proved, with certificates.
+# `cpcal image sets`: from images to boxes of poses that are proved, with certificates.
 
 _COLUMNS = ("file", "verdict", *NUMBERS, "reason")
 _TOLD = 5  # images by name
 
 
-@talking
-def pose_sets(
-    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")],
-    folder: Annotated[
-        Path,
-        typer.Option("--output", "-o", metavar="DIR", parser=output_path, help="Folder for certificates; replaced."),
-    ],
+def sets(
+    images: Images,
+    folder: Annotated[Path, output("DIR", "Folder for certificates; replaced.")],
     target: Annotated[Path, typer.Option(metavar="FILE", help="The target's dots: target.toml.")],
     camera: Annotated[Path, typer.Option(metavar="FILE", help="The camera: camera.toml.")],
     half_width: Annotated[
@@ -349,10 +354,10 @@ def pose_sets(
         ),
     ] = None,
     outliers: Annotated[int, typer.Option(min=0, max=3, help="Dots of an image that may be anywhere, at most.")] = 0,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    workers: Workers = None,
     *,
     talk: Talk,
-) -> None:
+) -> Status:
     """Boxes that are PROVED to hold the pose in each of IMAGES, with certificates from the pixels on.
 
     It is proved if what is stated is true: camera, plate and pixels are no farther off than files and options say. A
@@ -365,27 +370,28 @@ def pose_sets(
     names = list(source.names)
     _check_names(names, images)
     sources = {path.name: path.read_bytes() for path in (camera, target)}
+    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources)
+    found = enclosed(work, names, talk, workers)
+    proved = _say(found, folder, talk)
+    say_assumptions(folder, talk)
+    record("enclosed", images=len(found), proved=proved, output=str(folder))
+    return Status.ANSWERED if proved else Status.UNKNOWN
+
+
+def enclosed(work: Enclosing, names: Sequence[str], talk: Talk, workers: int | None = None) -> list[Enclosed]:
+    """The pose sets of some images, with certificates and a table in the folder of the work."""
     found: list[Enclosed] = []
-    with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, bar("images", quiet=talk.quiet) as progress:
-        work = Enclosing(
-            source,
-            plates,
-            cameras,
-            half_width,
-            outliers,
-            draft,
-            sources,
-        )
-        for some in in_parallel(work, names, workers):
+    with (
+        heard(terminate=True),
+        answers_into(work.folder, POSE_SETS) as draft,
+        counted("images", talk.errors) as progress,
+    ):
+        for some in in_parallel(replace(work, folder=draft), names, workers):
             found += some
-            if progress is not None:
-                progress(len(found), len(names))
+            progress(len(found), len(names))
         found.sort(key=lambda one: one.file)
         (draft / TABLE).write_text(_table(found), encoding="utf-8")
-    _say(found, folder, talk)
-    say_assumptions(folder, talk)
-    if not any(one.found is not None and one.found.verdict is Verdict.PROVED for one in found):
-        raise typer.Exit(1)
+    return found
 
 
 def _stated(
@@ -399,7 +405,8 @@ def _stated(
         problems.append(Problem("the target", what, "add them to its file, give --dots MM, or say --plate-exact"))
     if lens.covariance is None and not camera_exact:
         what = "has no covariance: nothing says how far its numbers may be off"
-        problems.append(Problem("the camera", what, "calibrate with `cpcal detect --calibrate`, or say --camera-exact"))
+        remedy = "calibrate with `cpcal image detect --calibrate`, or say --camera-exact"
+        problems.append(Problem("the camera", what, remedy))
     if problems:
         raise InputError(problems)
     known = None if camera_exact else lens.covariance
@@ -438,7 +445,8 @@ def _table(rows: Sequence[Enclosed]) -> str:
     return buffer.getvalue()
 
 
-def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> None:
+def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> int:
+    """Counts, reasons and widths; how many are proved."""
     sets = [one.found for one in rows if one.found is not None]
     proved, refuted, unknown = (
         [one for one in sets if one.verdict is verdict]
@@ -456,4 +464,4 @@ def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> None:
         sides = " x ".join(at_most(float(v), 2) for v in position), " x ".join(at_most(float(v), 2) for v in turn)
         talk.say(f"Half-widths, median: {sides[0]} mm, {sides[1]} degrees. Table: {folder / TABLE}")
     talk.say(f"Certificates: cpcal verify {folder}")
-    record("enclosed", images=len(rows), proved=len(proved), output=str(folder))
+    return len(proved)

@@ -1,4 +1,8 @@
-"""What verbs share: exit statuses, options, consoles, the record of a run, and where results go."""
+"""What verbs share: exit statuses, how options are declared, what is said and recorded, where work runs and results go.
+
+A verb is a function with typer's annotations; a parameter that is a dataclass of options takes its fields as options of
+the command line. It returns its exit status, or None for 0.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +13,13 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from datetime import UTC, datetime
 from enum import IntEnum
-from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from rich.console import Console
@@ -25,15 +28,17 @@ from rich.text import Text
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import unwritable
 from cpcal.common.version import __version__
-from cpcal.files.run_folder import FolderKind, check_replaceable
+from cpcal.files.run_folder import FolderKind, answers_into, check_replaceable
 from cpcal.solver.compiled import QUIET
 from cpcal.solver.execution.executors import Place, executor_for
-from cpcal.solver.execution.stopping import asked, heard, within_memory
+from cpcal.solver.execution.stopping import asked, heard, raising, within_memory
 
-__all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
+if TYPE_CHECKING:
+    from cpcal.robot import Campaign
 
-# ------------------------------------------------------------------------------------------------------------------
-# Exit statuses: what they mean.
+T = TypeVar("T")
+
+EXPERT = "For experts"  # the panel of options that few need
 
 
 class Status(IntEnum):
@@ -45,43 +50,42 @@ class Status(IntEnum):
     TERMINATED = 143
 
 
-STATUS_HELP = (
-    "Exit status: **0** every leg answered, or with --tolerance every leg passes, **1** some leg undecided (a limit "
-    "came first, or the search ended at the second-order effect of the readings, or where contractors end), or "
-    "with --tolerance some leg that does not pass, **2** unusable input (one message lists every problem), **3** an "
-    "internal error (please report it), **130** interrupted by Ctrl-C or **143** terminated by SIGTERM, with what was "
-    "proved until then written and printed."
-)
+def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
+    """The function that typer makes a command of: options are listed one by one, and the record of `Talk` is kept."""
+    hints = get_type_hints(verb, include_extras=True)
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, Any] = {}
+    for parameter in inspect.signature(verb).parameters.values():
+        kind = hints[parameter.name]
+        if is_dataclass(kind):
+            groups[parameter.name] = kind
+            of = get_type_hints(kind, include_extras=True)
+            listed = [
+                (f.name, inspect.Parameter.empty if f.default is MISSING else f.default, of[f.name])
+                for f in fields(kind)
+            ]
+        else:
+            listed = [(parameter.name, parameter.default, kind)]
+        parameters += [
+            inspect.Parameter(one, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for one, default, annotation in listed
+        ]
 
-HAND_EYE_STATUS_HELP = (
-    "Exit status: **0** the bracket is closed, or with --tolerance the tolerance is met, **1** the bracket is open, or "
-    "with --tolerance it is not met or undecided, **2** unusable input (one message lists every problem), **3** an "
-    "internal error (please report it), **130** interrupted, **143** terminated."
-)
+    def run(**given: Any) -> None:
+        for group, kind in groups.items():
+            given[group] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        talk = given.get("talk", Talk())
+        with raising(), _hushed(talk.quiet), recorded(talk.log, name):
+            raise typer.Exit(verb(**given) or 0)
 
-SOLVE_STATUS_HELP = (
-    "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, or the "
-    "certificate does not hold all of the answer, **2** unusable input, **3** an internal error, **130** interrupted, "
-    "**143** terminated."
-)
-
-VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
-CHECK_STATUS_HELP = (
-    "Exit status: **0** nothing looks wrong, **1** something is to be looked at (each with a sentence), "
-    "**2** unusable input."
-)
-
-IMPORT_STATUS_HELP = (
-    "Exit status: **0** the campaign was written (or looks right, with --preview), **1** nothing was written, since "
-    "the data look mixed up, **2** unusable input."
-)
+    run.__doc__ = verb.__doc__
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return run
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Consoles: what verbs print goes through one.
-
-_WIDE = 120  # where there is no terminal to fit
+# How much a verb says, and where it keeps a record.
 
 
 class _Terminal(Console):
@@ -95,138 +99,39 @@ def terminal(*, stderr: bool = False, quiet: bool = False) -> Console:
     """A console that prints text as it is, but for hidden characters; a quiet one prints nothing."""
     console = _Terminal(stderr=stderr, quiet=quiet, markup=False, emoji=False, highlight=False)
     if not console.is_terminal:
-        console.width = _WIDE
+        console.width = 120
     return console
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Where results go: refused before the work begins, not after it.
-
-# What stands in the folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
-STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT = "study", "campaign", "validation", "fits", "run", "timeout"
-PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-sets", "pixel-campaign", "pixel-run"  # where poses came from images
-
-_CHOOSE = "choose a folder that can be written to"
-
-
-def check_new(folder: Path, *, force: bool) -> None:
-    """InputError when `folder` holds something, unless `force`d, or cannot be written."""
-    check_writable(folder)
-    try:
-        full = folder.is_dir() and any(folder.iterdir())
-    except OSError as error:
-        raise unwritable(folder, error) from None
-    if full and not force:
-        remedy = "choose another one, or overwrite what it holds with --force"
-        raise InputError([Problem(str(folder), "is a folder that is not empty", remedy)])
-
-
-def is_earlier_demo(folder: Path) -> bool:
-    """Whether a folder holds a study that `cpcal demo` wrote, or the poses found so far, and nothing besides."""
-    files = {"calibration.json", "images", "images.json", "report.html"}
-    known = files | {STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT, PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN}
-    begun = folder / "poses-calibration.csv.journal"
-    if not ((folder / STUDY / "study.toml").is_file() or begun.is_file()):
-        return False
-    return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())
-
-
-def check_writable(folder: Path) -> None:
-    """InputError when `folder` is no folder that can be written, or made."""
-    ancestor = folder.absolute()
-    while not os.path.lexists(ancestor):
-        ancestor = ancestor.parent
-    if not ancestor.is_dir():
-        raise InputError([Problem(str(folder), f"cannot be a folder: {ancestor} is not one", _CHOOSE)])
-    if not os.access(ancestor, os.W_OK | os.X_OK):
-        raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
-
-
-def output_path(text: str) -> Path:
-    """The value of an option that names what to write. Raises BadParameter."""
-    if not text.strip() or "\0" in text:
+def output_path(text: str | Path) -> Path:
+    """The value of an option that names what to write, or its default. Raises BadParameter."""
+    if not str(text).strip() or "\0" in str(text):
         raise typer.BadParameter("an empty name is no place to write to: name a file or folder")
     return Path(text)
 
 
-def check_target(folder: Path, kind: FolderKind, campaign: Path | None = None) -> None:
-    """InputError when answers about a campaign cannot be written to `folder`, or must not."""
-    check_writable(folder)
-    if campaign is not None and folder.exists() and campaign.exists() and folder.samefile(campaign):
-        raise InputError([Problem(str(folder), "is the campaign itself", "choose another folder for the answers")])
-    check_replaceable(folder, kind)
+def output(metavar: str, help: str, **more: Any) -> Any:
+    """The option --output."""
+    return typer.Option("--output", "-o", metavar=metavar, parser=output_path, help=help, **more)
 
 
-def made(folder: Path) -> None:
-    """Make the folder if need be. Raises InputError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from None
+def expert(*names: str, **more: Any) -> Any:
+    """An option that few need."""
+    return typer.Option(*names, rich_help_panel=EXPERT, **more)
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Options of a command as the fields of a dataclass: `Annotated[type, typer.Option(...)] = default`.
-
-T = TypeVar("T")
-
-
-def grouped(options: type[Any], parameter: str = "options") -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """A command with a parameter that is such a dataclass takes its fields as options of the command line."""
-
-    def decorate(command: Callable[..., T]) -> Callable[..., T]:
-        hints = get_type_hints(options, include_extras=True)
-        known = inspect.signature(command, eval_str=True).parameters.values()
-        own = [one for one in known if one.name != parameter]
-        names = [field.name for field in fields(options)]
-        added = [
-            inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=inspect.Parameter.empty if field.default is MISSING else field.default,
-                annotation=hints[field.name],
-            )
-            for field in fields(options)
-        ]
-
-        @wraps(command)
-        def run(**given: Any) -> T:
-            chosen = options(**{name: given.pop(name) for name in names})
-            return command(**given, **{parameter: chosen})
-
-        del run.__wrapped__  # or its signature would count
-        run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
-        run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *added)}
-        return run
-
-    return decorate
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# How much a verb says, and where it keeps a record: the options of every verb that can take long.
-
-_SAID = "What is said"
-_LOGGER = logging.getLogger("cpcal")
+Legs = Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")]
+TimeLimit = Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Seconds a leg, at most.")]
 
 
 @dataclass(frozen=True)
 class Talk:
-    """Options of the command line, and the consoles that follow them."""
+    """How much is said, and the consoles that follow."""
 
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.", rich_help_panel=_SAID)] = (
-        False
-    )
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print every table and sentence.", rich_help_panel=_SAID)
-    ] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print every table and sentence.")] = False
     log: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=output_path,
-            help="Add a record of the run to FILE: JSON Lines.",
-            rich_help_panel=_SAID,
-        ),
+        Path | None, expert(metavar="FILE", parser=output_path, help="Add a record of the run to FILE: JSON Lines.")
     ] = None
 
     @property
@@ -239,9 +144,26 @@ class Talk:
         """Where progress goes; errors are raised."""
         return terminal(stderr=True, quiet=self.quiet)
 
-    def say(self, text: str) -> None:
-        """A line of the answer."""
-        self.out.print(text, soft_wrap=True)
+    def say(self, *lines: str | Text, style: str | None = None) -> None:
+        """Lines of the answer."""
+        for line in lines:
+            self.out.print(line, style=style, soft_wrap=True)
+
+    def table(
+        self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,), title: str = ""
+    ) -> None:
+        """A table; the columns `left` are text, the others numbers."""
+        from rich import box
+        from rich.table import Table
+
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+        for k, name in enumerate(head):
+            table.add_column(name, justify="left" if k in left else "right", overflow="fold")
+        for row in rows:
+            table.add_row(*row)
+        if title:
+            self.say(title, style="bold")
+        self.out.print(table)
 
     def progress(self) -> Callable[[str], None]:
         """A callback for lines of progress: to the record, and to a terminal where there is one."""
@@ -253,17 +175,6 @@ class Talk:
                 errors.print(text)
 
         return tell
-
-
-def talking(command: Callable[..., T]) -> Callable[..., T]:
-    """A verb with a parameter `talk: Talk` takes --quiet, --verbose and --log, and keeps the record while it runs."""
-
-    @wraps(command)
-    def run(**given: Any) -> T:
-        with _hushed(given["talk"].quiet), logging_to(given["talk"].log, command.__name__):
-            return command(**given)
-
-    return grouped(Talk, "talk")(run)
 
 
 @contextmanager
@@ -279,14 +190,17 @@ def _hushed(quiet: bool) -> Iterator[None]:
         del os.environ[QUIET]
 
 
+_LOGGER = logging.getLogger("cpcal")
+
+
 def record(event: str, **fields: Any) -> None:
     """Log an event with its fields; a line of the file of --log."""
     _LOGGER.info(event, extra={"fields": fields})
 
 
 @contextmanager
-def logging_to(file: Path | None, command: str) -> Iterator[None]:
-    """Records of a command go to the file while in the block: how it began, what it told, how it ended.
+def recorded(file: Path | None, verb: str) -> Iterator[None]:
+    """Records of a verb go to the file while in the block: how it began, what it told, how it ended.
 
     Raises InputError when the file cannot be written.
     """
@@ -302,9 +216,8 @@ def logging_to(file: Path | None, command: str) -> Iterator[None]:
     _LOGGER.addHandler(handler)
     _LOGGER.setLevel(logging.INFO)
     try:
-        record("began", command=command, version=__version__)
+        record("began", command=verb, version=__version__)
         yield
-        record("ended", status=0)
     except typer.Exit as left:
         record("ended", status=int(left.exit_code))
         raise
@@ -341,40 +254,44 @@ class _JsonLines(logging.Formatter):
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Where long work runs and when it stops: options that long-running verbs share.
+# Where long work runs and when it stops.
 
 _LOADS = ("cpcal.cli.certify", "cpcal.solver.numba_begun")  # of workers
-_RUNS = "Where it runs"
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kKMGT]?)i?B?")
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
 @dataclass(frozen=True)
 class Where:
-    """Options of the command line; a dataclass of a verb's options inherits them."""
+    """Where long work runs, and when it stops."""
 
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Processes of this machine.", show_default="1", rich_help_panel=_RUNS),
+        int | None, typer.Option(min=1, metavar="N", help="Processes of this machine.", show_default="1")
     ] = None
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from where a stopped run of the same work was.")] = (
+        False
+    )
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead.", rich_help_panel=_RUNS),
+        str | None, expert(metavar="ADDRESS", help="Dask scheduler of a cluster, instead of --workers.")
     ] = None
     memory_limit: Annotated[
         str | None,
-        typer.Option(
-            metavar="SIZE",
-            help="Stop, with what is proved, beyond SIZE (such as 2G) of memory in this process.",
-            rich_help_panel=_RUNS,
-        ),
+        expert(metavar="SIZE", help="Stop, with what is proved, beyond SIZE (such as 2G) of memory in this process."),
     ] = None
 
     @contextmanager
-    def place(self) -> Iterator[Place]:
-        """Where the work is done, which can be stopped. Raises InputError, BadParameter."""
+    def place(self, *, resumable: bool = True) -> Iterator[Place]:
+        """Where the work is done, which can be stopped; it then ends with the command that goes on with it.
+
+        Raises InputError, BadParameter.
+        """
         with self.stoppable(), executor_for(self.workers, self.scheduler, loads=_LOADS) as place:
-            yield place
+            try:
+                yield place
+            finally:
+                if resumable and asked() is not None:
+                    again = ["cpcal", *sys.argv[1:], *([] if self.resume else ["--resume"])]
+                    typer.echo(printable(f"cpcal: go on with: {shlex.join(again)}"), err=True)
 
     @contextmanager
     def stoppable(self) -> Iterator[None]:
@@ -384,27 +301,6 @@ class Where:
             yield
 
 
-@dataclass(frozen=True)
-class Running(Where):
-    """The same, of a verb that keeps checkpoints."""
-
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Go on from where a stopped run of the same work was.", rich_help_panel=_RUNS),
-    ] = False
-
-    @contextmanager
-    def place(self) -> Iterator[Place]:
-        """The same; a run that is stopped ends with the command that goes on with it."""
-        with super().place() as place:
-            try:
-                yield place
-            finally:
-                if asked() is not None:
-                    command = ["cpcal", *sys.argv[1:], *([] if self.resume else ["--resume"])]
-                    typer.echo(printable(f"cpcal: go on with: {shlex.join(command)}"), err=True)
-
-
 def _bytes(text: str) -> int:
     """Raises BadParameter."""
     found = _SIZE.fullmatch(text.strip())
@@ -412,3 +308,92 @@ def _bytes(text: str) -> int:
         message = f"{text!r:.60} is no size of memory: give one such as 500M or 2G"
         raise typer.BadParameter(message, param_hint="--memory-limit")
     return int(float(found[1]) * _UNITS[found[2].upper()])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Where results go: refused before the work begins, not after it.
+
+_CHOOSE = "choose a folder that can be written to"
+
+
+def check_writable(folder: Path) -> None:
+    """InputError when `folder` is no folder that can be written, or made."""
+    ancestor = folder.absolute()
+    while not os.path.lexists(ancestor):
+        ancestor = ancestor.parent
+    if not ancestor.is_dir():
+        raise InputError([Problem(str(folder), f"cannot be a folder: {ancestor} is not one", _CHOOSE)])
+    if not os.access(ancestor, os.W_OK | os.X_OK):
+        raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
+
+
+def check_new(folder: Path, *, force: bool) -> None:
+    """InputError when `folder` holds something, unless `force`d, or cannot be written."""
+    check_writable(folder)
+    try:
+        full = folder.is_dir() and any(folder.iterdir())
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    if full and not force:
+        remedy = "choose another one, or overwrite what it holds with --force"
+        raise InputError([Problem(str(folder), "is a folder that is not empty", remedy)])
+
+
+def check_target(folder: Path, kind: FolderKind, campaign: Path | None = None) -> None:
+    """InputError when answers (about a campaign) cannot be written to `folder`, or must not."""
+    check_writable(folder)
+    if campaign is not None and folder.exists() and campaign.exists() and folder.samefile(campaign):
+        raise InputError([Problem(str(folder), "is the campaign itself", "choose another folder for the answers")])
+    check_replaceable(folder, kind)
+
+
+def answer(
+    folder: Path,
+    kind: FolderKind,
+    find: Callable[[Path], T],
+    write: Callable[[T, Path], object],
+    show: Callable[[T, InputError | None], object],
+    campaign: Campaign | None = None,
+) -> T:
+    """Find an answer, write it into a folder, show it. Both functions get a folder aside, for their files.
+
+    A full disk costs the files, not the answer: why it cannot be written is raised once it is shown.
+    """
+    found: list[T] = []
+    failure: InputError | None = None
+    try:
+        with answers_into(folder, kind, campaign) as draft:
+            found.append(find(draft))
+            write(found[0], draft)
+    except InputError as error:
+        if not found:
+            raise
+        failure = error
+    show(found[0], failure)
+    if failure is not None:
+        raise failure
+    return found[0]
+
+
+def made(folder: Path) -> None:
+    """Make the folder if need be. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
+def numbers_of(text: str | None) -> tuple[int, ...] | None:
+    """The numbers of --legs. Raises BadParameter."""
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        message = f"{text!r:.60} is no list of legs: give numbers with commas between them, such as 1,3"
+        raise typer.BadParameter(message, param_hint="--legs") from None
+
+
+# The folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
+STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT = "study", "campaign", "validation", "fits", "run", "timeout"
+PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-sets", "pixel-campaign", "pixel-run"  # where poses came from images

@@ -17,9 +17,9 @@ from cpcal.cli.options import (
     RUN,
     TIMEOUT,
     Status,
+    Talk,
     check_writable,
-    output_path,
-    terminal,
+    output,
 )
 from cpcal.cli.verified import other_fits, stated_otherwise
 from cpcal.cli.verify import check_all, checked_certificate, checked_legs, result_of
@@ -45,11 +45,6 @@ from cpcal.robot import Campaign
 # The page of a whole study from the folder that `cpcal demo` leaves.
 
 
-def holds_study(folder: Path) -> bool:
-    """Whether a folder is that of a study, not of a run."""
-    return (folder / RECORD_NAME).is_file()
-
-
 def study_found(folder: Path) -> tuple[bool, StudyFound]:
     """What the folder holds, and whether the checker, asked now, accepts all its certificates. Raises InputError."""
     campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
@@ -73,17 +68,7 @@ def report(
         Path | None,
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            parser=output_path,
-            help="The page; replaced.",
-            show_default="RUN/report.html",
-        ),
-    ] = None,
+    page: Annotated[Path | None, output("FILE", "The page; replaced.", show_default="RUN/report.html")] = None,
     no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
@@ -92,18 +77,16 @@ def report(
     another campaign than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of
     the whole study; its certificates are checked anew.
     """
-    file = run / REPORT_NAME if output is None else output
+    file = run / REPORT_NAME if page is None else page
     if file.is_dir():
         raise InputError([Problem(str(file), "is a folder", "name a file, such as report.html")])
     check_writable(file.parent)
-    checker = not no_checker
-    page = _study(run, campaign, checker=checker) if holds_study(run) else _run(run, campaign, checker=checker)
-    write_file(file, page)
-    terminal().print(f"Report: {file}", soft_wrap=True)
-
-
-def _run(run: Path, campaign: Path | None, *, checker: bool) -> str:
-    return render(*checked_run(run, campaign), run=run if checker else None)
+    if (run / RECORD_NAME).is_file():  # the folder of a study
+        text = _study(run, campaign, checker=not no_checker)
+    else:
+        text = render(*checked_run(run, campaign), run=None if no_checker else run)
+    write_file(file, text)
+    Talk().say(f"Report: {file}")
 
 
 def checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
@@ -190,17 +173,7 @@ def export(
         Format | None,
         typer.Option("--format", "-f", help="Of what is written.", show_default="as FILE is called, or toml"),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            parser=output_path,
-            help="The file; replaced.",
-            show_default="print",
-        ),
-    ] = None,
+    file: Annotated[Path | None, output("FILE", "The file; replaced.", show_default="print")] = None,
     frames: Annotated[
         Path | None,
         typer.Option(
@@ -214,21 +187,29 @@ def export(
     Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm. Of a hand-eye
     run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
     """
-    if output is not None:
-        check_writable(output.parent)
-    hand_eye = (run / HANDEYE.head).exists()
-    chosen = _chosen(format, output, [Format(name) for name in (HAND_EYE_FORMS if hand_eye else WRITERS)])
-    text = _hand_eye(run, chosen) if hand_eye else _legs(run, chosen, frames)
-    if output is None:
+    if file is not None:
+        check_writable(file.parent)
+    if (run / HANDEYE.head).exists():
+        refused = [sentence for accepted, sentence in verify_hand_eye(run) if not accepted]
+        if refused:
+            raise InputError([Problem(str(run), refused[0], "run cpcal handeye certify again")])
+        chosen = _chosen(format, file, [Format(name) for name in HAND_EYE_FORMS])
+        text = hand_eye_text(load_hand_eye_result(run), chosen.value)
+    else:
+        chosen = _chosen(format, file, [Format(name) for name in WRITERS])
+        campaign, result = checked_run(run)
+        moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
+        text = WRITERS[chosen.value](exported(campaign, result, moved))
+    if file is None:
         typer.echo(text, nl=False)
     else:
-        write_file(output, text)
-        typer.echo(f"Parameters: {output}")
+        write_file(file, text)
+        Talk().say(f"Parameters: {file}")
 
 
-def _chosen(asked: Format | None, output: Path | None, known: list[Format]) -> Format:
+def _chosen(asked: Format | None, file: Path | None, known: list[Format]) -> Format:
     """One of the formats `known` of a run: what was asked for, or what the file's name says. Raises InputError."""
-    suffix = "" if output is None else output.suffix.lower()
+    suffix = "" if file is None else file.suffix.lower()
     fit = [form for form in known if suffix in _SUFFIXES[form]]
     names = f"of this run write one of {', '.join(known)}"
     if asked is None and len(fit) == 1:
@@ -236,28 +217,14 @@ def _chosen(asked: Format | None, output: Path | None, known: list[Format]) -> F
     if asked is None and not suffix and Format.TOML in known:
         return Format.TOML
     if asked is None:
-        what = f"is missing, and the name {output.name} does not say it" if output is not None else "is missing"
+        what = f"is missing, and the name {file.name} does not say it" if file is not None else "is missing"
         raise InputError([Problem("option --format", what, names)])
     if asked not in known:
         raise InputError([Problem("option --format", f"is {asked}", names)])
     if asked not in fit and any(suffix in some for some in _SUFFIXES.values()):
         what, remedy = (
-            f"is {output}, and the format {asked}",
+            f"is {file}, and the format {asked}",
             f"call the file *{_SUFFIXES[asked][0]}, or leave --format out",
         )
         raise InputError([Problem("option --output", what, remedy)])
     return asked
-
-
-def _legs(run: Path, format: Format, frames: Path | None) -> str:
-    campaign, result = checked_run(run)
-    moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
-    return WRITERS[format.value](exported(campaign, result, moved))
-
-
-def _hand_eye(run: Path, format: Format) -> str:
-    """Raises InputError where the run is refused."""
-    refused = [sentence for accepted, sentence in verify_hand_eye(run) if not accepted]
-    if refused:
-        raise InputError([Problem(str(run), refused[0], "run cpcal handeye again")])
-    return hand_eye_text(load_hand_eye_result(run), format.value)

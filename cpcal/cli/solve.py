@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
-from cpcal.cli.options import Running, Status, Talk, check_writable, grouped, record, talking, terminal
-from cpcal.cli.progress import search_progress
+from cpcal.cli.options import Status, Talk, Where, check_writable, output, record
+from cpcal.cli.progress import SearchProgress, line
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
@@ -31,13 +29,9 @@ from cpcal.solver.execution.stopping import asked
 _SHOWN = 20  # solutions in the terminal
 
 
-@talking
-@grouped(Running, "where")
 def solve(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The answer: .json, or .sol for AMPL.")
-    ],
+    file: Annotated[Path, output("FILE", "The answer: .json, or .sol for AMPL.")],
     width: Annotated[
         float | None, typer.Option(metavar="W", help="Of boxes not divided further; else 1e-6, along curves coarser.")
     ] = None,
@@ -51,25 +45,31 @@ def solve(
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
     *,
-    where: Running,
+    where: Where,
     talk: Talk,
-) -> None:
+) -> Status:
     """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value.
 
     While it works OUTPUT.checkpoint says where it stands, and --resume goes on from there.
     """
-    _check(output, picture)
-    for file in (output, certificate, picture):
-        if file is not None:
-            check_writable(file.absolute().parent)
+    problems = []
+    if file.suffix not in (".json", ".sol"):
+        problems.append(Problem(str(file), "is neither a .json nor a .sol file", "name it so"))
+    if picture is not None and picture.suffix != ".svg":
+        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
+    if problems:
+        raise InputError(problems)
+    for path in (file, certificate, picture):
+        if path is not None:
+            check_writable(path.absolute().parent)
     problem = load_problem(source)
-    limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
-    checkpoint = output.with_name(f"{output.name}.checkpoint")
-    with where.stoppable(), search_progress(talk.errors) as progress:
+    checkpoint = file.with_name(f"{file.name}.checkpoint")
+    with where.stoppable(), line(talk.errors) as shown:
+        progress = SearchProgress(shown)
         found = answer(
             problem,
             width=width,
-            limits=limits,
+            limits=Limits(seconds=time_limit, nodes=node_limit, gap=gap),
             certificate=certificate,
             checkpoint=checkpoint,
             resume=where.resume,
@@ -81,27 +81,16 @@ def solve(
         reason = asked()
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     try:
-        _write(found, output, picture)
+        _write(found, file, picture)
     finally:  # a full disk costs the files, not the answer
-        _show(found, output, talk)
+        _show(found, file, talk)
     if checkpoint.exists():
         talk.say(f"--resume goes on from here, by {checkpoint}.")
     if found.uncertified is not None:
         raise found.uncertified
     if reason is not None and found.verdict is Verdict.UNKNOWN:
-        raise typer.Exit(Status(reason))
-    if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED):
-        raise typer.Exit(Status.UNKNOWN)
-
-
-def _check(output: Path, picture: Path | None) -> None:
-    problems = []
-    if output.suffix not in (".json", ".sol"):
-        problems.append(Problem(str(output), "is neither a .json nor a .sol file", "name it so"))
-    if picture is not None and picture.suffix != ".svg":
-        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
-    if problems:
-        raise InputError(problems)
+        return Status(reason)
+    return Status.UNKNOWN if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED) else Status.ANSWERED
 
 
 def _write(found: Answer, output: Path, picture: Path | None) -> None:
@@ -145,27 +134,19 @@ def plugins() -> None:
 
     With exit status 2 where two packages register the same name: nobody can use it.
     """
-    clashes: list[CpcalError] = []
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for heading in ("name", "what", "from", "package", "loads"):
-        table.add_column(heading, overflow="fold")
+    clashes, rows = [], []
     for group, (what, load) in _GROUPS.items():
         for name, point in registry.found(group).items():
             package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-            error = _error(name, load)
-            clashes += [error] if isinstance(error, ClashError) else []
-            row = (name, what, point.value, package, "yes" if error is None else str(error))
-            table.add_row(*map(printable, row))
-    console = terminal()
-    console.print(table)
-    console.print(f"Found through the entry-point groups {', '.join(_GROUPS)}.", soft_wrap=True)
+            loads = "yes"
+            try:
+                load(name)
+            except CpcalError as error:
+                clashes += [error] if isinstance(error, ClashError) else []
+                loads = str(error)
+            rows.append([printable(cell) for cell in (name, what, point.value, package, loads)])
+    talk = Talk()
+    talk.table(("name", "what", "from", "package", "loads"), rows, left=range(5))
+    talk.say(f"Found through the entry-point groups {', '.join(_GROUPS)}.")
     if clashes:
         raise clashes[0]
-
-
-def _error(name: str, load: Callable[[str], object]) -> CpcalError | None:
-    try:
-        load(name)
-    except CpcalError as error:
-        return error
-    return None

@@ -333,7 +333,9 @@ def robust_verified(folder: Path, talk: Talk) -> bool:
     try:
         legs, stated = check_robust(folder), load_robust(folder)
     except Unusable as reason:
-        raise InputError([Problem(str(folder), str(reason), "name a folder that cpcal robust wrote")]) from None
+        raise InputError(
+            [Problem(str(folder), str(reason), "name a folder that `cpcal certify --outliers` wrote")]
+        ) from None
     except (Refused, InputError) as reason:
         said = reason.problems[0].what if isinstance(reason, InputError) else reason
         talk.say(f"{ROBUST_NAME}: REFUSED, {said}")
@@ -349,7 +351,7 @@ def robust_verified(folder: Path, talk: Talk) -> bool:
             f"leg {leg.leg}, at most {leg.outliers} wrong: {said if leg.refused is None else 'REFUSED, ' + leg.refused}"
         )
     if not any(leg.refused or leg.lo is not None or leg.hi is not None for leg in legs):
-        raise InputError([Problem(str(folder), "holds no leg that is certified", "run cpcal robust again")])
+        raise InputError([Problem(str(folder), "holds no leg that is certified", "certify again")])
     return all(leg.refused is None for leg in legs)
 
 
@@ -393,7 +395,7 @@ def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
     try:
         found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
     except Unusable as reason:
-        raise InputError([Problem(str(target), str(reason), "name what cpcal pose-sets wrote")]) from None
+        raise InputError([Problem(str(target), str(reason), "name what `cpcal image sets` wrote")]) from None
     good = all(one.refused is None for one in found)
     for one in found:
         talk.say(f"{one.name}: {_set_proved(one)}")

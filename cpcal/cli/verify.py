@@ -22,7 +22,7 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.options import Talk, record, talking
+from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
@@ -247,7 +247,6 @@ def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:
 KINDS = (RUN, ROBUST, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
-@talking
 def verify(
     target: Annotated[Path, typer.Argument(metavar="RUN|CERTIFICATE", help="A run, or one certificate in it.")],
     campaign: Annotated[
@@ -260,10 +259,10 @@ def verify(
     ] = None,
     *,
     talk: Talk,
-) -> None:
+) -> Status:
     """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
-    A run of `cpcal handeye` is checked likewise against the study that it holds, pose sets from their pixels on.
+    A hand-eye run is checked likewise against the study that it holds, pose sets from their pixels on.
 
     Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
     accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
@@ -278,7 +277,7 @@ def verify(
     else:
         accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk) is not None
     record("verified", target=str(target), accepted=bool(accepted and same))
-    raise typer.Exit(0 if accepted and same else 1)
+    return Status.ANSWERED if accepted and same else Status.UNKNOWN
 
 
 def _verified(folder: Path, talk: Talk) -> bool:

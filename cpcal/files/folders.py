@@ -262,7 +262,7 @@ def _floats(values: Any) -> Any:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Studies from files (docs/study-format.md): all problems of the three files at once, each with its line.
+# Studies from files (docs/calibration.md): all problems of the three files at once, each with its line.
 
 _NO_STUDY = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
 

@@ -287,7 +287,7 @@ def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -
 
 def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
     """Read `handeye.json` from the folder. Raises InputError."""
-    return load(HandEyeResult, Path(folder) / RESULT_NAME, RESULT_FORMAT, remedy="run cpcal handeye again")
+    return load(HandEyeResult, Path(folder) / RESULT_NAME, RESULT_FORMAT, remedy="run cpcal handeye certify again")
 
 
 def check_finite(value: object, where: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Runs of `cpcal handeye` and `cpcal handeye-wrong` checked again, against the study that they hold.
+"""Runs of `cpcal handeye certify` and `cpcal handeye certify --wrong` checked again, against the study that they hold.
 
 Every number of handeye.json and handeye-wrong.json is claimed by a certificate, or computed again here, or stands under
 `information`. The checker decides whether a certificate proves what it claims of the constraints that it states. Here
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.checker import Accepted, Refused, Unusable, check
-from cpcal.checker.files import RUN_WORK, Budget
+from cpcal.checker.files import Budget
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
 from cpcal.handeye.certify import AskedBox, judged, load_hand_eye_result, parameter_ranges, ranges_tolerance
@@ -58,6 +58,7 @@ from cpcal.solver.certificate.exact_network import Stated, number
 from cpcal.solver.certificate.recording import line
 from cpcal.solver.interval import Box
 
+RUN_WORK = 240_000_000  # of all certificates of a run
 _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how far one computed again may be
 _ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pixels fit without error
 _LARGEST = 1e9  # of a nominal pose (mm) and of a cut's weights: beyond it float64 may overflow
@@ -68,7 +69,7 @@ class NotAsStated(Exception):
 
 
 def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
-    """For each statement of the run of `cpcal handeye` in `folder`: whether it is accepted, and a sentence.
+    """For each statement of the run of `cpcal handeye certify` in `folder`: whether it is accepted, and a sentence.
 
     Raises InputError where files cannot be read.
     """
@@ -76,14 +77,12 @@ def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
 
 
 def verify_wrong_images(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
-    """The same for a run of `cpcal handeye-wrong`. Raises InputError where files cannot be read."""
+    """The same for a run of `cpcal handeye certify --wrong`. Raises InputError where files cannot be read."""
     return _WrongImagesRun(Path(folder)).statements()
 
 
 class _Run:
     """What both kinds have: a study, a box about a least-squares answer, a point, certificates."""
-
-    verb: str
 
     def __init__(self, run: Path) -> None:
         self.run, self.study = run, load_hand_eye(run)
@@ -104,7 +103,7 @@ class _Run:
             except InputError as error:  # what a study must be for its answer to be computed again
                 found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, {error.problems[0]}"))
             except Unusable as reason:
-                raise InputError([Problem(str(self.run), str(reason), f"run cpcal {self.verb} again")]) from None
+                raise InputError([Problem(str(self.run), str(reason), "run cpcal handeye certify again")]) from None
         return found
 
     def fitted(self) -> HandEyeStudy:
@@ -166,8 +165,6 @@ def check_readings(study: HandEyeStudy, readings: tuple[Reading, ...]) -> None:
 
 
 class _HandEyeRun(_Run):
-    verb = "handeye"
-
     def __init__(self, run: Path) -> None:
         super().__init__(run)
         self.result = load_hand_eye_result(run)
@@ -245,8 +242,6 @@ class _HandEyeRun(_Run):
 
 
 class _WrongImagesRun(_Run):
-    verb = "handeye-wrong"
-
     def __init__(self, run: Path) -> None:
         super().__init__(run)
         self.found = load_wrong_images(run)

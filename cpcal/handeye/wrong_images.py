@@ -105,7 +105,7 @@ def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Pat
 
 def load_wrong_images(folder: str | os.PathLike[str]) -> WrongImages:
     """Read `handeye-wrong.json` from the folder. Raises InputError."""
-    return load(WrongImages, Path(folder) / WRONG_NAME, WRONG_FORMAT, remedy="run cpcal handeye-wrong again")
+    return load(WrongImages, Path(folder) / WRONG_NAME, WRONG_FORMAT, remedy="run cpcal handeye certify again")
 
 
 def find_wrong_images(

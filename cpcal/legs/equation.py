@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.diagnosis import vertical
 from cpcal.calibration.fit import least_squares
-from cpcal.calibration.leg_equations import LegEquations, sum_of_squares
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import Problem
 from cpcal.common.numbers import nearest
@@ -33,6 +33,7 @@ from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Extremes, Rows
+from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 # ------------------------------------------------------------------------------------------------------------------
 # Enclosures of rotation matrices, compiled: `rotation_numerators` in intervals takes a millisecond in numpy.
@@ -348,9 +349,9 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: Mode
     def jacobian(x: Floats) -> Floats:
         return of.jacobian(full(x))[:, free]
 
-    inside, reached = sum_of_squares(values, jacobian, start[free], _TOLERANCE)
-    if reached and bool(np.all(np.abs(inside) <= reach)):
-        return full(inside)
+    found = minimised(values, jacobian, start[free], tolerance=_TOLERANCE)
+    if found.settled and bool(np.all(np.abs(found.at) <= reach)):
+        return full(found.at)
     return full(_bounded(values, jacobian, start[free], reach))
 
 

@@ -7,8 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from cpcal.calibration import LegEquations, Observability, column_scale, fit, observability
-from cpcal.calibration.leg_equations import robust_scale
+from cpcal.calibration import LegEquations, fit
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.legs import PLAIN
@@ -17,6 +16,7 @@ from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
 from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
+from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
@@ -29,7 +29,8 @@ class LegOutlook:
     """Of one leg, counted from 1, at parameters x (7,) mm.
 
     determination  which parameters the poses leave open
-    observability  indices of the Jacobian dg/dx with columns of equal size; see `cpcal.calibration.identification`
+    condition, index  of the Jacobian dg/dx with columns of equal size: largest over smallest singular value, and O1,
+                   their geometric mean over sqrt N (Borm and Menq 1991); infinite and 0 where a parameter is open
     ranges         (7,) mm, half-widths of all parameters that explain readings of a robot that is as the model says:
                    |J dx| <= what the reading sets allow, to first order. Infinite where a parameter is open, zero for
                    exact readings. Noise and model error shift readings, so the certified ranges are narrower
@@ -37,7 +38,8 @@ class LegOutlook:
 
     leg: int
     determination: Determination
-    observability: Observability
+    condition: float
+    index: float
     ranges: Floats
 
 
@@ -45,12 +47,20 @@ def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
     """The outlook of one leg at parameters x (7,) mm."""
     equations = LegEquations.of(campaign, [leg])
     jacobian = equations.by_parameters(x[None])[:, 0]
-    return LegOutlook(
-        leg,
-        determination(campaign, leg, x, PLAIN),
-        observability(jacobian, column_scale(jacobian)),
-        _ranges(jacobian, slack(campaign, leg, x)),
-    )
+    found = determination(campaign, leg, x, PLAIN)
+    scale = _column_scale(jacobian)
+    values = np.linalg.svd(jacobian * scale, compute_uv=False)
+    condition, index = np.inf, 0.0
+    if found.rank == found.of:
+        condition = float(values[0] / values[-1])
+        index = float(np.exp(np.mean(np.log(values)))) / float(np.sqrt(len(jacobian)))
+    return LegOutlook(leg, found, condition, index, _ranges(jacobian, scale, slack(campaign, leg, x)))
+
+
+def _column_scale(jacobian: Floats) -> Floats:
+    """1 / rms of every column (7,): within sqrt 7 of the scale with the smallest condition (van der Sluis 1969)."""
+    rms = np.sqrt(np.mean(jacobian**2, axis=0))
+    return np.asarray(1.0 / np.where(rms > 0.0, rms, 1.0))
 
 
 def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
@@ -60,14 +70,14 @@ def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
     return np.asarray(np.sum(by_pose * pose, axis=1) + campaign.length_radius[:, leg - 1])
 
 
-def _ranges(jacobian: Floats, allowed: Floats) -> Floats:
+def _ranges(jacobian: Floats, scale: Floats, allowed: Floats) -> Floats:
     """(7,): the largest |dx_i| with |J dx| <= allowed, by linear programming, columns scaled."""
     from scipy.optimize import linprog
 
     if not allowed.any():
         return np.zeros(jacobian.shape[1])
     rows = np.linspace(0, len(jacobian) - 1, min(_ROWS, len(jacobian))).astype(np.intp)
-    scale, size = column_scale(jacobian), float(allowed.max())
+    size = float(allowed.max())
     matrix, bound = jacobian[rows] * scale, allowed[rows] / size
     found = np.full(jacobian.shape[1], np.inf)
     for i in range(len(found)):
@@ -87,11 +97,40 @@ _FAR = 10.0  # robust standard deviations; the largest of 10,000 normal numbers 
 _LEAST = 12  # measurements: fewer can be fitted one and all
 _ROUNDING = 1e-9  # of the leg length: residuals below it are none
 _NAMED = 5  # measurements in a list
+_TOLERANCE = 1e-8
 
 
 def robust_parameters(campaign: Campaign) -> Floats:
-    """(n, 7) mm, of a fit that a few gross errors do not move."""
-    return np.asarray(fit(campaign, loss="soft_l1", tolerance=1e-8).parameters)
+    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
+    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
+    plain = fit(campaign, tolerance=_TOLERANCE).parameters
+    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
+
+
+def _robust(equations: LegEquations, start: Floats) -> Floats:
+    """Of one leg, (7,)."""
+    scale = robust_scale(equations.values(start[None])) or 1.0
+
+    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
+        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
+        r = equations.values(x[None])[:, 0]
+        size = np.sqrt(1.0 + (r / scale) ** 2)
+        return r, size, np.sqrt(2.0 / (1.0 + size))
+
+    def residual(x: Floats) -> Floats:
+        r, _, share = counted(x)
+        return r * share
+
+    def jacobian(x: Floats) -> Floats:
+        _, size, share = counted(x)
+        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
+
+    return least_squares(residual, jacobian, start, tolerance=_TOLERANCE).at
+
+
+def robust_scale(residuals: Floats) -> float:
+    """1.4826 times the median of |r|: the standard deviation of normal residuals, whatever a minority of them does."""
+    return 1.482602218505602 * float(np.median(np.abs(residuals)))
 
 
 def odd_rows(campaign: Campaign, x: Floats) -> list[str]:

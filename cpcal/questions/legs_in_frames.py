@@ -41,7 +41,7 @@ class LegInFrames:
 
 
 def legs_in_frames(run: Result, frames: HandEyeResult) -> tuple[LegInFrames, ...]:
-    """The legs of a run of `cpcal certify` with the frames of a run of `cpcal handeye`.
+    """The legs of a run of `cpcal certify` with the frames of a run of `cpcal handeye certify`.
 
     Raises InputError where the camera is not beside the robot, or frames or a leg have no ranges.
     """

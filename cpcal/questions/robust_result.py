@@ -71,4 +71,4 @@ def save_robust(found: RobustResult, folder: str | os.PathLike[str]) -> Path:
 
 def load_robust(folder: str | os.PathLike[str]) -> RobustResult:
     """Read `robust.json` from the folder. Raises InputError."""
-    return load(RobustResult, Path(folder) / ROBUST_NAME, FORMAT, remedy="run cpcal robust again")
+    return load(RobustResult, Path(folder) / ROBUST_NAME, FORMAT, remedy="certify again")

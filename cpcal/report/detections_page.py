@@ -1,4 +1,4 @@
-"""The page of `cpcal detect`: counts with reasons, some images, where residuals point, where time went."""
+"""The page of `cpcal image detect`: counts with reasons, some images, where residuals point, where time went."""
 
 from __future__ import annotations
 

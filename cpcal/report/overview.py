@@ -202,7 +202,7 @@ def _another_model(
     name = next(name for name in largest if largest[name] <= max(_NEARLY * best, 0.0))
     sentence = (
         f"Use model “{name}”: its least-squares fit leaves {about(largest[name])} mm at most, this one's "
-        f"{about(own.largest)} mm. cpcal compare proves which models hold."
+        f"{about(own.largest)} mm. `cpcal certify --model A,B` proves which models hold."
     )
     return NextStep.MODEL, f"model “{name}”", sentence
 

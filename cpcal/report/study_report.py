@@ -15,11 +15,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.calibration import CalibrationRecord, ErrorSummary, Validation
-from cpcal.calibration.budget import Budget
-from cpcal.calibration.record import Channel, Errors, Parameters, Rows
+from cpcal.calibration import Budget, CalibrationRecord, Validation
 from cpcal.calibration.repeatability import KINDS
-from cpcal.calibration.validation import PosePerformance
+from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, write_file
 from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, stated
@@ -94,8 +92,7 @@ SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
 BEFORE, WITH_X_C, WITH_X_C_SIGMA, WITH_OUTLIERS = "before", "with x_c", "with x_c_sigma", "with x_c, outliers kept"
 EXPANDED = "U (k = 2)"
-MEASURED, DRAWING, CENTROID = "measured", "drawing", "centroid"
-FRAMES = (MEASURED, DRAWING, CENTROID)  # of camera and target; of the drawing; of the joint centres themselves
+MEASURED, DRAWING = FRAMES = ("measured", "drawing")  # of camera and target; of the drawing, laid on it
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ class TextTable:
 
 def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
     """Table 2: standard deviations of the leg readings, mm."""
-    channels = [c for c in record.channels if c.statistics.name.startswith("L")]
+    channels = [c for c in record.repeats.channels if c.statistics.name.startswith("L")]
     head = ("leg", *(str(k) for k in range(1, len(channels) + 1)))
     rows = _deviations(record, channels, lambda _, value: nearest(value, 4))
     if paper_too and len(channels) == len(TABLE_2):
@@ -118,11 +115,11 @@ def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> TextTab
 
 def poses(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
     """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
-    channels = [c for c in record.channels if not c.statistics.name.startswith("L")]
+    channels = [c for c in record.repeats.channels if not c.statistics.name.startswith("L")]
     head = ("component", *(f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels))
     rows = _deviations(record, channels, lambda channel, value: _significant(shown(channel, value)))
-    if record.shared is not None:
-        each = zip(channels, record.shared.pose, strict=True)
+    if record.repeats.shared is not None:
+        each = zip(channels, record.repeats.shared.pose, strict=True)
         rows.append(("shared by all images, beside it", *(_significant(shown(c, value)) for c, value in each)))
     if paper_too:
         theirs = [_significant(TABLE_3[c.statistics.name]) for c in channels]
@@ -132,10 +129,10 @@ def poses(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
 
 def equations(record: CalibrationRecord) -> TextTable:
     """Scatter of the calibration equations between repeats, and of the robot itself where it is seen, mm."""
-    rows = [("equations g between repeats", *(nearest(value, 4) for value in record.equation_sigma))]
-    if any(record.robot_sigma):
-        rows.append(("the robot itself", *(nearest(value, 4) for value in record.robot_sigma)))
-    return TextTable(("leg", *(str(k) for k in range(1, len(record.equation_sigma) + 1))), tuple(rows))
+    rows = [("equations g between repeats", *(nearest(value, 4) for value in record.repeats.equation_sigma))]
+    if any(record.repeats.robot_sigma):
+        rows.append(("the robot itself", *(nearest(value, 4) for value in record.repeats.robot_sigma)))
+    return TextTable(("leg", *(str(k) for k in range(1, len(record.repeats.equation_sigma) + 1))), tuple(rows))
 
 
 def _deviations(
@@ -143,9 +140,9 @@ def _deviations(
 ) -> list[tuple[str, ...]]:
     """What the repeats show, robot included; what is camera's and sensors' of it; and with the outliers."""
     rows = [("this study", *(text(c, c.statistics.sigma) for c in channels))]
-    if any(record.robot_sigma):
+    if any(record.repeats.robot_sigma):
         rows.append(("without the robot's own scatter", *(text(c, c.noise) for c in channels)))
-    if record.left_out:
+    if record.repeats.left_out:
         rows.append(("with the outliers", *(text(c, c.with_outliers) for c in channels)))
     return rows
 
@@ -161,80 +158,54 @@ def drawing(record: CalibrationRecord) -> TextTable:
     return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
-def parameters(
-    record: CalibrationRecord, fit: Parameters, frame: str = MEASURED, theirs: Rows | None = None
-) -> TextTable:
-    """x_c, x_c_sigma or x_c_f, mm, in one of `FRAMES`; below each leg its expanded uncertainty, where that is known in
-    the frame, and what the paper prints, where it does."""
-    values, errors = in_frame(record, fit, frame)
+def parameters(fit: Parameters, frame: str = MEASURED, theirs: Rows | None = None) -> TextTable:
+    """x_c or x_c_sigma, mm, in one of `FRAMES`; below each leg its expanded uncertainty, and what the paper prints,
+    where it does."""
+    drawn = frame == DRAWING
+    values, errors = (fit.drawn, fit.drawn_errors) if drawn else (fit.values, fit.standard_errors)
     lines: list[tuple[str, ...]] = []
     for leg, row in enumerate(values):
         lines.append((str(leg + 1), *(nearest(value, 4) for value in row)))
-        if errors is not None:
-            lines.append((EXPANDED, *(nearest(2.0 * value, 4) for value in errors[leg])))
+        lines.append((EXPANDED, *(nearest(2.0 * value, 4) for value in errors[leg])))
         if theirs is not None and leg < len(theirs):
             lines.append((PAPER, *(nearest(value, 4) for value in theirs[leg])))
     return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
-def in_frame(record: CalibrationRecord, fit: Parameters, frame: str) -> tuple[Rows, Rows | None]:
-    """Parameters and standard errors, where these are known; as measured where the centres define no frame."""
-    if frame == DRAWING:
-        return tuple(tuple(row) for row in record.in_drawing(fit).tolist()), None
-    shown = fit.own if frame == CENTROID and fit.own is not None else fit
-    return shown.values, shown.standard_errors
-
-
 def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTable:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
-    plain, weighted = record.validation.validation, record.validation_sigma.validation
-    columns = [plain.summary_before, plain.summary_after, weighted.summary_after]
-    head = ["error", BEFORE, WITH_X_C, WITH_X_C_SIGMA]
-    if record.validation_all is not None:
-        columns.append(record.validation_all.validation.summary_after)
-        head.append(WITH_OUTLIERS)
+    plain, every = record.validation.x_c, record.validation.with_outliers
+    head = ["error", BEFORE, WITH_X_C, WITH_X_C_SIGMA, *([] if every is None else [WITH_OUTLIERS])]
+    columns = {}
+    for kind in ("position", "orientation"):
+        before, after = plain.summaries(kind)
+        columns[kind] = [before, after, record.validation.x_c_sigma.summaries(kind)[1]]
+        columns[kind] += [] if every is None else [every.summaries(kind)[1]]
     rows: list[tuple[str, ...]] = []
-    for (name, figure), theirs in zip(_FIGURES, (*TABLE_6, *(4 * [None])), strict=True):
-        rows.append((name, *(_significant(figure(column)) for column in columns)))
+    for (name, kind, figure), theirs in zip(_FIGURES, (*TABLE_6, *(4 * [None])), strict=True):
+        values = (getattr(column, figure) for column in columns[kind])
+        rows.append((name, *(_significant(math.degrees(v) if kind == "orientation" else v) for v in values)))
         if paper_too and theirs is not None:
-            rows.append((PAPER, *map(_significant, theirs), *("" for _ in columns[3:])))
+            rows.append((PAPER, *map(_significant, theirs), *("" for _ in head[4:])))
     floor = plain.floor
     if floor is not None:
         means = (_significant(floor.position_mean), _significant(math.degrees(floor.orientation_mean)))
         for name, mean in zip(("position", "orientation"), means, strict=True):
             unit = "mm" if name == "position" else "°"
-            rows.append((f"{name}, mean by noise alone [{unit}]", "", mean, mean, *("" for _ in columns[3:])))
+            rows.append((f"{name}, mean by noise alone [{unit}]", "", mean, mean, *("" for _ in head[4:])))
     return TextTable(tuple(head), tuple(rows))
 
 
-def standards(record: CalibrationRecord) -> tuple[tuple[str, TextTable], ...]:
-    """What the standards of the trade ask for, as far as the study has it: headings and tables."""
-    found: list[tuple[str, TextTable]] = []
-    if record.performance is not None:
-        found.append(("Pose accuracy AP and repeatability RP (formulas of ISO 9283)", _performance(record.performance)))
-    if record.budget is not None:
-        found.append(("Uncertainty budget (GUM), parameters in their own frames [mm]", _budget(record.budget)))
-        found.append((f"{EXPANDED} of each parameter by the budget, frame: {CENTROID} [mm]", _expanded(record.budget)))
-    return tuple(found)
-
-
-def _performance(found: PosePerformance) -> TextTable:
-    """Means and largest over the poses; of angles, of all three axes."""
-    rows = []
-    degrees = [np.degrees(np.array(part)).ravel() for part in (found.angle_before, found.angle_after)]
-    again = np.degrees(np.array(found.angle_repeatability)).ravel()
-    positions = [np.array(part) for part in (found.accuracy_before, found.accuracy_after, found.repeatability)]
-    for unit, values in (("mm", positions), ("°", [*degrees, again])):
-        axis = "" if unit == "mm" else "a,b,c"
-        for name, column in zip(
-            (f"AP{axis}, drawing [{unit}]", f"AP{axis}, {WITH_X_C_SIGMA[5:]} [{unit}]", f"RP{axis} [{unit}]"),
-            values,
-            strict=True,
-        ):
-            good = column[np.isfinite(column)]
-            figures = (float(good.mean()), float(good.max())) if len(good) else (math.nan, math.nan)
-            rows.append((name, *map(_significant, figures)))
-    return TextTable((f"{len(found.names)} poses", "mean", "largest"), tuple(rows))
+def budget_tables(found: Budget) -> tuple[tuple[str, TextTable], ...]:
+    """Headings and tables."""
+    lines = [(str(leg), *(nearest(value, 4) for value in row)) for leg, row in enumerate(found.expanded, 1)]
+    return (
+        ("Uncertainty budget (GUM), parameters laid on the drawing [mm]", _budget(found)),
+        (
+            f"{EXPANDED} of each parameter by the budget, frame: {DRAWING} [mm]",
+            TextTable(("leg", *SYMBOLS), tuple(lines)),
+        ),
+    )
 
 
 def _budget(found: Budget) -> TextTable:
@@ -251,20 +222,15 @@ def _budget(found: Budget) -> TextTable:
     return TextTable(("source", "stated", "on average (rms)", "largest"), tuple(rows))
 
 
-def _expanded(found: Budget) -> TextTable:
-    lines = [(str(leg), *(nearest(value, 4) for value in row)) for leg, row in enumerate(found.expanded, 1)]
-    return TextTable(("leg", *SYMBOLS), tuple(lines))
-
-
-_FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
-    ("position, mean [mm]", lambda s: s.position_mean),
-    ("position, std. dev. [mm]", lambda s: s.position_deviation),
-    ("orientation, mean [°]", lambda s: math.degrees(s.orientation_mean)),
-    ("orientation, std. dev. [°]", lambda s: math.degrees(s.orientation_deviation)),
-    ("position, 95 % of poses [mm]", lambda s: s.position_95),
-    ("position, largest [mm]", lambda s: s.position_largest),
-    ("orientation, 95 % of poses [°]", lambda s: math.degrees(s.orientation_95)),
-    ("orientation, largest [°]", lambda s: math.degrees(s.orientation_largest)),
+_FIGURES = (
+    ("position, mean [mm]", "position", "mean"),
+    ("position, std. dev. [mm]", "position", "deviation"),
+    ("orientation, mean [°]", "orientation", "mean"),
+    ("orientation, std. dev. [°]", "orientation", "deviation"),
+    ("position, 95 % of poses [mm]", "position", "at_95"),
+    ("position, largest [mm]", "position", "largest"),
+    ("orientation, 95 % of poses [°]", "orientation", "at_95"),
+    ("orientation, largest [°]", "orientation", "largest"),
 )
 
 
@@ -397,9 +363,9 @@ def histogram_svg(channel: Channel, *, label: str) -> str:
 
 def validation_svg(found: Validation, *, label: str) -> str:
     """Left the position errors, right the improvements of the compared poses; each curve sorted ascending by itself."""
-    good, figure = found.compared, Figure(*_PAIR)
-    before, after = found.before.position[good], found.after.position[good]
-    turned, moved = found.orientation_improvement[good], found.position_improvement[good]
+    figure = Figure(*_PAIR)
+    before, after = found.errors("position")
+    turned, moved = found.improvement("orientation"), found.improvement("position")
     _sorted(figure, (0.0, 0.48), {ROOM: before, DOT: after}, "position error [mm]", from_zero=True)
     _sorted(figure, (0.52, 1.0), {SUPPORT: turned, DOT: moved}, "improvement [%]", from_zero=False)
     return figure.svg(label)
@@ -420,9 +386,6 @@ def _sorted(figure: Figure, part: Span, curves: dict[str, Floats], label: str, *
     for colour, values in finite.items():
         axes.dots(np.stack([np.arange(1.0, len(values) + 1.0), values], axis=1), colour, 2.8)
     axes.x_axis(ticks(0.0, count + 1.0, 5, whole=True), "validation poses, sorted")
-
-
-_FRAME = CENTROID  # that of the paper's tables 4 and 5
 
 
 @dataclass(frozen=True)
@@ -468,8 +431,8 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
 
 def _context(found: StudyFound) -> dict[str, Any]:
     record = found.record
-    lengths = [c for c in record.channels if c.statistics.name.startswith("L")]
-    of_poses = [c for c in record.channels if not c.statistics.name.startswith("L")]
+    lengths = [c for c in record.repeats.channels if c.statistics.name.startswith("L")]
+    of_poses = [c for c in record.repeats.channels if not c.statistics.name.startswith("L")]
     six = len(record.drawing) == len(TABLE_4)
     return {
         "record": record,
@@ -477,17 +440,17 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "table1": drawing(record),
         "table2": leg_lengths(record),
         "table3": poses(record),
-        "table4": parameters(record, record.x_c, _FRAME, TABLE_4 if six else None),
-        "table5": parameters(record, record.x_c_sigma, _FRAME, TABLE_5 if six else None),
+        "table4": parameters(record.x_c, DRAWING, TABLE_4 if six else None),
+        "table5": parameters(record.x_c_sigma, DRAWING, TABLE_5 if six else None),
         "equations": equations(record),
         "table6": validation(record, paper_too=True),
-        "standards": standards(record),
+        "budget": () if record.budget is None else budget_tables(record.budget),
         "table7": _table7(found),
         "fits_table": _fits_table(found.fits),
         "fits": [_fit_sentence(name, [fit.verified.verdict for fit in fits]) for name, fits in found.fits.both],
         "figure3": [_histogram(channel) for channel in lengths],
         "figure4": [_histogram(channel) for channel in of_poses],
-        "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
+        "figure5": [_validation(name, getattr(record.validation, name)) for name in ("x_c", "x_c_sigma")],
         "apart": _apart(record),
         "errors": about(
             max(2.0 * max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors), 2
@@ -496,7 +459,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "exact": _exact_sentence(found.result),
         "images": found.images,
         "timeout_seconds": stated(found.timeout.options.time_limit or 0.0),
-        "factor": stated(record.factor),
+        "factor": stated(record.sets.factor),
         "delta": stated(found.result.options.delta),
     }
 
@@ -507,8 +470,7 @@ def _histogram(channel: Channel) -> dict[str, Any]:
     return {"svg": Markup(svg), "sentence": channel.statistics.sentence()}  # names of channels are ours
 
 
-def _validation(name: str, errors: Errors) -> dict[str, Any]:
-    found = errors.validation
+def _validation(name: str, found: Validation) -> dict[str, Any]:
     label = f"Errors and improvements of the validation poses with {name}"
     svg = validation_svg(found, label=label)
     return {"name": name, "svg": Markup(svg), "sentence": found.sentence}
@@ -550,16 +512,13 @@ def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:
 
 
 def _apart(record: CalibrationRecord) -> dict[str, Any]:
-    """Where x_c and x_c_sigma differ most, mm, in the frames of the tables and in the same ones for both."""
-    own = [in_frame(record, fit, _FRAME)[0] for fit in (record.x_c, record.x_c_sigma)]
-    difference = np.abs(np.array(own[0]) - np.array(own[1]))
-    same = np.abs(record.in_drawing(record.x_c) - record.in_drawing(record.x_c_sigma))
+    """Where x_c and x_c_sigma differ most, mm."""
+    difference = np.abs(np.array(record.x_c.drawn) - np.array(record.x_c_sigma.drawn))
     leg, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
     return {
         "mm": about(float(difference[leg, k]), 2),
         "name": SYMBOLS[int(k)],
         "leg": int(leg) + 1,
-        "same": about(float(same.max()), 2),
     }
 
 
@@ -599,25 +558,26 @@ _NAMED = 6  # channels
 
 def summary(record: CalibrationRecord) -> tuple[str, ...]:
     """Sentences; lengths in mm and angles in degrees."""
-    budget = () if record.budget is None else (record.budget.sentence,)
+    budget = () if record.budget is None else record.budget.sentences[:1]
     return (
-        f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations. {record.screening}",
+        f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations. "
+        f"{record.repeats.screening}",
         *_doubts(record),
-        record.repeats,
+        record.repeats.scatter,
         f"x_c_sigma: {record.x_c_sigma.sentence}",
         _known(record),
         *budget,
-        f"Validation of x_c_sigma: {record.validation_sigma.validation.sentence}",
+        f"Validation of x_c_sigma: {record.validation.x_c_sigma.sentence}",
         record.diagnosis.sentence,
     )
 
 
 def _doubts(record: CalibrationRecord) -> Iterator[str]:
     """What speaks against independent normal noise; one sentence where nothing does."""
-    statistics = [channel.statistics for channel in record.channels]
+    statistics = [channel.statistics for channel in record.repeats.channels]
     names = [one.name for one in statistics if one.not_normal()]
     said = [f"NOT NORMAL (backlash, drift?): {listed(names, _NAMED)}."] if names else []
-    said += [record.tests.sentence(kind) for kind in KINDS if record.tests.found(kind)]
+    said += [record.repeats.tests.sentence(kind) for kind in KINDS if record.repeats.tests.found(kind)]
     yield from said or ["Repeats scatter as independent noise does, as far as it can be tested."]
 
 

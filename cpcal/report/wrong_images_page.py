@@ -1,4 +1,4 @@
-"""The page of a run of `cpcal handeye-wrong`."""
+"""The page of a run of `cpcal handeye certify --wrong Q`."""
 
 from __future__ import annotations
 

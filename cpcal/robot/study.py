@@ -2,7 +2,7 @@
 
 A camera sees a target on the mobile platform; neither the camera's place beside the base nor the target's place on
 the platform is known. One table of poses serves calibration, another one validation. A study is a value: arrays are
-private copies and read-only. cpcal.files has the files (docs/study-format.md).
+private copies and read-only. cpcal.files has the files (docs/calibration.md).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpcal.accuracy.certified_set import SIZE
-from cpcal.accuracy.next_poses import CERTIFIED, COUNT, DETERMINANT, _polytope, next_poses
+from cpcal.accuracy.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
 from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.robot import central_pose
 
@@ -28,8 +28,8 @@ def test_each_pose_measured_narrows_the_worst_bound_that_is_expected(known):
     centre = central_pose(known.controller, np.full(6, 70.0))
     worst = type(centre)(centre.position[None], centre.quaternion[None])
     today = pose_bounds(worst, known.sets).position[0]
-    found = next_poses(known.campaign, known.sets, worst)
-    assert [n.by for n in found] == [CERTIFIED] * COUNT + [DETERMINANT] * COUNT
+    found = next_poses(known.campaign, known.sets, worst, 4)
+    assert [n.by for n in found] == [CERTIFIED] * 4 + [DETERMINANT] * 4
     for by in (CERTIFIED, DETERMINANT):
         expected = [n.expected for n in found if n.by == by]
         assert all(b <= a * (1.0 + 1e-9) for a, b in pairwise(expected))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import calibrate_frames, hand_eye, redefined
+from cpcal.calibration import calibrate_frames, redefined
 from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
@@ -56,6 +56,10 @@ def distance(found, true):
     return np.linalg.norm(found.position - true.position), np.linalg.norm(turn)
 
 
+def deviations(found):
+    return np.sqrt(np.diagonal(found.covariance))
+
+
 def errors(found, x, z):
     """Of X and Z in the order of the covariance, (12,)."""
     parts = []
@@ -65,7 +69,7 @@ def errors(found, x, z):
     return np.concatenate(parts)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 20), method=st.sampled_from(METHODS), refine=st.booleans())
 def test_without_noise_the_frames_come_out_exactly(seed, count, method, refine):
     x, z, a, b = problem(seed, count)
@@ -80,22 +84,9 @@ def test_without_noise_the_frames_come_out_exactly(seed, count, method, refine):
     assert found.remarks == ()
 
 
-@settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 20), refine=st.booleans())
-def test_hand_eye_on_relative_motions_is_exact(seed, count, refine):
-    rng = np.random.default_rng(seed)
-    x, a = one(rng), random_poses(rng, count)
-    found = hand_eye(a, compose(inverse(x), compose(a, x)), refine=refine)
-    accuracy = 1e-13 / min(found.spread, 1.0) ** 2
-    move, turn = distance(found.transform, x)
-    assert move <= 1e5 * accuracy
-    assert turn <= 1e2 * accuracy
-    assert found.covariance.shape == (6, 6)
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("refine", [False, True])
-@pytest.mark.parametrize("unit", [1e-3, 25.4, 1e6])
+@pytest.mark.parametrize("unit", [1e-3, 1e6])
 def test_the_unit_of_length_does_not_matter(method, refine, unit):
     _, _, a, b = problem(3)
     a, b = noisy(a, 1, 0.5, 0.002), noisy(b, 2, 0.5, 0.002)
@@ -106,16 +97,7 @@ def test_the_unit_of_length_does_not_matter(method, refine, unit):
         assert_allclose(getattr(other, name).position, unit * getattr(found, name).position, rtol=1e-7)
         assert_allclose(getattr(other, name).quaternion, getattr(found, name).quaternion, atol=1e-8)
     lengths = np.tile(np.repeat([unit, 1.0], 3), 2)
-    assert_allclose(other.standard_deviations, lengths * found.standard_deviations, rtol=1e-4)
-
-
-def test_andreffs_hand_eye_does_not_depend_on_the_unit_either():
-    rng = np.random.default_rng(4)
-    x, a = one(rng), random_poses(rng, 10)
-    b = noisy(compose(inverse(x), compose(a, x)), 5, 1.0, 0.005)
-    near = hand_eye(a, b, refine=False)
-    small = [Pose(1e-3 * pose.position, pose.quaternion) for pose in (a, b)]
-    assert_allclose(hand_eye(*small, refine=False).transform.position, 1e-3 * near.transform.position, rtol=1e-10)
+    assert_allclose(deviations(other), lengths * deviations(found), rtol=1e-4)
 
 
 def test_both_methods_refine_to_the_same_minimum():
@@ -138,20 +120,13 @@ def test_refinement_lessens_the_error_of_both_methods_on_average():
     assert all(np.mean(values) > 0 for values in gain.values())
 
 
-def test_errors_scale_with_the_noise():
-    x, z, a, b = problem(7, 40)
-    steps = [errors(calibrate_frames(a, noisy(b, 8, k * 1.0, k * 0.003)), x, z) for k in (1e-3, 1e-2, 1e-1)]
-    assert_allclose(steps[1], 10.0 * steps[0], rtol=2e-2, atol=1e-6)
-    assert_allclose(steps[2], 10.0 * steps[1], rtol=2e-1, atol=1e-4)
-
-
 def test_standard_deviations_tell_the_errors_and_the_noise():
     """60 campaigns: normalised errors have variance 1 (within 15 %), and the estimated sigmas are those drawn."""
     x, z, a, b = problem(9, 25)
     normalised, sigmas = [], []
     for seed in range(60):
         found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
-        normalised.append(errors(found, x, z) / found.standard_deviations)
+        normalised.append(errors(found, x, z) / deviations(found))
         sigmas.append([*found.sigma_position, *found.sigma_rotation])
     assert np.mean(np.square(normalised)) == pytest.approx(1.0, rel=0.15)
     assert_allclose(np.mean(sigmas, axis=0), np.repeat([0.8, 0.002], 3), rtol=0.06)
@@ -160,7 +135,7 @@ def test_standard_deviations_tell_the_errors_and_the_noise():
 def test_a_camera_that_sees_depth_badly_is_weighted_by_axis():
     """Ten times the error along the optical axis: found, and the result better than with one sigma for all."""
     closer, sigmas = [], []
-    for seed in range(15):
+    for seed in range(10):
         x, _, a, b = problem(seed, 30)
         far = [0.3, 0.3, 3.0] * np.random.default_rng(seed).standard_normal((30, 3))
         b = Pose(b.position + far, noisy(b, seed, 0.0, 0.001).quaternion)
@@ -182,9 +157,9 @@ def test_stated_standard_deviations_are_kept_and_judged():
     assert_allclose(small.covariance, right.covariance, rtol=1e-6)  # scaled by what the residuals say
 
 
-def refusal(*poses, solve=calibrate_frames):
+def refusal(*poses):
     with pytest.raises(InputError) as caught:
-        solve(*poses)
+        calibrate_frames(*poses)
     return str(caught.value)
 
 
@@ -204,16 +179,10 @@ def test_planar_motion_is_refused_and_its_axis_named():
     assert "turn about one axis only, (0.000, 0.600, 0.800)" in refusal(*planar(1)).replace("-0.000", "0.000")
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_planar_motion_is_refused_under_noise_too(seed):
     a, b = planar(seed)
     assert "not determined" in refusal(noisy(a, seed, 0.5, 0.003), noisy(b, seed + 100, 0.5, 0.003))
-
-
-def test_planar_relative_motions_are_refused():
-    a, _ = planar(2)
-    x = one(np.random.default_rng(3))
-    assert "one axis only" in refusal(a, compose(inverse(x), compose(a, x)), solve=hand_eye)
 
 
 def test_poses_that_hardly_turn_are_refused():
@@ -277,3 +246,20 @@ def test_redefined_joints_fit_the_cameras_own_poses():
     assert_allclose(turned, leg_vectors(DELTALAB, a), atol=1e-8)
     back = redefined(robot, inverse(x), inverse(z))
     assert_allclose(back.parameters, DELTALAB.parameters, atol=1e-8)
+
+
+@pytest.mark.peers
+@pytest.mark.parametrize("seed", range(3))
+def test_the_closed_form_is_opencvs(seed):
+    """OpenCV solves (cam <- world) (world <- base) = (cam <- gripper) (gripper <- base): A Z = X B."""
+    cv2 = pytest.importorskip("cv2")
+    if not hasattr(cv2, "calibrateRobotWorldHandEye"):
+        pytest.skip("OpenCV 4 has hand-eye calibration")
+    _, _, a, b = problem(seed, 15)
+    b = noisy(b, seed, 1.0, 0.005)
+    lists = [part for pose in (a, b) for part in (list(pose.rotation), list(pose.position))]
+    turn_z, move_z, turn_x, move_x = cv2.calibrateRobotWorldHandEye(*lists, method=cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH)
+    found = calibrate_frames(a, b, refine=False)
+    for pose, turn, move in ((found.camera_in_base, turn_x, move_x), (found.target_in_mobile, turn_z, move_z)):
+        assert_allclose(pose.rotation, turn, atol=1e-9)
+        assert_allclose(pose.position, move[:, 0], atol=1e-6)

@@ -1,14 +1,14 @@
-"""Whose scatter it is: the robot's own counts neither in standard errors nor in reading sets."""
+"""Whose scatter it is: the robot's own counts neither in standard errors nor in sets; drift and play are found."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from cpcal.calibration import as_campaign, calibrate_study, redefined, repeatability
+from cpcal.calibration import as_campaign, calibrate_study, describe, redefined, repeat_tests, repeatability
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
-from cpcal.simulate.disturbances import with_pose_noise, with_robot_scatter
+from cpcal.simulate.disturbances import with_drift, with_pose_noise, with_robot_scatter
 
 
 def found_of(study: Study):
@@ -73,3 +73,35 @@ def test_few_repeats_are_all_taken_as_noise():
     found = repeatability(as_campaign(study.validation, robot))
     assert not found.told
     assert "too few" in found.sentence
+
+
+def examined(study: Study):
+    found = found_of(study)
+    return repeat_tests(found, study.calibration.run, describe(found.spread))
+
+
+def simulated(seed, **options):
+    return simulate_study(seed=seed, random_poses=1, validation_runs=1, **options)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("scatter", [0.0, 0.1])
+def test_good_studies_are_left_alone(seed, scatter):
+    tests, channels = examined(with_robot_scatter(simulated(seed), scatter, seed=seed))
+    assert not any(tests.found(kind) for kind in ("runs", "variances"))
+    assert all(one.tests == tests.count > 30 for one in channels)
+    if not scatter:
+        assert not any("NOT NORMAL" in one.sentence() for one in channels)
+
+
+def test_drift_of_a_sensor_is_seen_in_the_runs():
+    tests, _ = examined(with_drift(simulated(1), 0.02, leg=3))
+    assert tests.found("runs")[0].channel == "L3"
+    assert tests.found("runs")[0].corrected < 1e-6
+    assert any(sentence.startswith("RUNS DIFFER") for sentence in tests.sentences)
+
+
+def test_play_that_some_loads_take_up_shows_in_leg_space():
+    tests, _ = examined(simulated(1, backlash=0.4))
+    assert len(tests.found("variances")) == 6
+    assert not tests.found("runs")

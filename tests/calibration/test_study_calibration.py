@@ -1,76 +1,91 @@
-"""The whole classical way on simulated studies: what was put in comes out."""
+"""The whole classical way on simulated studies: what was put in comes out, and goes through a file."""
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cpcal.calibration import StudyCalibration, calibrate_study
+from cpcal import InputError
+from cpcal.calibration import (
+    Inputs,
+    StudyCalibration,
+    aligned,
+    budget,
+    calibrate_study,
+    load_record,
+    on_drawing,
+    save_record,
+)
+from cpcal.calibration.alignment import SharedError, on_drawing_errors
 from cpcal.calibration.study_calibration import study_rows
-from cpcal.robot import PoseTable, Robot, Study, inverse, transformed
+from cpcal.files import campaign_sha256, load_study, save_study
+from cpcal.report.study_report import poses
+from cpcal.robot import (
+    DELTALAB,
+    PoseTable,
+    Robot,
+    Study,
+    inverse,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    transformed,
+)
 from cpcal.simulate import simulate_study
 from cpcal.simulate.disturbances import with_outliers
 
 
-def truth_in_camera_and_target(study: Study) -> Robot:
-    """The true joint centres where the calibration has them."""
+def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) -> None:
     truth = study.truth
     assert truth is not None
-    base = transformed(truth.camera, truth.robot.base)
-    return Robot("", base, transformed(inverse(truth.target), truth.robot.mobile), truth.robot.offset)
-
-
-@pytest.fixture(scope="module")
-def study() -> Study:
-    return simulate_study(seed=3, runs=4, validation_runs=3, random_poses=12)
-
-
-@pytest.fixture(scope="module")
-def found(study: Study) -> StudyCalibration:
-    return calibrate_study(study)
-
-
-def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) -> None:
-    truth = truth_in_camera_and_target(study).parameters
+    base, mobile = transformed(truth.camera, truth.robot.base), transformed(inverse(truth.target), truth.robot.mobile)
+    true = Robot("", base, mobile, truth.robot.offset).parameters
     for fit in (found.x_c, found.x_c_sigma):
         lower, upper = fit.interval(0.9999)
-        assert np.mean((lower <= truth) & (truth <= upper)) > 0.9
-        assert np.abs(fit.parameters - truth).max() < 0.5
+        assert np.mean((lower <= true) & (true <= upper)) > 0.9
+        assert np.abs(fit.parameters - true).max() < 0.5
 
 
-def test_poses_improve(found: StudyCalibration) -> None:
-    for validation in (found.validation, found.validation_sigma):
+def test_poses_improve_and_validation_knows_the_noise_of_its_own_readings(found: StudyCalibration) -> None:
+    check = found.record.validation
+    for validation in (check.x_c, check.x_c_sigma):
         assert not validation.failed
-        assert validation.summary_after.position_mean < 0.2 * validation.summary_before.position_mean
-        assert validation.summary_after.orientation_mean < 0.2 * validation.summary_before.orientation_mean
+        for kind in ("position", "orientation"):
+            before, after = validation.summaries(kind)
+            assert after.mean < 0.2 * before.mean
+    after, floor, left = check.x_c_sigma.summaries("position")[1], check.x_c_sigma.floor, check.x_c_sigma.beyond_noise
+    assert floor is not None
+    assert 0.3 < after.mean / floor.position_mean < 3.0
+    assert left is not None
+    assert left[0] < after.mean
 
 
 def test_statistics_are_those_of_the_simulated_sensors(found: StudyCalibration) -> None:
-    sigma = {channel.name: channel.sigma for channel in found.statistics}
+    sigma = {channel.statistics.name: channel.statistics.sigma for channel in found.record.repeats.channels}
     assert sigma["L1"] == pytest.approx(0.0077, rel=0.25)  # table 2
     assert sigma["L6"] == pytest.approx(0.0190, rel=0.25)
     assert sigma["x"] == pytest.approx(0.0633 / np.sqrt(10), rel=0.25)  # table 3; a row is the mean of ten images
 
 
 def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalibration) -> None:
-    assert len(found.campaign) == 64
-    assert len(found.check) == 12
-    assert found.campaign.length_radius[0, 5] == pytest.approx(3 * found.statistics[11].sigma / 2, rel=1e-6)
-    single = calibrate_study(study, of="single").campaign
-    assert single.length_radius[0, 5] == pytest.approx(3 * found.statistics[11].sigma, rel=1e-6)
+    assert (len(found.campaign), len(found.check)) == (64, 12)
+    sigma = found.record.repeats.channels[11].statistics.sigma
+    assert found.campaign.length_radius[0, 5] == pytest.approx(3 * sigma / 2, rel=1e-6)
+    single = calibrate_study(study, of="single", method="andreff")
+    assert single.campaign.length_radius[0, 5] == pytest.approx(3 * sigma, rel=1e-6)
+    assert np.abs(single.x_c.parameters - found.x_c.parameters).max() < 1e-2  # whichever way the frames are started
 
 
-def test_both_methods_of_frames_agree(study: Study, found: StudyCalibration) -> None:
-    other = calibrate_study(study, method="andreff")
-    assert np.abs(other.x_c.parameters - found.x_c.parameters).max() < 1e-2
-
-
-def test_imperfect_legs_leave_residuals_that_noise_does_not_explain() -> None:
-    study = simulate_study(seed=3, runs=4, validation_runs=3, random_poses=12, sag=3.0)
-    found = calibrate_study(study)
+def test_imperfect_legs_leave_residuals_that_noise_does_not_explain(study: Study) -> None:
+    found = calibrate_study(simulate_study(seed=3, runs=4, validation_runs=1, random_poses=6, sag=3.0))
     assert "as expected" not in found.x_c.sentence
+    # validation poses need not be repeated
+    assert "nothing tells outliers" in found.record.validation.screening
+    assert len(found.check) == 6
 
 
 def test_one_gross_error_leaves_statistics_and_validation_alone(study: Study, found: StudyCalibration) -> None:
@@ -79,46 +94,248 @@ def test_one_gross_error_leaves_statistics_and_validation_alone(study: Study, fo
         position[5] += 100.0
         return replace(table, position=position)
 
-    wrong = calibrate_study(
-        replace(study, calibration=spoiled(study.calibration), validation=spoiled(study.validation))
+    tables = (spoiled(table) for table in (study.calibration, study.validation))
+    calibration, validation = tables
+    wrong, good = calibrate_study(replace(study, calibration=calibration, validation=validation)).record, found.record
+    assert wrong.repeats.left_out == ("e01/2",)
+    assert wrong.validation.left_out == ("r001/3",)
+    assert wrong.repeats.channels[0].statistics.sigma == pytest.approx(
+        good.repeats.channels[0].statistics.sigma, rel=0.05
     )
-    assert wrong.screening.left_out == ("e01/2",)
-    assert wrong.check_screening is not None
-    assert wrong.check_screening.left_out == ("r001/3",)
-    assert wrong.statistics[0].sigma == pytest.approx(found.statistics[0].sigma, rel=0.05)
-    assert wrong.statistics_all[0].sigma > 3.0  # both figures are there
-    assert wrong.validation.summary_after.position_mean < 1.2 * found.validation.summary_after.position_mean
-    assert wrong.validation_all is not None
-    assert wrong.validation_all.summary_after.position_mean > 1.0
-
-
-def test_validation_knows_the_noise_of_its_own_readings(found: StudyCalibration) -> None:
-    floor, after = found.validation_sigma.floor, found.validation_sigma.summary_after
-    assert floor is not None
-    assert 0.8 * floor.position_mean < after.position_mean < 1.6 * floor.position_mean
-    left = found.validation_sigma.beyond_noise
-    assert left is not None
-    assert left[0] < after.position_mean
-    assert after.position_mean < after.position_95 <= after.position_largest
-
-
-def test_validation_poses_need_not_be_repeated(study: Study) -> None:
-    single = calibrate_study(simulate_study(seed=3, runs=4, validation_runs=1, random_poses=6))
-    assert single.check_screening is None
-    assert len(single.check) == 6
+    assert wrong.repeats.channels[0].with_outliers > 3.0  # both figures are there
+    assert wrong.validation.x_c.summaries("position")[1].mean < 1.2 * good.validation.x_c.summaries("position")[1].mean
+    assert wrong.validation.with_outliers is not None
+    assert wrong.validation.with_outliers.summaries("position")[1].mean > 1.0
 
 
 def test_so_many_outliers_are_none() -> None:
     study = with_outliers(simulate_study(seed=3, runs=5, validation_runs=1, random_poses=2), 0.2, 1.0)
-    rows = study_rows(study.calibration, study.robot)
-    assert rows.screened.too_many
-    assert rows.screened.keep.all()
-    assert "TOO MANY FOR OUTLIERS" in rows.screened.sentence
+    screening = study_rows(study.calibration, study.robot).screening
+    assert screening is not None
+    assert screening.too_many
+    assert screening.keep.all()
+    assert "TOO MANY FOR OUTLIERS" in screening.sentence
 
 
 def test_images_of_a_run_share_its_leg_readings() -> None:
-    study = simulate_study(seed=3, runs=4, validation_runs=2, random_poses=4, images=3)
-    found = calibrate_study(study)
-    assert not found.screening.rows
-    assert found.statistics[11].sigma == pytest.approx(0.019, rel=0.2)
-    assert (found.statistics[0].readings, found.statistics[11].readings) == (768, 256)
+    repeats = calibrate_study(
+        simulate_study(seed=3, runs=4, validation_runs=2, random_poses=4, images=3)
+    ).record.repeats
+    assert not repeats.left_out
+    assert repeats.channels[11].statistics.sigma == pytest.approx(0.019, rel=0.2)
+    assert (repeats.channels[0].statistics.readings, repeats.channels[11].statistics.readings) == (768, 256)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The frames that joint centres define.
+
+
+def test_frames_are_known_as_well_as_is_said() -> None:
+    """Five studies, 12 numbers each, of the drawing's frame: the drawing's errors are in it."""
+    inside = []
+    for seed in range(5):
+        study = simulate_study(seed=seed, runs=2, validation_runs=1, random_poses=2)
+        found, truth = calibrate_study(study), study.truth
+        assert truth is not None
+        for frame, true, centres, drawn in (
+            (found.base_frame, inverse(truth.camera), truth.robot.base, study.robot.base),
+            (found.mobile_frame, truth.target, truth.robot.mobile, study.robot.mobile),
+        ):
+            error = np.abs(frame.motion.position - true.position)
+            inside.append(error < frame.coverage_factor * frame.drawing_sigma[:3])
+            ideal = aligned(transformed(inverse(true), centres), drawn)
+            assert np.abs(frame.motion.position - ideal.motion.position).max() < 5 * frame.sigma[:3].max()
+    assert np.mean(inside) > 0.8
+
+
+def test_parameters_laid_on_the_drawing_do_not_depend_on_where_they_were_measured() -> None:
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    off = DELTALAB.parameters + rng.normal(0, 1.0, (6, 7))
+    moved = off.copy()
+    moved[:, :3] = moved[:, :3] @ turn.T + rng.normal(size=3)
+    assert np.allclose(on_drawing(moved, DELTALAB), on_drawing(off, DELTALAB), atol=1e-9)
+    root = 1e-3 * rng.normal(size=(42, 42))
+    drawn = [on_drawing(off + (root @ rng.normal(size=42)).reshape(6, 7), DELTALAB) for _ in range(1500)]
+    told = on_drawing_errors(off, root @ root.T, DELTALAB)
+    assert np.allclose(np.std(drawn, axis=0), told, rtol=0.15, atol=1e-12)
+
+
+def test_no_frame_of_centres_on_a_line() -> None:
+    line = np.outer(np.arange(6.0), [1.0, 2.0, 3.0])
+    with pytest.raises(InputError, match="line"):
+        aligned(line, line)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Errors that all images share: counted in full in reading sets and frames, however often a pose is repeated.
+
+SHARED = np.array([0.01, 0.02, 0.05, 2e-5, 3e-5, 1e-5])
+
+
+@pytest.fixture(scope="module")
+def shared(study: Study) -> Study:
+    tables = (replace(t, shared=np.tile(SHARED, (len(t), 1))) for t in (study.calibration, study.validation))
+    calibration, validation = tables
+    return replace(study, calibration=calibration, validation=validation)
+
+
+def test_the_shared_part_is_stated_and_not_divided_by_the_repeats(study: Study, shared: Study, tmp_path: Path) -> None:
+    plain, counted = (calibrate_study(one, factor=2.0) for one in (study, shared))
+    for before, after in ((plain.campaign, counted.campaign), (plain.check, counted.check)):
+        widths, without = (
+            np.concatenate([one.position_radius, one.rotation_radius], axis=1) for one in (after, before)
+        )
+        np.testing.assert_allclose(widths**2 - without**2, np.tile((2.0 * SHARED) ** 2, (len(after), 1)), rtol=1e-9)
+        np.testing.assert_array_equal(after.length_radius, before.length_radius)
+        assert "share are counted in full" in after.provenance["averaged"]
+    np.testing.assert_array_equal(plain.x_c.parameters, counted.x_c.parameters)
+    record, without_it = counted.record, plain.record
+    save_record(record, tmp_path)
+    assert load_record(tmp_path) == record
+    assert record.repeats.shared is not None
+    assert record.repeats.shared.pose == pytest.approx(SHARED)
+    named = {row[0]: row[1:] for row in poses(record, paper_too=False).rows}
+    assert named["shared by all images, beside it"][:3] == ("0.01", "0.02", "0.05")
+    assert named["this study"] == poses(without_it, paper_too=False).rows[0][1:]
+    assert any("No repeat shows them" in sentence for sentence in record.sentences)
+    for frame in ("camera_in_base", "target_in_mobile"):
+        sigma, before = (getattr(one.frames, frame).sigma for one in (record, without_it))
+        added = np.sqrt(np.square(sigma) - np.square(before))
+        assert (added[:3] >= 0.05 - 1e-9).all()
+        assert added[3:] == pytest.approx(3e-5)
+
+
+def test_a_pose_that_is_off_alike_everywhere_moves_the_frames_by_no_more_than_is_stated(
+    study: Study, found: StudyCalibration
+) -> None:
+    """All poses of the target moved by 0.05 mm and 0.1 mrad: the frames take it, and less than is stated."""
+    step = np.random.default_rng(1).standard_normal(6) * np.repeat([0.05, 1e-4], 3)
+    table = study.calibration
+    turned = quaternion_product(quaternion_from_rotation_vector(step[3:]), table.quaternion)
+    moved = replace(table, position=table.position + step[:3], quaternion=turned)
+    off = calibrate_study(replace(study, calibration=moved))
+    stated = SharedError((0.05, 0.05, 0.05, 1e-4, 1e-4, 1e-4), float(np.linalg.norm(found.campaign.position[0])))
+    for before, after, sigma in (
+        (found.base_frame, off.base_frame, stated.camera_in_base),
+        (found.mobile_frame, off.mobile_frame, stated.target_in_mobile),
+    ):
+        assert (np.abs(after.motion.position - before.motion.position) < 4.0 * sigma[:3]).all()
+
+
+def test_files_keep_it_and_refuse_half_of_it(shared: Study, tmp_path: Path) -> None:
+    save_study(shared, tmp_path / "study")
+    assert load_study(tmp_path / "study") == shared
+    path = tmp_path / "study" / "calibration.csv"
+    text = path.read_text()
+    rows = [line.rsplit(",", 1)[0] for line in text.splitlines()]
+    for wrong, said in (
+        (text.replace("shared_sz", "shared_sq", 1), "shared_sq"),
+        ("\n".join(rows) + "\n", "'shared_srz' is missing"),
+        (text.replace(",0.02,", ",-0.02,"), "shared deviation is negative"),
+    ):
+        path.write_text(wrong)
+        with pytest.raises(InputError, match=said):
+            load_study(tmp_path / "study")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The uncertainty budget: what repeats cannot show is propagated, and simulated studies agree with it.
+
+
+def test_a_scale_of_the_camera_scales_the_joint_centres(found: StudyCalibration) -> None:
+    made, twice = (
+        budget(found.x_c_sigma, found.campaign, found.drawing, Inputs(camera_scale=size)) for size in (1e-4, 2e-4)
+    )
+    camera, larger = (one for b in (made, twice) for one in b.contributions if one.source == "camera_scale")
+    assert 0.3 < camera.largest / (1e-4 * 270.0) < 1.0  # of the joints' distance to their centroid; readings stay
+    assert larger.largest == pytest.approx(2.0 * camera.largest, rel=1e-2)
+    assert made.largest**2 <= made.contributions[0].largest ** 2 + camera.largest**2 + 1e-12
+    assert "Not in it, as nothing was stated: target_scale, lens, sensor_scale, temperature" in made.sentences[0]
+    assert "single camera" in made.sentences[0]
+
+
+def test_simulated_studies_agree_with_the_budget(found: StudyCalibration) -> None:
+    made = budget(found.x_c_sigma, found.campaign, found.drawing, Inputs(lens=0.01), trials=20)
+    assert made.monte_carlo is not None
+    # 20 studies tell an interval to some 20 %, and their 2.5 % quantiles lie inside
+    assert 0.5 < made.monte_carlo.rms / (2.0 * made.rms) < 1.3
+    assert "GUM Supplement 1, 20 studies" in made.sentences[1]
+
+
+@pytest.mark.parametrize("values", [{"humidity": 1.0}, {"lens": -1.0}, {"lens": math.nan}])
+def test_senseless_inputs_are_refused(values: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="budget"):
+        Inputs.of(values)
+
+
+def test_few_trials_are_refused(found: StudyCalibration) -> None:
+    with pytest.raises(InputError, match="trials"):
+        budget(found.x_c_sigma, found.campaign, found.drawing, Inputs(), trials=3)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `calibration.json`: what calibrate_study found goes out and comes back; garbled files are refused.
+
+
+def test_the_record_holds_what_was_found(study: Study, found: StudyCalibration) -> None:
+    record = found.record
+    assert np.array_equal(record.x_c.values, found.x_c.parameters)
+    assert record.campaign_sha256 == campaign_sha256(found.campaign)
+    assert [c.unit for c in record.repeats.channels] == ["mm"] * 3 + ["rad"] * 3 + ["mm"] * 6
+    assert all(sum(c.histogram.counts) == len(study.calibration) for c in record.repeats.channels)
+    apart = np.array(record.drawing) - record.x_c_sigma.drawn
+    residuals = (found.base_frame.residual, found.mobile_frame.residual)
+    assert np.abs(apart[:, :6] - np.concatenate(residuals, axis=1)).max() < 1e-9
+
+
+def test_the_record_makes_a_round_trip_with_what_is_no_number(found: StudyCalibration, tmp_path: Path) -> None:
+    record = found.record
+    odd = replace(record.x_c, standard_errors=((math.inf,) * 7, *record.x_c.standard_errors[1:]))
+    after = record.validation.x_c.after
+    lost = replace(record.validation.x_c, after=replace(after, position=(math.nan, *after.position[1:])))
+    path = save_record(replace(record, x_c=odd, validation=replace(record.validation, x_c=lost)), tmp_path / "new")
+    again = load_record(path.parent)
+    assert again.x_c == odd
+    assert again.validation.x_c.failed == (lost.names[0],)
+    first = path.read_bytes()
+    assert save_record(again, path.parent).read_bytes() == first
+    assert [p.name for p in path.parent.iterdir()] == ["calibration.json"]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "text"),
+    [
+        (("format",), "cpcal-calibration/9", "not of format"),
+        (("robot",), 5, "robot is no text"),
+        (("sets", "factor"), True, "factor is no number"),
+        (("repeats", "readings"), 1.5, "readings is no whole number"),
+        (("x_c", "values"), [[0.0] * 7], "a fit"),
+        (("x_c", "values", 0, 0), "nan", "not finite"),
+        (("x_c_sigma", "standard_errors", 0), [1.0], "a fit"),
+        (("x_c",), [], "no object"),
+        (("repeats", "channels"), 5, "no list"),
+        (("repeats", "channels", 0, "statistics"), {}, "lacks"),
+        (("validation", "x_c", "names"), [], "validation"),
+        (("drawing", 0), [], "drawing"),
+    ],
+)
+def test_a_garbled_file_is_refused(found: StudyCalibration, tmp_path: Path, path, value, text) -> None:
+    file = save_record(found.record, tmp_path)
+    data = json.loads(file.read_text(encoding="utf-8"))
+    part = data
+    for step in path[:-1]:
+        part = part[step]
+    part[path[-1]] = value
+    file.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(InputError, match=text):
+        load_record(tmp_path)
+
+
+def test_no_file_and_no_json(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not exist"):
+        load_record(tmp_path)
+    (tmp_path / "calibration.json").write_text("{")
+    with pytest.raises(InputError, match="is not JSON"):
+        load_record(tmp_path)

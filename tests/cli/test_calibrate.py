@@ -31,7 +31,7 @@ def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
     campaign, record = cpcal.load_campaign(tmp_path / "c" / "campaign"), load_record(tmp_path / "c")
     assert record.campaign_sha256 == campaign_sha256(campaign)
     assert record.check_sha256 == campaign_sha256(cpcal.load_campaign(tmp_path / "c" / "validation"))
-    assert (record.frames.method, record.factor) == ("andreff", 2.0)
+    assert (record.frames.method, record.sets.factor) == ("andreff", 2.0)
     expected = calibrate_study(cpcal.files.load_study(study), method="andreff", factor=2.0)
     assert campaign_sha256(campaign) == campaign_sha256(expected.campaign)
     for text in ("Standard deviations", "x_c_sigma", "orientation, mean [°]", "DOES NOT EXPLAIN", "Validation of x_c:"):
@@ -49,9 +49,10 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
     lines = outcome.stdout.splitlines()
     assert len(lines) <= 12
     record = load_record(tmp_path / "c")
-    doubts = [kind for kind in KINDS if record.tests.found(kind)]
+    doubts = [kind for kind in KINDS if record.repeats.tests.found(kind)]
     assert doubts
-    for sentence in (*map(record.tests.sentence, doubts), record.budget.sentence, record.diagnosis.sentence):
+    said = (record.budget.sentences[0], record.diagnosis.sentence)
+    for sentence in (*map(record.repeats.tests.sentence, doubts), *said):
         assert sentence in lines
     assert "U (k = 2)" in outcome.stdout
 
@@ -90,7 +91,7 @@ def test_a_budget_is_printed_with_what_was_stated_and_kept_in_the_record(study, 
     assert record.budget is not None
     assert (record.budget.inputs.camera_scale, record.budget.inputs.temperature) == (1e-4, 2.0)
     assert max(max(row) for row in record.budget.expanded) == pytest.approx(2.0 * record.budget.largest)
-    assert record.monte_carlo is None
+    assert record.budget.monte_carlo is None
 
 
 @pytest.mark.parametrize("arguments", [("--lens", "-1"), ("--trials", "50"), ("--lens", "0.1", "--trials", "3")])

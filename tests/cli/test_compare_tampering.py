@@ -16,7 +16,7 @@ def compared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     campaign = cpcal.simulate(seed=1, extremal=False, random_poses=14, joint_error=1.0, factor=0.0)
     cpcal.save_campaign(campaign, folder / "campaign")
-    words = ["compare", str(folder / "campaign"), "-o", str(folder / "run"), "--models", "plain,lateral"]
+    words = ["certify", str(folder / "campaign"), "-o", str(folder / "run"), "--model", "plain,lateral"]
     done = CliRunner().invoke(app, [*words, "--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"])
     assert done.exit_code == 0, done.output
     return folder / "run"

@@ -17,8 +17,7 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
-from cpcal.cli.demo import DemoPlan, image_study, images_found
-from cpcal.cli.options import Talk
+from cpcal.cli.demo import DemoPlan
 from cpcal.cli.report import study_found
 from cpcal.common.errors import InputError
 from cpcal.files import load_study
@@ -62,7 +61,7 @@ def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cpcal.cli.demo.PLAN", SMALL)
-        patch.setattr("cpcal.cli.campaign.simulate_study", every(3))
+        patch.setattr("cpcal.cli.image.simulate_study", every(3))
         outcome = run("demo", "--images", "-o", folder, "--seed", 3)
     return folder, outcome
 
@@ -96,6 +95,7 @@ def test_a_study_can_be_rendered_instead_of_told(tmp_path, monkeypatch):
 
 def detect(shots, table, *options):
     return run(
+        "image",
         "detect",
         shots / "images" / table,
         "-o",
@@ -134,12 +134,13 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     outcome = run("calibrate", shots, "-o", shots / "calibrated")
     assert outcome.exit_code == 0, outcome.stderr
     found = load_record(shots / "calibrated")
-    assert np.mean(found.validation.position_after) < 0.5 * np.mean(found.validation.position_before)
+    before, after = found.validation.x_c.summaries("position")
+    assert after.mean < 0.5 * before.mean
 
 
 def test_a_camera_from_images(shots, tmp_path):
     options = ("--target", shots / "target.toml", "--calibrate", "-o", tmp_path / "camera.toml")
-    outcome = run("detect", shots / "images" / "calibration" / "e00", *options)
+    outcome = run("image", "detect", shots / "images" / "calibration" / "e00", *options)
     assert outcome.exit_code == 2
     assert "views" in outcome.stderr
     some = tmp_path / "some"
@@ -148,7 +149,7 @@ def test_a_camera_from_images(shots, tmp_path):
         (some / name).mkdir(parents=True)
         source = shots / "images" / "calibration" / name / "1" / "1.png"
         (some / name / "1.png").write_bytes(source.read_bytes())
-    outcome = run("detect", some, *options)
+    outcome = run("image", "detect", some, *options)
     assert outcome.exit_code == 0, outcome.stderr
     assert outcome.stdout.count("dots, RMS 0.00") == 11
     record = load_camera(tmp_path / "camera.toml")
@@ -161,7 +162,9 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
     (tmp_path / "readings.csv").write_text("pose,run,L1\na,1,x\n")
     files = ("--target", shots / "camera.toml", "--camera", shots / "target.toml")
     joined = ("--readings", tmp_path / "readings.csv", "--table", tmp_path / "new" / "calibration.csv")
-    outcome = run("detect", shots / "images" / "validation", "-o", tmp_path / "new" / "poses.csv", *files, *joined)
+    outcome = run(
+        "image", "detect", shots / "images" / "validation", "-o", tmp_path / "new" / "poses.csv", *files, *joined
+    )
     assert outcome.exit_code == 2
     for part in ("cpcal-target/1", "cpcal-camera/1", "readings.csv:2"):
         assert part in outcome.stderr
@@ -169,13 +172,12 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
 
 
 def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
-    outcome = run("detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--refine-dots")
+    outcome = run(
+        "image", "detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--refine-dots"
+    )
     assert outcome.exit_code == 2
     for part in ("--camera: is missing", "--refine-dots", "holds no PNG, JPEG or TIFF"):
         assert part in outcome.stderr
-    outcome = run("demo", "--full", "-o", tmp_path / "demo")
-    assert "--images" in outcome.stderr
-    assert not (tmp_path / "demo").exists()
 
 
 def test_the_demo_goes_the_whole_road(demo):
@@ -203,19 +205,6 @@ def test_the_demo_goes_the_whole_road(demo):
     count = len(list(folder.rglob("*.cert.jsonl")))  # of fits, legs, ranges and pose sets
     assert count > 8
     assert f"accepted all {count} certificates" in found.checked
-
-
-def test_images_need_not_be_kept(tmp_path, monkeypatch):
-    """As with --full: each image is rendered when it is measured."""
-    monkeypatch.setattr("cpcal.cli.campaign.simulate_study", every(8))
-    size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
-    folder = tmp_path / "new" / "demo"
-    done = image_study(folder, 3, {}, Talk(quiet=True), size=size, keep=False)
-    assert {name: len(found.rows) for name, found in done.found.items()} == {"calibration": 8, "validation": 2}
-    assert all(row.found for found in done.found.values() for row in found.rows)
-    assert done.rendering is None
-    assert not (folder / "images").exists()
-    assert "rendering" in {row[0] for row in images_found(done).time.rows}
 
 
 def test_what_is_kept_of_images_is_read_back(demo, tmp_path):

@@ -1,4 +1,4 @@
-"""`cpcal pose-sets` and its verification, on a rendered image."""
+"""`cpcal image sets` and its verification, on a rendered image."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
 def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None:
     folder, pose = place
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
-    words = ("pose-sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1", "--plate-exact")
+    words = ("image", "sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1", "--plate-exact")
     status, said = run(*words)
     assert status == 0, said
     assert "2 images: 1 poses enclosed" in said
@@ -106,7 +106,7 @@ def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:
     folder, _ = place
     save_camera(DELTALAB_CAMERA, folder / "bare.toml")
     files = ("--target", folder / "target.toml", "--camera", folder / "bare.toml")
-    status, said = run("pose-sets", folder / "images", *files, "-o", folder / "bare")
+    status, said = run("image", "sets", folder / "images", *files, "-o", folder / "bare")
     assert status == 2
     said = " ".join(said.split())
     assert "the camera: has no covariance: nothing says how far its numbers may be off -> calibrate" in said
@@ -127,6 +127,6 @@ def test_a_folder_without_images_is_refused(place: tuple[Path, Pose]) -> None:
     folder, _ = place
     (folder / "empty").mkdir()
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
-    status, said = run("pose-sets", folder / "empty", *files, "-o", folder / "none", "--plate-exact")
+    status, said = run("image", "sets", folder / "empty", *files, "-o", folder / "none", "--plate-exact")
     assert status == 2
     assert "holds no images" in said

@@ -14,25 +14,23 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.cli import app
 from cpcal.cli.certify import show_result
-from cpcal.cli.progress import ProgressLines, watch
+from cpcal.cli.options import Talk
 from cpcal.legs import PLAIN
-from cpcal.solver.optimize.minimum import Bracket
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
 _SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from contextlib import contextmanager
 import cpcal.cli.certify
 
-@contextmanager
-def stop(legs, gap, console):
-    def progress(leg, bracket):
+class Stop:
+    def __init__(self, line):
+        pass
+    def __call__(self, leg, bracket):
         if leg == 2:
             os.kill(os.getpid(), signal.NAME)
-    yield progress
 
-cpcal.cli.certify.watch = stop
+cpcal.cli.certify.LegsProgress = Stop
 from cpcal.__main__ import main
 main()
 """
@@ -88,46 +86,16 @@ def terminal():
     return Console(file=io.StringIO(), force_terminal=True, width=80, markup=False, highlight=False)
 
 
-def written(console):
-    assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue()
-
-
-def test_progress_shows_the_bracket_of_each_leg():
-    console = terminal()
-    with watch([1, 3], 1e-6, console) as progress:
-        assert progress is not None
-        progress(1, Bracket(0.25, float("inf"), 0, 12, 0.1))
-        progress(1, Bracket(0.25, 0.5, 1, 34, 0.1))
-        progress(3, Bracket(0.25, 0.25, 2, 56, 0.1))
-        console.print("done")
-    text = written(console)
-    assert "leg 1" in text
-    assert "eps in [0.2500000, 0.5000000] mm" in text
-    assert "2 boxes" in text
-
-
-def test_without_a_terminal_a_line_is_written_every_ten_seconds():
-    console, now = Console(file=io.StringIO(), width=80), iter([0.0, 4.0, 9.9, 10.0, 12.0, 21.0])
-    progress = ProgressLines(console, lambda: next(now))
-    for k in range(5):
-        progress(2, Bracket(0.25, 0.5, k, 12, float(k)))
-    assert written(console).splitlines() == [
-        f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s, {k} boxes" for k in (2, 4)
-    ]
-    with watch([1], 1e-6, Console(file=io.StringIO())) as quiet:
-        assert isinstance(quiet, ProgressLines)
-
-
-def test_hostile_names_and_narrow_terminals(campaign):
+def test_hostile_names_and_narrow_terminals(campaign, monkeypatch):
     measured = cpcal.load_campaign(campaign)
     result = cpcal.certify(measured, legs=[1], eps=0.1)
     hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
     console = terminal()
     console.width = 40
-    show_result(console, measured, hostile, PLAIN, verbose=True)
-    show_result(console, measured, hostile, PLAIN)
-    text = written(console)
+    monkeypatch.setattr(Talk, "out", property(lambda _: console))
+    for verbose in (True, False):
+        show_result(Talk(verbose=verbose), measured, hostile, PLAIN)
+    text = console.file.getvalue()
     assert "[bold]\\x1b[2J:smile:" in text
     assert "…" not in text  # no figure is cut off
     assert "does not explain" in " ".join(text.split())

@@ -1,4 +1,4 @@
-"""`cpcal robust` and `cpcal verify` on what it wrote."""
+"""`cpcal certify --outliers` and `cpcal verify` on what it wrote."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("robust")
     made = cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
     cpcal.save_campaign(made, where / "campaign")
-    asked = ["robust", str(where / "campaign"), "-o", str(where / "out"), "--outliers", "1", "--legs", "1"]
+    asked = ["certify", str(where / "campaign"), "-o", str(where / "out"), "--outliers", "1", "--legs", "1"]
     done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.output
     assert "r005/1" in done.output

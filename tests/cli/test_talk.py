@@ -59,12 +59,12 @@ def test_a_log_holds_what_went_wrong(campaign, tmp_path):
     assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
 
 
-LONG = ("certify", "accuracy", "compare", "solve", "detect", "calibrate", "demo", "robust", "verify", "handeye")
+LONG = ("certify", "accuracy", "solve", "image detect", "image sets", "calibrate", "demo", "verify", "handeye certify")
 
 
 @pytest.mark.parametrize("verb", LONG)
 def test_every_verb_that_can_take_long_says_less_or_more_and_keeps_a_record(verb):
-    text = run(verb, "--help").stdout
+    text = run(*verb.split(), "--help").stdout
     assert all(option in text for option in ("--quiet", "-q", "--verbose", "-v", "--log"))
 
 
@@ -98,22 +98,22 @@ def test_the_help_of_the_command_shows_no_type_of_a_flag():
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_type(verb):
-    text = " ".join(run(verb, "--help").stdout.split())
+    text = " ".join(run(*verb.split(), "--help").stdout.split())
     example = VERBS[verb].example
     assert f"Example: cpcal {example[:30]}" in text
     assert "<bool>" not in text
     command: Any = typer.main.get_command(app)
-    name, *arguments = shlex.split(example)
-    context = command.make_context("cpcal", [name], resilient_parsing=True)
-    command.get_command(context, name).make_context(name, arguments, parent=context)
+    arguments = shlex.split(example)
+    context = None
+    for name in verb.split():
+        context = command.make_context(name, [name], parent=context, resilient_parsing=True)
+        command, arguments = command.get_command(context, name), arguments[1:]
+    command.make_context(verb, arguments, parent=context)
 
 
-def test_compare_ends_with_a_line_a_leg(campaign, tmp_path):
-    outcome = run("compare", campaign, "-o", tmp_path, "--models", "plain,gain", "--legs", "1", "--tolerance", "0.01")
+def test_several_models_end_with_a_line_a_leg(campaign, tmp_path):
+    outcome = run("certify", campaign, "-o", tmp_path, "--model", "plain,gain", "--legs", "1", "--tolerance", "0.01")
     assert outcome.exit_code == 1
     lines = outcome.stdout.splitlines()
     assert len(lines) <= 12
     assert any(line.startswith("leg 1: plain ") and "fail" in line and "no model passes" in line for line in lines)
-    assert (
-        run("compare", campaign, "-o", tmp_path, "--models", "plain", "--legs", "1", "--tolerance", "2").exit_code == 0
-    )

@@ -1,4 +1,4 @@
-"""Runs of `cpcal handeye` and `cpcal handeye-wrong`: what they state holds of the truth, and what is false is refused.
+"""Runs of `cpcal handeye certify`, also with --wrong: what they state holds of the truth; what is false is refused.
 
 Each forgery changes one thing, one end at a time, and is refused in the sentence and for the reason that is its own.
 """

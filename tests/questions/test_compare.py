@@ -222,14 +222,14 @@ def test_ctrl_c_leaves_what_is_proved(exact, monkeypatch, tmp_path):
     assert [entry.subject for entry in comparison.entries] == ["leg 1"]
     assert "Interrupted" in write_comparison(comparison, tmp_path).read_text(encoding="utf-8")
     cpcal.save_campaign(exact, tmp_path / "c")
-    words = ["compare", str(tmp_path / "c"), "-o", str(tmp_path / "r"), "--models", "plain", "--legs", "1,2"]
+    words = ["certify", str(tmp_path / "c"), "-o", str(tmp_path / "r"), "--model", "plain,gain", "--legs", "1,2"]
     assert CliRunner().invoke(app, words).exit_code == 130
 
 
 def test_the_command(exact, tmp_path):
     cpcal.save_campaign(exact, tmp_path / "campaign")
-    words = ["compare", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--tolerance", "0.3"]
-    outcome = CliRunner().invoke(app, [*words, "--models", "plain,gain"])
+    words = ["certify", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--tolerance", "0.3"]
+    outcome = CliRunner().invoke(app, [*words, "--model", "plain,gain"])
     assert outcome.exit_code == 0, outcome.output
     assert re.search(r"leg 1: plain 0\.\d+ fail, gain 0\.\d+ pass; next: accept gain", outcome.output)
     comparison = cpcal.load_comparison(tmp_path / "run")
@@ -241,7 +241,7 @@ def test_the_command(exact, tmp_path):
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names == {"campaign.json", "compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
     assert CliRunner().invoke(app, ["verify", str(tmp_path / "run")]).exit_code == 0
-    bad = CliRunner().invoke(app, [*words, "--models", "plain,gian,plain"])
+    bad = CliRunner().invoke(app, [*words, "--model", "plain,gian,plain"])
     assert bad.exit_code == 2
     assert "2 problems" in bad.output
     certified = CliRunner().invoke(

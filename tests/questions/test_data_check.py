@@ -26,7 +26,7 @@ def test_good_campaigns_have_no_findings(seed, joint_error):
     found = cpcal.check_data(simulate(seed=seed, joint_error=joint_error, factor=3.0 * (seed % 2)))
     assert found.good
     assert [leg.leg for leg in found.legs] == [1, 2, 3, 4, 5, 6]
-    assert all(leg.determination.rank == 7 and leg.observability.condition < 200 for leg in found.legs)
+    assert all(leg.determination.rank == 7 and leg.condition < 200 for leg in found.legs)
 
 
 def test_certified_ranges_lie_within_the_expected_ones_and_are_not_much_smaller():

@@ -5,25 +5,19 @@ import json
 import pytest
 
 import cpcal
-from cpcal.calibration import calibrate_study, recorded
+from cpcal.calibration import calibrate_study
 from cpcal.checker import check
 from cpcal.questions.fits import certify_fits, load_fits
 from cpcal.simulate import simulate_study
 
 
 @pytest.fixture(scope="module")
-def study():
-    return simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0)
+def found():
+    return calibrate_study(simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0))
 
 
-@pytest.fixture(scope="module")
-def found(study):
-    return calibrate_study(study)
-
-
-def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
-    record = recorded(study, found, factor=3.0)
-    fits = certify_fits(found.campaign, record, tmp_path / "fits", legs=[2, 5])
+def test_both_fits_are_verified_with_certificates(found, tmp_path):
+    fits = certify_fits(found.campaign, found.record, tmp_path / "fits", legs=[2, 5])
     assert load_fits(tmp_path / "fits") == fits
     cpcal.save_campaign(found.campaign, tmp_path / "campaign")
     for (name, verified), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
@@ -37,9 +31,9 @@ def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
             assert (len(point.holds), len(point.fails)) == (leg.verified.holds, leg.verified.fails)
 
 
-def test_another_campaign_is_refused(study, found, tmp_path):
+def test_another_campaign_is_refused(found, tmp_path):
     with pytest.raises(cpcal.InputError, match="another campaign"):
-        certify_fits(cpcal.simulate(seed=2), recorded(study, found, factor=3.0), tmp_path)
+        certify_fits(cpcal.simulate(seed=2), found.record, tmp_path)
 
 
 @pytest.mark.parametrize("data", [[], {}, {"format": "cpcal-fits/2"}, {"format": "cpcal-fits/3"}])

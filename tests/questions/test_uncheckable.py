@@ -26,6 +26,7 @@ def campaign(request):
 
 def limited(monkeypatch, work):
     monkeypatch.setattr(recording, "WORK", work)
+    monkeypatch.setattr(recording, "leg_work", lambda legs, measurements: work)
 
 
 @pytest.mark.parametrize("method", ["bound", "timeout"])

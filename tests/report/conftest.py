@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import calibrate_study, recorded
+from cpcal.calibration import calibrate_study
 from cpcal.files import campaign_sha256
 from cpcal.legs import PARAMETERS
 from cpcal.questions import Comparison, Entry, Projection, Projections
@@ -111,7 +111,7 @@ def study():
     """A calibrated study with six legs as a solver might leave them; no solver is run."""
     simulated = simulate_study(seed=3, runs=3, validation_runs=2, random_poses=9, sag=2.0)
     found = calibrate_study(simulated)
-    campaign, record = found.campaign, recorded(simulated, found, factor=3.0)
+    campaign, record = found.campaign, found.record
 
     def leg(number, **changes):
         x = found.x_c.parameters[number - 1]

@@ -1,4 +1,4 @@
-"""The page of `cpcal detect`."""
+"""The page of `cpcal image detect`."""
 
 import numpy as np
 import pytest

@@ -12,6 +12,7 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.certify import show_result
+from cpcal.cli.options import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
@@ -262,7 +263,9 @@ def test_one_number_has_one_rounding(campaign):
     result = result_of(campaign)
     printed = io.StringIO()
     console = Console(file=printed, width=200)
-    show_result(console, campaign, result, PLAIN, verbose=True)
-    show_result(console, campaign, result, PLAIN)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Talk, "out", property(lambda _: console))
+        for verbose in (True, False):
+            show_result(Talk(verbose=verbose), campaign, result, PLAIN)
     for text in (render(campaign, result), printed.getvalue()):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}

@@ -69,10 +69,17 @@ def test_hostile_names_do_nothing(study):
     robot = dataclasses.replace(study.campaign.robot, name=HOSTILE[:-5])
     campaign = dataclasses.replace(study.campaign, robot=robot, provenance={HOSTILE[:-5]: HOSTILE[:-5] + "}}{% raw %}"})
     sha = {"campaign_sha256": campaign_sha256(campaign)}
-    errors = study.record.validation
+    errors = study.record.validation.x_c
     names = tuple(HOSTILE + str(k) for k in range(len(errors.names)))
-    lost = dataclasses.replace(errors, names=names, position_after=(math.nan, *errors.position_after[1:]))
-    record = dataclasses.replace(study.record, robot=HOSTILE, screening=HOSTILE, validation=lost, **sha)
+    after = dataclasses.replace(errors.after, position=(math.nan, *errors.after.position[1:]))
+    lost = dataclasses.replace(errors, names=names, after=after)
+    record = dataclasses.replace(
+        study.record,
+        robot=HOSTILE,
+        repeats=dataclasses.replace(study.record.repeats, screening=HOSTILE),
+        validation=dataclasses.replace(study.record.validation, x_c=lost),
+        **sha,
+    )
     note = CampaignNote(campaign_sha256(campaign), HOSTILE, len(campaign))
     page = parsed(
         render_study(

@@ -116,5 +116,8 @@ def test_the_command_goes_there_and_back(tmp_path: Path) -> None:
     (tmp_path / "head.yaml").write_text(ROS)
     files = [tmp_path / name for name in ("camera.toml", "opencv.yaml", "ros.yaml")]
     for file, more in zip(files, ([], ["--as", "opencv"], ["--as", "ros"]), strict=True):
-        assert CliRunner().invoke(app, ["camera", str(tmp_path / "head.yaml"), "-o", str(file), *more]).exit_code == 0
+        assert (
+            CliRunner().invoke(app, ["image", "camera", str(tmp_path / "head.yaml"), "-o", str(file), *more]).exit_code
+            == 0
+        )
         assert load_camera(file) == load_camera(files[0])

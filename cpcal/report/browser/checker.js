@@ -236,7 +236,15 @@ class Leg {
     const skew = [minus(A[2][1], A[1][2]), minus(A[0][2], A[2][0]), minus(A[1][0], A[0][1])];
     const turn = scaled(total(skew.map((v, i) => times(x[11 + i], v))), D(1, -1));
     const along = plus(times(kappa, length), turn), eased = times(kappa, eps);
-    return {factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
+    const found = {factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
+    const rho = this.rho(k);
+    if (rho.every(v => v.m === 0n)) return found;
+    // rows divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
+    const norm = constant(q.reduce((sum, v) => add(sum, mul(v, v)), ZERO)), widest = rho.slice(3, 6).reduce((sum, v) => add(sum, mul(v, v)), ZERO);
+    const over = end => plus(times(kappa, times(end, end)), twice(times(end, turn))), of = times(turn, turn);
+    found.upper = () => minus(times(norm, minus(body, over(plus(length, eps)))), of);
+    found.lower = () => plus(times(norm, minus(over(minus(length, eps)), body)), scaled(of, sub(ONE, widest)));
+    return found;
   }
   lengthRow(k, x) {  // eps - l - (L - lambda)
     const {L, rho} = this.row(k);
@@ -290,11 +298,12 @@ function rowInU(problem, [side, k, signs], box) {
   const m = problem.rho(k).map((rho, j) => signs[j] === "0" ? line1(ZERO, rho, Y(j)) : signs[j] === "+" ? line1(rho, mul(rho, D(-2)), Y(j)) : line1(neg(rho), mul(rho, D(2)), Y(j)));
   return withoutReadings(side === "length" ? problem.lengthRow(k, x) : sideOf(problem, side, problem.parts(k, x, m), signs), signs);
 }
-function sideOf(problem, side, {factor, body, least: low, most: high, root}, signs) {
+function sideOf(problem, side, {factor, body, least: low, most: high, root, upper, lower}, signs) {
+  if (side === "upper" && upper) return upper();
   if (side === "upper" && high !== null) return root ? minus(body, times(factor, times(high, high))) : minus(body, high);
   if (side === "lower" && low !== null) {
     if (!root) return minus(low, body);
-    const row = minus(times(factor, times(low, low)), body), deepest = problem.positive ? ZERO : neg(least(low, signs));
+    const row = lower ? lower() : minus(times(factor, times(low, low)), body), deepest = problem.positive ? ZERO : neg(least(low, signs));
     if (cmp(deepest, ZERO) <= 0) return row;
     return minus(row, constant(mul(neg(least(scaled(factor, D(-1)), signs)), mul(deepest, deepest))));
   }

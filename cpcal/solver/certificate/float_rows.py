@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed, unknown
-from cpcal.checker.leg import LegConstraint, leg_formula
+from cpcal.checker.leg import LegConstraint, eased, leg_formula
 from cpcal.checker.problem import ENDS, Box, Problem, Unknowns
 from cpcal.checker.program import Numbers
 from cpcal.checker.rule import Row, Rule
@@ -117,7 +117,8 @@ def _reading(leg: LegConstraint) -> list[float]:
     if not leg.m.uncertain:
         return []
     widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
-    return [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
+    ends = [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
+    return ends + (widths[3:6] if eased(leg.model, leg.reads) else [])
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:

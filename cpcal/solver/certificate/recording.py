@@ -24,7 +24,7 @@ import numpy.typing as npt
 from cpcal.checker import Refused
 from cpcal.checker import problem as exact
 from cpcal.checker.certificate import check_lines
-from cpcal.checker.files import WORK, Budget, Lines
+from cpcal.checker.files import WORK, Budget, Lines, leg_work
 from cpcal.checker.header import problem_of
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
@@ -61,6 +61,7 @@ from cpcal.solver.search import Event, EventKind, Proof
 # its
 # work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
 
+_LEGS = 6  # of a run, for whose legs a check has its budget
 _WORK_A_BYTE = 250  # of the steps; up to 200 were seen, with the leg model "linear" and uncertain readings
 _SAMPLE = 4  # measurements
 _NEAR = 2  # an estimate within this factor of the limit is not trusted
@@ -77,7 +78,8 @@ def check_affordable(
 
     `where`: the file that they are for; `work`: of the check, at most (default: what the checker spends).
     """
-    most = WORK if work is None else work
+    most = leg_work(_LEGS, problem.count) if problem.model is not None else WORK
+    most = most if work is None else work
     needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims))
     if needed <= most and (problem.model is not None or problem.objective is None):
         return

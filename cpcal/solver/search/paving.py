@@ -152,7 +152,7 @@ def _without(boxes: Sequence[Box], parts: Sequence[Box]) -> list[Box]:
 
 def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:
     if pending:
-        return f"Stopped with {pending} boxes undivided; the boxes hold all solutions."
+        return f"Stopped with {pending} box{'es' if pending > 1 else ''} undivided; the boxes hold all solutions."
     if not (proved or unknown or inside):
         return "The constraints have no common solution in the domain: proved."
     boxes = "1 box holds" if proved == 1 else f"{proved} boxes hold"

@@ -201,7 +201,7 @@ def _text(path: Path) -> str:
 
 
 def _no_journal(path: Path) -> InputError:
-    return InputError([Problem(str(path), "is not a journal of `cpcal detect`", "choose another file")])
+    return InputError([Problem(str(path), "is not a journal of `cpcal image detect`", "choose another file")])
 
 
 def _row(line: str) -> tuple[str, Detection] | None:

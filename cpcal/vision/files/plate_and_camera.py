@@ -27,14 +27,14 @@ def opened(
 ) -> TomlReader | None:
     """A reader of the TOML file `path`, its format and the names of its sections looked at; None if it is none."""
     file = Path(path)
-    content = small_file(file, problems, "write one as docs/vision-files.md shows")
+    content = small_file(file, problems, "write one as docs/images.md shows")
     if content is None:
         return None
     return TomlReader.of(content, str(file), format_, (*sections, "provenance"), problems)
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# camera.toml (docs/vision-files.md): read with every problem and its line, written as canonical bytes.
+# camera.toml (docs/images.md): read with every problem and its line, written as canonical bytes.
 
 CAMERA_FORMAT = "cpcal-camera/1"
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -184,7 +184,7 @@ def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# target.toml (docs/vision-files.md): read with every problem and its line, written as canonical bytes.
+# target.toml (docs/images.md): read with every problem and its line, written as canonical bytes.
 
 TARGET_FORMAT = "cpcal-target/1"
 

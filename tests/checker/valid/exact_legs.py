@@ -73,11 +73,22 @@ def parts(m: Exact, model: str, x: Vector, reading: Vector) -> tuple[F, F]:
 
 
 def left_side(m: Exact, model: str, side: str, x: Vector, reading: Vector) -> F:
-    """|q|^2 (1 + s.s) (||v||^2 - h - (L + e + l + t + eps)^2), or its counterpart; in `linear` times that once more."""
+    """|q|^2 (1 + s.s) (||v||^2 - h - (L + e + l + t + eps)^2), or its counterpart; in `linear` times |q|^2 once more,
+    where what the rotation adds to t has the least and the most square that the reading set allows; or, without one,
+    times |q|^2 (1 + s.s)."""
     square, length = parts(m, model, x, reading)
-    kappa = sum((c * c for c in m.quaternion), F(0)) * (1 + sum((c * c for c in reading[3:6]), F(0)))
-    scale = kappa**2 if model == "linear" else kappa
-    return scale * (square - (length + x[-1]) ** 2 if side == "upper" else (length - x[-1]) ** 2 - square)
+    norm = sum((c * c for c in m.quaternion), F(0))
+    kappa = norm * (1 + sum((c * c for c in reading[3:6]), F(0)))
+    end = length + x[-1] if side == "upper" else length - x[-1]
+    sign = 1 if side == "upper" else -1
+    row = sign * (square - end**2)
+    if model != "linear":
+        return kappa * row
+    if not any(m.radii):
+        return kappa * kappa * row
+    turn = length - parts(m, model, [*x[:11], F(0), F(0), F(0), x[-1]], reading)[1]
+    share = F(1) if side == "upper" else 1 - sum((r * r for r in m.radii[3:6]), F(0))
+    return norm * kappa * (row + sign * turn**2) - sign * kappa**2 * turn**2 * share
 
 
 def value(p: Polynomial, u: Vector, readings: Sequence[F] = (F(0),) * READINGS) -> F:

@@ -259,6 +259,16 @@ def test_solve_stops_at_a_limit_with_everything_covered(limits: Limits) -> None:
         assert any(point in box for box in solution_boxes(paving))
 
 
+def test_no_sentence_says_proved_while_a_box_is_undivided() -> None:
+    stops = [two_roots().solve(width=1e-9, contractors=("hc4", "lifted"), limits=Limits(nodes=n)) for n in (4, 8, 9)]
+    assert [paving.status.split(" undivided")[0] for paving in stops[:2]] == [
+        "Stopped with 3 boxes",
+        "Stopped with 1 box",
+    ]
+    assert [paving.complete for paving in stops] == [False, False, True]
+    assert "proved" in stops[2].status
+
+
 def test_solve_ends_cleanly_on_ctrl_c() -> None:
     seen = []
 
