@@ -76,6 +76,13 @@ class Processes(Executor):
         self._workers: list[_Worker] = []
         self._stopping = False
 
+    @property
+    def ready(self) -> bool:
+        """Whether a process has begun; the first time that it is asked one begins."""
+        if not self._threads:
+            self.submit(os.getpid)
+        return bool(self._workers)
+
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         future: Future[T] = Future()
         try:

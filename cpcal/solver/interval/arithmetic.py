@@ -141,9 +141,9 @@ def in_arithmetic(name: str, *sources: ModuleType) -> Any:
 
 
 def _defined_in(source: ModuleType) -> list[Callable[..., Any]]:
-    """The functions of a module, in the order of the file."""
-    found = [v for v in vars(source).values() if callable(v) and not isinstance(v, type)]
-    return [function for function in found if getattr(function, "__module__", "") == source.__name__]
+    """The compiled functions of a module, in the order of the file."""
+    found = [v for v in vars(source).values() if getattr(v, "kernel", False)]
+    return [function for function in found if function.__module__ == source.__name__]
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -17,7 +17,7 @@ from cpcal.solver.compiled import rebound
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.numbers import IntervalArray, Number, round_down, round_up
 
-_KERNELS = rebound([f for f in vars(kernels).values() if getattr(f, "__module__", "") == kernels.__name__], {})
+_KERNELS = rebound([f for f in vars(kernels).values() if getattr(f, "kernel", False)], {})
 _NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
 
 

@@ -201,14 +201,14 @@ class Expr:
         return (self[k] for k in range(len(self)))
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        from cpcal.solver.network import numpy_dispatch
+        from cpcal.solver.network import mathematics
 
-        return numpy_dispatch.ufunc(ufunc, method, inputs, options)
+        return mathematics.ufunc(ufunc, method, inputs, options)
 
     def __array_function__(self, called: Any, types: Any, args: Any, options: Any) -> Any:
-        from cpcal.solver.network import numpy_dispatch
+        from cpcal.solver.network import mathematics
 
-        return numpy_dispatch.function(called, args, options)
+        return mathematics.function(called, args, options)
 
     def __float__(self) -> NoReturn:
         raise ModelError("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")
