@@ -175,7 +175,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     campaign = cpcal.load_campaign(tmp_path / "campaign")
     least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].eps_lo
     load = plugins.load
-    monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))  # weights prove nothing
+    monkeypatch.setattr(Lifted, "contract", lambda self, box, deadline: Contraction(box))  # weights prove nothing
     monkeypatch.setattr(
         plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
     )
