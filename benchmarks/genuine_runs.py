@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner
 
-from benchmarks.pose_sets import drawn_pose
-from benchmarks.uncertain_poses import shown
+from benchmarks.pose_sets import drawn_pose, shown
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import save_accuracy
 from cpcal.calibration import calibrate_study

@@ -1,14 +1,52 @@
-"""Random poses and dot lists for the vision studies and tests, all from a seed."""
+"""Simulated scenes of the DeltaLab target, all from a seed: poses, lists of dots, views, images that show none.
+
+    python -m benchmarks.vision_scenes [--lists 2000] [--images 20] [--cameras 50]
+
+Measures with them, and prints:
+
+1. Identification: lists of predicted centres with noise, in random order, up to 10 dots missing and false ones added,
+   anywhere or on the very rows that identify the target; or the target partly out of view. One wrong pair is wrong.
+2. Dots in rendered images, 550 to 850 mm away, tilted to 30 degrees, under light that differs by up to 40 %: errors to
+   the centre of the dot's exact image, Cramer's and Rao's bound for a known blurred edge, errors over stated ones.
+3. Poses from such images, 700 mm away and over the whole range: RMS and largest errors (mm, degrees), and the mean
+   square of the errors over the stated ones.
+4. Cameras calibrated from 15 views with centres good to 0.01 px: the variance of the nine numbers' errors over the
+   stated ones, freed from their correlations.
+"""
 
 from __future__ import annotations
 
+import argparse
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cpcal.common.values import Floats, Ints
-from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.vision.camera import Camera
+from cpcal.robot import (
+    Pose,
+    quaternion_conjugate,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_vector,
+)
+from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.dots import observe_dots
+from cpcal.vision.identify import Unidentified, identify
+from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.opencv import opencv
+from cpcal.vision.pose import PoseEstimate
 from cpcal.vision.projection import centers_of, predicted_centers
-from cpcal.vision.target import Target
+from cpcal.vision.render import Scene, contours, render
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+MOST = 10  # false and missing dots
+KINDS = ("none", "anywhere", "missing on the rows", "false on the rows", "both on the rows")
+ASIDE = "partly out of view"
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # x right, y up on the target: half a turn about the camera's x
 
@@ -89,3 +127,217 @@ def _strewn(rng: np.random.Generator, target: Target, count: int, on_rows: bool,
         if np.linalg.norm(others - place, axis=1).min() > apart * target.radius:
             places.append(place)
     return np.array(places).reshape(-1, 2)
+
+
+def spoiled(rng: np.random.Generator, kind: str) -> dict[str, Any]:
+    """How many dots are missing and false: at most MOST in all."""
+    total = int(rng.integers(1, MOST + 1))
+    missing = int(rng.integers(0, total + 1))
+    return {
+        "none": {},
+        ASIDE: {"missing": missing // 2, "false": (total - missing) // 2},
+        "anywhere": {"missing": missing, "false": total - missing},
+        "missing on the rows": {"missing": total, "on_rows": True},
+        "false on the rows": {"false": total, "on_rows": True},
+        "both on the rows": {"missing": missing, "false": total - missing, "on_rows": True},
+    }[kind]
+
+
+def identified(lists: int, seed: int) -> dict[str, Counter[str]]:
+    """How many lists of each kind are right, refused and wrong; so many in all."""
+    rng, out = np.random.default_rng(seed), {}
+    for kind in (*KINDS, ASIDE):
+        poses, told = facing_poses(rng, lists // (len(KINDS) + 1)), Counter(right=0, refused=0, wrong=0)
+        if kind == ASIDE:
+            poses.position[:, :2] += rng.uniform(-200.0, 200.0, (len(poses.position), 2))
+        for k in range(len(poses.position)):
+            how = spoiled(rng, kind)
+            centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, **how)
+            try:
+                found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+                told["right" if np.array_equal(labels[found.found], found.numbers) else "wrong"] += 1
+            except Unidentified:
+                told["refused"] += 1
+        out[kind] = told
+    return out
+
+
+def pose_error(true: Pose, estimate: PoseEstimate) -> Floats:
+    """(6,): true minus estimated position (mm), and the rotation vector (rad) from the estimate to the truth."""
+    turn = quaternion_product(true.quaternion, quaternion_conjugate(estimate.pose.quaternion))
+    return np.concatenate([true.position - estimate.pose.position, rotation_vector(turn)])
+
+
+def measured(images: int, seed: int, *, nominal: bool) -> tuple[Floats, Floats]:
+    """Errors (n, 6), mm and degrees, of the poses of rendered images, and their squares over the stated variances."""
+    rng = np.random.default_rng(seed)
+    poses = facing_poses(rng, images, depth=(700.0, 700.0) if nominal else (550.0, 850.0))
+    errors, squares = [], []
+    for k in range(images):
+        scene = Scene() if nominal else Scene(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1.0, 4.0))
+        image = render(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), scene, seed=seed + k)
+        try:
+            found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except NotMeasured:
+            continue
+        error = pose_error(one(poses, k), found.estimate)
+        errors.append(error * np.repeat([1.0, np.degrees(1.0)], 3))
+        squares.append(np.linalg.solve(np.linalg.cholesky(found.covariance), error) ** 2)
+    return np.array(errors), np.array(squares)
+
+
+def degenerate_images(seed: int) -> dict[str, npt.NDArray[np.generic]]:
+    """Images without a target that could be measured, 1024 x 768 unless their name says otherwise."""
+    rng = np.random.default_rng(seed)
+    camera, target = DELTALAB_CAMERA, DELTALAB_TARGET
+    poses = facing_poses(rng, 1, depth=(700.0, 700.0))
+    pose = one(poses, 0)
+    plain = render(target, camera, pose)
+    shape = plain.shape
+    beside, below = (Pose(pose.position + shift, pose.quaternion) for shift in ([420.0, 0.0, 0.0], [0.0, 400.0, 0.0]))
+    on_rows = tuple(i for line in target.lines for i in line)
+    checks = 200 * (np.add.outer(np.arange(shape[0]) // 40, np.arange(shape[1]) // 40) % 2)
+    discs = np.full(shape, 20, dtype=np.uint8)
+    y, x = np.indices(shape)
+    discs[(x % 32 - 16) ** 2 + (y % 32 - 16) ** 2 < 64] = 220
+    return {
+        "black": np.zeros(shape, dtype=np.uint8),
+        "white": np.full(shape, 255, dtype=np.uint8),
+        "saturated": np.where(plain > 25, 255, plain).astype(np.uint8),
+        "noise": rng.integers(0, 256, shape).astype(np.uint8),
+        "blurred by 15 pixels": opencv().GaussianBlur(plain, (0, 0), 15.0),
+        "half out, to the right": render(target, camera, beside),
+        "half out, below": render(target, camera, below),
+        "mirrored": np.ascontiguousarray(plain[:, ::-1]),
+        "without its rows": render(target, camera, pose, hidden=on_rows),
+        "chessboard": checks.astype(np.uint8),
+        "a regular grid of dots": opencv().GaussianBlur(discs, (0, 0), 0.8),
+        "1 x 1": np.zeros((1, 1), dtype=np.uint8),
+        "100 megapixels": np.zeros((10_001, 10_000), dtype=np.uint8),
+    }
+
+
+def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
+    """The centres (n, 2) of the conics through the dots' exact contours, pixels."""
+    points = contours(target, camera, pose)
+    middle = points.mean(axis=1, keepdims=True)
+    x, y = np.moveaxis((points - middle) / 10.0, -1, 0)
+    terms = np.stack([x * x, x * y, y * y, x, y], axis=-1)
+    conic = np.linalg.solve(terms.transpose(0, 2, 1) @ terms, terms.sum(axis=1)[..., None])[..., 0]
+    xx, xy, yy = conic[:, 0], conic[:, 1], conic[:, 2]
+    matrix = np.stack([np.stack([2.0 * xx, xy], axis=-1), np.stack([xy, 2.0 * yy], axis=-1)], axis=-2)
+    return np.asarray(middle[:, 0] - 10.0 * np.linalg.solve(matrix, conic[:, 3:, None])[..., 0])
+
+
+@dataclass(frozen=True)
+class DotErrors:
+    """pixels (m, 2) errors of the dots found; normalised (m, 2) in standard deviations; bound (m,) pixels; missing:
+    dots in sight that were not found; false: found where there is none."""
+
+    pixels: Floats
+    normalised: Floats
+    bound: Floats
+    missing: int
+    false: int
+
+
+def errors(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int = 0, **options: Any) -> DotErrors:
+    """What `observe_dots(image, **options)` gets wrong in one rendered image."""
+    image = render(target, camera, pose, scene, seed=seed)
+    found = observe_dots(image, **options)
+    true = true_centers(target, camera, pose)
+    distance, number = (np.asarray(a) for a in cKDTree(true).query(found.centers))
+    right = distance < 1.0
+    off = found.centers[right] - true[number[right]]
+    half = np.linalg.cholesky(found.covariance[right])
+    inside = ((true > 0.0) & (true < [camera.width - 1, camera.height - 1])).all(axis=1)
+    missing = int(inside.sum()) - len(np.unique(number[right]))
+    spread = np.sqrt(scene.blur**2 + 1.0 / 12.0)
+    light = 1.0 + (np.array(scene.gradient) * (found.centers[right] / [camera.width, camera.height] - 0.5)).sum(axis=1)
+    slope = (scene.bright - scene.dark) * light / np.hypot(scene.noise, np.sqrt(1.0 / 12.0))
+    bound = np.sqrt(2.0 * np.sqrt(np.pi) * spread / (np.pi * found.axes[right].mean(axis=1))) / slope
+    return DotErrors(off, np.linalg.solve(half, off[..., None])[..., 0], bound, missing, int((~right).sum()))
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where the target is: distance in mm, tilt in degrees at most; how many views; the centres' noise in px."""
+
+    views: int = 15
+    noise: float = 0.01
+    tilt: float = 30.0
+    distance: tuple[float, float] = (550.0, 850.0)
+
+
+def simulated_views(
+    rng: np.random.Generator, target: Target, camera: Camera, setting: Setting
+) -> tuple[list[TargetView], list[Pose]]:
+    """Views of the dots that are at least 10 px clear of the image's border, and the true poses."""
+    views = []
+    every = facing_poses(rng, setting.views, depth=setting.distance, tilt=setting.tilt)
+    poses = [one(every, k) for k in range(setting.views)]
+    for pose in poses:
+        centers = predicted_centers(target, camera, pose)
+        clear = (centers > 10.0) & (centers < np.array([camera.width - 11.0, camera.height - 11.0]))
+        numbers = np.flatnonzero(clear.all(axis=1))
+        found = centers[numbers] + setting.noise * rng.standard_normal((len(numbers), 2))
+        views.append(TargetView(found, np.tile(setting.noise**2 * np.eye(2), (len(numbers), 1, 1)), numbers))
+    return views, poses
+
+
+def normalised_errors(found: Calibration, camera: Camera) -> tuple[Floats, Floats]:
+    """(9,) errors by their standard errors, and freed from their correlations."""
+    error = found.camera.numbers - camera.numbers
+    factor = np.linalg.cholesky(found.covariance)
+    return error / found.standard_errors, np.linalg.solve(factor, error)
+
+
+def aligned(dots: Floats, stated: Floats) -> Floats:
+    """Dots (n, 2) shifted, turned and scaled onto the stated ones, by least squares."""
+    z, w = dots @ [1.0, 1.0j], stated @ [1.0, 1.0j]
+    z = z - z.mean()
+    moved = z * (np.vdot(z, w) / np.vdot(z, z)) + w.mean()
+    return np.stack([moved.real, moved.imag], axis=1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--lists", type=int, default=2000)
+    parser.add_argument("--images", type=int, default=20, help="of each kind")
+    parser.add_argument("--cameras", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    opencv().setNumThreads(1)
+    for kind, told in identified(asked.lists, asked.seed).items() if asked.lists else ():
+        print(f"{kind:24}", ", ".join(f"{told[word]} {word}" for word in ("right", "refused", "wrong")))
+    for blur, noise in ((blur, noise) for blur in (0.5, 0.8, 1.2) for noise in (1.0, 2.0, 4.0)):
+        found = []
+        for seed in range(asked.seed, asked.seed + asked.images):
+            rng = np.random.default_rng(seed)
+            x, y = rng.uniform(-0.4, 0.4, 2)
+            scene, pose = Scene(blur, noise, gradient=(float(x), float(y))), one(facing_poses(rng, 1), 0)
+            found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, seed, bright=True))
+        if found:
+            each = (
+                np.concatenate([getattr(e, name).ravel() for e in found]) for name in ("pixels", "bound", "normalised")
+            )
+            rms = ", ".join(f"{np.sqrt((values**2).mean()):.4f}" for values in each)
+            lost = f"missing {sum(e.missing for e in found)}, false {sum(e.false for e in found)}"
+            print(f"blur {blur}, noise {noise}: dots' errors, bound [px], over stated ones: {rms}; {lost}")
+    for nominal in (True, False):
+        off, squares = measured(asked.images, asked.seed, nominal=nominal)
+        rows = (np.sqrt((off**2).mean(axis=0)), np.abs(off).max(axis=0), squares.mean(axis=0))
+        print(
+            f"poses, {'700 mm' if nominal else '550 to 850 mm'}: {len(off)} of {asked.images}; RMS, largest, normalised"
+        )
+        print(*(" ".join(f"{value:8.4f}" for value in row) for row in rows), sep="\n")
+    freed = []
+    for seed in range(asked.cameras):
+        views, _ = simulated_views(np.random.default_rng(seed), DELTALAB_TARGET, DELTALAB_CAMERA, Setting())
+        camera = calibrate_camera(views, DELTALAB_TARGET, (DELTALAB_CAMERA.width, DELTALAB_CAMERA.height))
+        freed.append(normalised_errors(camera, DELTALAB_CAMERA)[1])
+    print(f"{asked.cameras} cameras: variance of errors over stated ones {np.mean(np.square(freed)):.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.vision_accuracy import degenerate_images
-from benchmarks.vision_conditions import CONDITIONS, poses_for
-from benchmarks.vision_scenes import one
-from benchmarks.vision_world import World, photograph
+from benchmarks.vision_scenes import degenerate_images, one
+from benchmarks.vision_world import CONDITIONS, World, photograph, poses_for
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.render import refusal

@@ -68,7 +68,7 @@ def test_verify_loads_no_solver_and_begins_without_arrays(tmp_path):
 
 
 def test_pages_and_their_figures_need_no_plotting_library():
-    code = "import sys, cpcal.cli.certify, cpcal.report.page, cpcal.report.study_report; print(*sys.modules)"
+    code = "import sys, cpcal.cli.certify, cpcal.report.run_page, cpcal.report.study_page; print(*sys.modules)"
     assert "matplotlib" not in interpreted(code).split()
 
 

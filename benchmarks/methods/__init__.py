@@ -3,18 +3,51 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
-from benchmarks.methods.method import Method, TaskQuestion, Work
+from benchmarks.problems import Leg, PosedProblem
+from benchmarks.runs import MethodAnswer, Task, Unsupported
 
 PEERS = {
-    "scip": "benchmarks.methods.scip:Scip",
-    "gurobi": "benchmarks.methods.gurobi:Gurobi",
-    "codac": "benchmarks.methods.codac:Codac",
-    "codac-fwdbwd": "benchmarks.methods.codac:CodacFwdBwd",
-    "least-squares": "benchmarks.methods.levenberg_marquardt:LeastSquares",
+    "scip": "benchmarks.methods.peers:Scip",
+    "gurobi": "benchmarks.methods.peers:Gurobi",
+    "codac": "benchmarks.methods.peers:Codac",
+    "least-squares": "benchmarks.methods.peers:LeastSquares",
 }
+Work = Callable[[], MethodAnswer]
 
-__all__ = ["PEERS", "Method", "TaskQuestion", "Work", "method"]
+
+@dataclass(frozen=True)
+class TaskQuestion:
+    """`eps` (mm) is the tolerance that a task is about, where it is about one; `limit` is in seconds."""
+
+    problem: PosedProblem
+    task: Task
+    eps: float | None
+    limit: float
+
+    @property
+    def leg(self) -> Leg:
+        """The problem as a leg with exact readings. Raises Unsupported."""
+        if not isinstance(self.problem, Leg) or self.problem.uncertain:
+            raise Unsupported("is written for legs with exact readings only")
+        return self.problem
+
+
+class Method(Protocol):
+    """`guarantee` says in a few words what its answers are worth."""
+
+    guarantee: str
+
+    def missing(self) -> str | None:
+        """Why it cannot run here, or None."""
+        ...
+
+    def prepare(self, question: TaskQuestion) -> Work:
+        """Read what the problem says; the task itself is the returned function, which is timed. Raises Unsupported."""
+        ...
 
 
 def method(name: str) -> Method:

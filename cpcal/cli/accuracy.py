@@ -18,8 +18,7 @@ from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
 from cpcal.questions import load_result
-from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
-from cpcal.report.words import assumption, sentences
+from cpcal.report.accuracy_page import ACCURACY_PAGE, assumption, sentences, write_accuracy
 
 
 class Controller(StrEnum):

@@ -20,11 +20,12 @@ from cpcal.calibration import (
 )
 from cpcal.cli.certify import warn
 from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, output
+from cpcal.cli.sections import show_table
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import unwritable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import study_report
-from cpcal.report.study_report import summary
+from cpcal.report import study_page
+from cpcal.report.study_page import summary
 
 # ------------------------------------------------------------------------------------------------------------------
 # The options of an uncertainty budget: what all readings share and no repeat shows.
@@ -76,8 +77,8 @@ class SetOf(StrEnum):
 
 
 class FrameName(StrEnum):
-    MEASURED = study_report.MEASURED
-    DRAWING = study_report.DRAWING
+    MEASURED = study_page.MEASURED
+    DRAWING = study_page.DRAWING
 
 
 def calibrate(
@@ -136,7 +137,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 
 
 def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DRAWING.value) -> None:
-    """A few sentences; with --verbose every table and sentence, parameters in one of `study_report.FRAMES`."""
+    """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
     if not talk.verbose:
         talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")
         return
@@ -147,13 +148,13 @@ def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DR
     title = f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations"
     talk.say(title, style="bold")
     tables = (
-        ("Standard deviations of a leg reading [mm]", study_report.leg_lengths(record, paper_too=False)),
-        ("Standard deviations of a pose", study_report.poses(record, paper_too=False)),
-        ("Standard deviations in the calibration equations [mm]", study_report.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_report.parameters(fit, frame)) for name, fit in fits.items()),
-        ("Errors of the validation poses", study_report.validation(record)),
-        *(() if record.budget is None else study_report.budget_tables(record.budget)),
+        ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
+        ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
+        ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
+        *((f"{name} [mm, frame: {frame}]", study_page.parameters(fit, frame)) for name, fit in fits.items()),
+        ("Errors of the validation poses", study_page.validation(record)),
+        *(() if record.budget is None else study_page.budget_tables(record.budget)),
     )
     for heading, content in tables:
-        talk.table(content.head, content.rows, title=heading)
+        show_table(talk, content, heading)
     talk.say(*record.sentences)

@@ -29,9 +29,10 @@ from cpcal.cli.options import (
 )
 from cpcal.cli.progress import Counted, counted, line
 from cpcal.cli.progress import Legs as LegsProgress
+from cpcal.cli.sections import STYLES, show, show_table
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
-from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
+from cpcal.common.numbers import bracket_text, nearest, stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import COMPARED, REPORT_NAME, ROBUST, RUN, answers_into, locked
@@ -40,7 +41,6 @@ from cpcal.questions import (
     Comparison,
     Entry,
     Explained,
-    LegResult,
     Result,
     comparison_text,
     load_result,
@@ -53,20 +53,29 @@ from cpcal.questions.ask import answered, checked_options
 from cpcal.questions.compare import compared, comparison_question
 from cpcal.questions.outliers import certify_robust
 from cpcal.questions.question import HERE, Checkpoints, Question
-from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
+from cpcal.report import (
+    FRAME,
+    LONGER,
+    QUANTIFIER,
+    bounds_table,
+    center_sentence,
+    leg_sentence,
+    notices,
+    parameters_section,
+    write_report,
+)
+from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
     CampaignRow,
-    comparison_header,
     comparison_lines,
-    comparison_row,
     comparison_sentences,
+    comparison_table,
     row_of,
     said,
     write_campaigns,
     write_comparison,
 )
-from cpcal.report.overview import advise, fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
@@ -88,16 +97,7 @@ def warn(campaign: Campaign) -> Campaign:
 # ------------------------------------------------------------------------------------------------------------------
 # What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.
 
-STYLES = {  # by the kind of a verdict
-    "explained": "bold green",
-    "unexplained": "bold red",
-    "bounded": "bold cyan",
-    "undecided": "bold yellow",
-    "undetermined": "bold magenta",
-    "uncompared": "bold yellow",
-}
 _MOST_LEGS = 6  # of which each has a line
-_DECIMALS = 4  # of parameters, mm
 
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
@@ -108,7 +108,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
         title.append(whole.word, style=STYLES[whole.kind])
     talk.say(title)
     if talk.verbose:
-        _everything(talk, campaign, result)
+        _everything(talk, campaign, result, model)
     else:
         for leg in result.legs[:_MOST_LEGS]:
             found = advise(campaign, result, leg, model, fitted(campaign, result, leg, model))
@@ -124,35 +124,17 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
         talk.say(missing, style="bold yellow")
 
 
-def _everything(talk: Talk, campaign: Campaign, result: Result) -> None:
-    content = result_table(result)
-    rows: list[tuple[str | Text, ...]] = [
-        (str(row.leg), Text(row.verdict.word, style=STYLES[row.verdict.kind]), *row.cells) for row in content.rows
-    ]
-    talk.table(content.header, rows, left=(content.header.index("verdict"),))
+def _everything(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
+    show_table(talk, bounds_table(result))
     for leg in result.legs:
         verdict = verdict_of(result, leg)
         sentences = f"{leg_sentence(result, leg)} {center_sentence(result, leg) or ''}".strip()
         text = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
         talk.say(text.append(f". {printable(sentences)}"))
         if leg.ranges is not None:
-            at = bracket_text(leg.ranges.eps, leg.ranges.eps)[0]
-            head = ("parameter", "nominal", "certified", f"at least, at eps {at} mm", "at most")
-            talk.table(head, _ranges(campaign, result, leg))
+            show(talk, parameters_section(campaign, result, leg, fitted(campaign, result, leg, model)))
     talk.say(FRAME)
     talk.say(f"{QUANTIFIER} {LONGER}", style="italic")
-
-
-def _ranges(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[tuple[str, ...]]:
-    """The parameters of a leg, with their ranges; units of extra parameters are those of the model."""
-    assert leg.ranges is not None
-    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
-    for k, name in enumerate(result.parameters):
-        decimals = _DECIMALS if result.model.unit(name) == "mm" else 9
-        point = "—" if leg.point is None else nearest(leg.point[k], decimals)
-        lo, hi = float(leg.ranges.box.lo[k]), float(leg.ranges.box.hi[k])
-        sides = rounded_down(lo, decimals), rounded_up(hi, decimals)
-        yield f"{name} [{result.model.unit(name)}]", nearest(float(nominal[k]), decimals), point, *sides
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -654,14 +636,8 @@ def _models_compared(
         if options.as_json:
             typer.echo(comparison_text(found), nl=False)
         if talk.verbose:
-            # without the enclosures of extra parameters, which are too wide for a terminal but for a single one
-            rows = [[Text(printable(cell)) for cell in comparison_row(found, entry)] for entry in found.entries]
-            for cells, entry in zip(rows, found.entries, strict=True):
-                if found.tolerance is not None:
-                    cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
-                if len(entry.enclosure.names) > 8:
-                    cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
-            talk.table(comparison_header(found), rows, left=(0, 1, 4, 5, 6))
+            table = comparison_table(found)  # without the ranges of extra parameters, which the page has
+            show_table(talk, replace(table, head=table.head[:6], rows=tuple(row[:6] for row in table.rows)))
             talk.say(*map(printable, comparison_sentences(found)))
         else:
             talk.say(*comparison_lines(found))

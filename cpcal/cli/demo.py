@@ -33,7 +33,7 @@ from cpcal.cli.options import (
 )
 from cpcal.cli.progress import Legs, line
 from cpcal.cli.report import study_found
-from cpcal.common.files import unwritable
+from cpcal.common.files import write_file
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
@@ -41,15 +41,8 @@ from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.fits import certify_fits
-from cpcal.report.study_report import (
-    IMAGES_NAME,
-    ImagesFound,
-    Picture,
-    TextTable,
-    picture,
-    save_images,
-    write_study_page,
-)
+from cpcal.report.section import Picture, picture
+from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
 from cpcal.robot import DELTALAB, Campaign, PoseTable, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
@@ -126,12 +119,9 @@ def demo(
         talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
         sets, pixel = _pixel_campaign(photos, campaign, folder, talk)
         found = _images_found(photos, sets, (pixel, campaign), (run(PIXEL_RUN, pixel), result))
-        try:
-            save_images(found, folder)
-        except OSError as error:
-            raise unwritable(folder, error) from None
+        save_images(found, folder)
     accepted, whole = study_found(folder)
-    page = write_study_page(whole, folder / REPORT_NAME, run=folder / RUN)
+    page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
     return status_of(result) if accepted else Status.UNKNOWN
 
@@ -303,15 +293,20 @@ def _images_found(
         brackets.append((f"{name}: none below [mm]", *(lo for lo, _ in bounds)))
         brackets.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
     head = ("half-width, median", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES)))
+    legs = ("leg", *(str(leg.leg) for leg in results[1].legs))
     return ImagesFound(
-        said=(rendered, detected),
-        pictures=tuple(_pictures(done)),
-        counts=_counts(done),
-        errors=_errors(done),
-        time=_time(done),
-        sets=TextTable(head, tuple(widths)),
-        brackets=TextTable(("leg", *(str(leg.leg) for leg in results[1].legs)), tuple(brackets)),
-        sets_said=(enclosed, again),
+        (
+            ImagePart(
+                "Figure 2 and section 2.3: from images to poses",
+                (rendered, detected),
+                _counts(done),
+                tuple(_pictures(done)),
+            ),
+            ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
+            ImagePart("Where time went", table=_time(done)),
+            ImagePart("Reading sets from pixels", (enclosed,), (head, *widths)),
+            ImagePart("", (again,), (legs, *brackets)),
+        )
     )
 
 
@@ -333,7 +328,7 @@ def _pictures(done: ImageStudy) -> list[Picture]:
     return out
 
 
-def _counts(done: ImageStudy) -> TextTable:
+def _counts(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     lines: list[tuple[str, ...]] = []
     for name, found in done.found.items():
         values = values_of(found.rows)
@@ -342,10 +337,10 @@ def _counts(done: ImageStudy) -> TextTable:
         lines.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
         for reason, files in by_reason(found.rows).items():
             lines.append((f"no pose: {reason}", f"{len(files):,}", "", "", ""))
-    return TextTable(("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), tuple(lines))
+    return (("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), *lines)
 
 
-def _errors(done: ImageStudy) -> TextTable:
+def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     """Of all images, in the camera frame."""
     errors, sigmas = [], []
     for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
@@ -362,7 +357,7 @@ def _errors(done: ImageStudy) -> TextTable:
         "error / its stated deviation, RMS": np.sqrt(np.mean((error / sigma) ** 2, axis=0)),
     }
     rows = tuple((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items())
-    return TextTable(("", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES))), rows)
+    return (("", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES))), *rows)
 
 
 def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
@@ -371,7 +366,7 @@ def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
     return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)
 
 
-def _time(done: ImageStudy) -> TextTable:
+def _time(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     count = sum(found.measured for found in done.found.values())
     work: dict[str, float] = {}
     for found in done.found.values():
@@ -381,4 +376,4 @@ def _time(done: ImageStudy) -> TextTable:
     rows = [(stage, f"{seconds:.1f}", f"{1e3 * seconds / max(count, 1):.1f}") for stage, seconds in work.items()]
     pace = f"{count / total:.0f}" if total > 0.0 else "—"
     rows.append((f"all: {pace} images a second of work; the paper: {_PACE:.1f}", f"{total:.1f}", ""))
-    return TextTable(("stage", "work [s]", "an image [ms]"), tuple(rows))
+    return (("stage", "work [s]", "an image [ms]"), *rows)

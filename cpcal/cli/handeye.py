@@ -42,8 +42,7 @@ from cpcal.handeye.words import names_of, sentences, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
 from cpcal.questions import load_result
 from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
-from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
-from cpcal.report.wrong_images_page import WRONG_PAGE, write_wrong_images
+from cpcal.report.hand_eye_page import HAND_EYE_PAGE, WRONG_PAGE, write_hand_eye, write_wrong_images
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -32,10 +32,9 @@ from cpcal.handeye.verify import verify_hand_eye
 from cpcal.questions import Result, load_result
 from cpcal.questions.fits import load_fits
 from cpcal.report.export import WRITERS, exported
-from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
-from cpcal.report.leg_section import frames_of_run
-from cpcal.report.page import render
-from cpcal.report.study_report import StudyFound, load_images, render_study
+from cpcal.report.hand_eye_page import HAND_EYE_FORMS
+from cpcal.report.run_page import frames_of_run, render
+from cpcal.report.study_page import StudyFound, load_images, render_study
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -194,7 +193,7 @@ def export(
         if refused:
             raise InputError([Problem(str(run), refused[0], "run cpcal handeye certify again")])
         chosen = _chosen(format, file, [Format(name) for name in HAND_EYE_FORMS])
-        text = hand_eye_text(load_hand_eye_result(run), chosen.value)
+        text = HAND_EYE_FORMS[chosen.value](load_hand_eye_result(run))
     else:
         chosen = _chosen(format, file, [Format(name) for name in WRITERS])
         campaign, result = checked_run(run)

@@ -18,7 +18,7 @@ from cpcal.legs import leg_model, models
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem
-from cpcal.report.paving_picture import paving_svg
+from cpcal.report.figures import paving_svg
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.stopping import asked

@@ -25,7 +25,6 @@ from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from pandas import DataFrame
 
     from cpcal.robot import Campaign
@@ -508,23 +507,8 @@ class LegResult:
         """Whether the model without any error is proved to fit: eps* = 0."""
         return self.point is not None and self.eps_hi == 0.0
 
-    def plot_residuals(self, campaign: Campaign, ax: Axes | None = None, *, model: LegModel | None = None) -> Axes:
-        """Residuals of the proved point and of the center of the box over the measurements, and the band of eps_hi.
-
-        `model`: the leg model, where it is not the plain one. Raises ValueError without a proved point.
-        """
-        from cpcal.questions.plots import residuals_axes
-
-        return residuals_axes(self, campaign, ax, model)
-
-    def plot_parameters(self, ax: Axes | None = None) -> Axes:
-        """The range of each parameter (without ranges: its enclosure) about the proved point, in mm."""
-        from cpcal.questions.plots import parameters_axes
-
-        return parameters_axes(self, ax)
-
     def _repr_html_(self) -> str:
-        from cpcal.questions.plots import leg_html  # which reads results
+        from cpcal.questions.notebook import leg_html  # which reads results
 
         return leg_html(self)
 
@@ -575,20 +559,14 @@ class Result:
     def parameters(self) -> tuple[str, ...]:
         return self.model.parameters
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """The bracket of each leg's smallest error, from zero, against the tolerance; on `ax`, or on new axes."""
-        from cpcal.questions.plots import errors_axes
-
-        return errors_axes(self, ax)
-
     def to_frame(self) -> DataFrame:
         """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
-        from cpcal.questions.plots import result_frame
+        from cpcal.questions.notebook import result_frame
 
         return result_frame(self)
 
     def _repr_html_(self) -> str:
-        from cpcal.questions.plots import result_html
+        from cpcal.questions.notebook import result_html
 
         return result_html(self)
 

@@ -1,18 +1,29 @@
-from .leg_section import reading_sensitivity
-from .page import write_page, write_report
-from .result_table import ResultTable, result_table
+from .figures import errors_svg, paving_svg
+from .run_page import (
+    bounds_table,
+    parameters_drawing,
+    parameters_section,
+    reading_sensitivity,
+    render,
+    residuals_drawing,
+    write_report,
+)
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
 
 __all__ = [
     "FRAME",
     "LONGER",
     "QUANTIFIER",
-    "ResultTable",
+    "bounds_table",
     "center_sentence",
+    "errors_svg",
     "leg_sentence",
     "notices",
+    "parameters_drawing",
+    "parameters_section",
+    "paving_svg",
     "reading_sensitivity",
-    "result_table",
-    "write_page",
+    "render",
+    "residuals_drawing",
     "write_report",
 ]

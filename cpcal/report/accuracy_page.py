@@ -5,19 +5,99 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from cpcal.accuracy.findings import Accuracy, CellAccuracy, PoseAccuracy, WorkspaceAccuracy
-from cpcal.common.files import write_file
-from cpcal.common.numbers import about, at_most, nearest
-from cpcal.report.page import rendered, versions
-from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, ticks
-from cpcal.report.words import assumption, degrees_up, growth_rows, sentences
+from cpcal.common.files import listed, write_file
+from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.report.section import Drawing, Mark, Section, Table, Words, key, most, origin, page_text, verdict, versions
+from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, Svg, ticks
+
+# ------------------------------------------------------------------------------------------------------------------
+# Sentences: what is assumed, what is proved under it, what is only estimated.
+
+BRANCH = "The platform stays on the assembly branch that the controller means."
+
+
+def degrees_up(angle: float) -> str:
+    """An angle in degrees, never less than it is."""
+    return at_most(math.nextafter(math.degrees(angle), math.inf), 3)
+
+
+def assumption(found: Accuracy) -> str:
+    """The first line of every page and print."""
+    each = [error.eps for error in found.assumed]
+    size = stated(each[0]) if len(set(each)) == 1 else f"{about(min(each))} to {about(max(each))}"
+    whence = "stated by the user" if found.assumed[0].stated else "suggested by the growth of the least error"
+    return (
+        f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
+        f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). {BRANCH}"
+    )
+
+
+def sentences(found: Accuracy) -> list[str]:
+    """What follows."""
+    if found.refuted:
+        legs = ", ".join(map(str, found.refuted))
+        box = f"within {stated(found.delta)} mm of the center of the run"
+        said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
+        return [f"{said} Nothing is proved."]
+    out = []
+    if found.workspace is not None:
+        out += _of_workspace(found.workspace)
+    worst = found.worst_pose
+    if worst is not None:
+        count = len(found.proved_poses)
+        out.append(
+            f"PROVED under the assumption: at {count} of {len(found.poses)} poses the platform is within "
+            f"{at_most(worst.position_bound)} mm and {degrees_up(max(p.rotation_bound for p in found.proved_poses))} "
+            f"degrees of where the controller says; the worst is {worst.name}."
+        )
+    lost = [pose.name for pose in found.poses if not pose.proved]
+    if lost:
+        out.append(
+            f"Nothing is proved at {len(lost)} poses (near a singularity, or the set is too wide): {listed(lost)}."
+        )
+    beyond = [pose.name for pose in found.poses if pose.beyond]
+    if beyond:
+        out.append(f"{len(beyond)} poses need leg readings beyond those that were measured: {listed(beyond)}.")
+    out += _of_truth(found)
+    return out
+
+
+def _of_workspace(found: WorkspaceAccuracy) -> list[str]:
+    out = []
+    if len(found.left_out) < len(found.cells):
+        end = "" if found.complete else " The search stopped at its limit of cells: more would narrow this bound."
+        out.append(
+            f"PROVED under the assumption: anywhere in the workspace{' but the cells left out' * bool(found.left_out)} "
+            f"the platform is within {at_most(found.position_bound)} mm and {degrees_up(found.rotation_bound)} degrees "
+            f"of where the controller says. At the worst pose met the bound is {at_least(found.worst_pose_bound)} mm."
+            f"{end}"
+        )
+    if found.left_out:
+        out.append(
+            f"LEFT OUT: {len(found.left_out)} of {len(found.cells)} cells, of which nothing is proved; the platform is "
+            "singular or nearly so there, or the cells are still too large. They are listed below."
+        )
+    return out
+
+
+def _of_truth(found: Accuracy) -> list[str]:
+    if not found.truth_known:
+        return []
+    if found.violated:
+        names = listed([pose.name for pose in found.violated])
+        return [
+            f"THE ASSUMPTION FAILS: the simulator's truth violates the bound at {len(found.violated)} poses: {names}."
+        ]
+    true = max(p.estimated.true_position or 0.0 for p in found.poses)
+    return [f"The simulator's truth is inside at every pose; its largest error is {about(true)} mm."]
+
 
 # ------------------------------------------------------------------------------------------------------------------
 # The map of an accuracy certificate: slices of the workspace, each cell shaded by its proved bound.
@@ -41,59 +121,43 @@ def shades(found: WorkspaceAccuracy) -> list[float]:
     return [low + (high - low) * (k + 1) / _STEPS for k in range(_STEPS)]
 
 
-def fill(share: float) -> str:
-    """Of a shade from 0 to 1."""
-    return f"{EDGE}; fill-opacity: {nearest(0.1 + 0.75 * share, 2)}"
+def opacity(shade: int) -> str:
+    return nearest(0.1 + 0.75 * shade / (_STEPS - 1), 2)
 
 
-def map_svg(found: WorkspaceAccuracy) -> str:
+def map_svg(found: WorkspaceAccuracy) -> Svg:
     """Slices side by side, seen from above."""
     heights = slices(found)
     figure = Figure(_LEFT + len(heights) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM)
-    span = [(found.lo[k] - 0.5 * (lo == hi), found.hi[k] + 0.5 * (lo == hi)) for k, lo, hi in _spans(found)]
-    ends = shades(found)
+    sides = zip(found.lo[:2], found.hi[:2], strict=True)
+    span = [(lo - 0.5 * (lo == hi), hi + 0.5 * (lo == hi)) for lo, hi in sides]
+    ends, thickness = shades(found), (found.hi[2] - found.lo[2]) / len(heights) or np.inf
     for n, height in enumerate(heights):
         left = _LEFT + n * (_SIDE + _GAP)
         axes = Axes(figure, (left, _TOP, left + _SIDE, _TOP + _SIDE), span[0], span[1])
         figure.text(left + 0.5 * _SIDE, 7.0, f"z = {nearest(height, 0)} mm", anchor="middle")
-        for cell in _cells_at(found, height):
+        met = [
+            cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]
+        ]  # of several rotations the worst last
+        for cell in sorted(met, key=lambda cell: (not cell.proved, cell.position_bound if cell.proved else 0.0)):
             _draw(axes, cell, ends)
         if n == 0:
             axes.y_axis(ticks(*span[1], 5), "y [mm]")
         axes.x_axis(ticks(*span[0], 5), "x [mm]")
-        if abs(found.worst_pose[2] - height) <= 0.5 * _thickness(found, heights):
+        if abs(found.worst_pose[2] - height) <= 0.5 * thickness:
             axes.marks([found.worst_pose[:2]], "x", INK, 7.0, width=1.4)
     return figure.svg("Slices of the workspace, each cell shaded by the proved bound of the position")
 
 
-def _spans(found: WorkspaceAccuracy) -> list[tuple[int, float, float]]:
-    return [(k, found.lo[k], found.hi[k]) for k in (0, 1)]
-
-
-def _thickness(found: WorkspaceAccuracy, heights: list[float]) -> float:
-    return (found.hi[2] - found.lo[2]) / len(heights) or np.inf
-
-
-def _cells_at(found: WorkspaceAccuracy, height: float) -> list[CellAccuracy]:
-    """Cells that the slice meets; of those with other rotations the worst is drawn last."""
-    met = [cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]]
-    return sorted(met, key=lambda cell: (not cell.proved, cell.position_bound if cell.proved else 0.0))
-
-
 def _draw(axes: Axes, cell: CellAccuracy, ends: list[float]) -> None:
     (x0, y0), (x1, y1) = cell.lo[:2], cell.hi[:2]
+    square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     if not cell.proved:
-        axes.area([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], "none", SUPPORT, 1.0, DASHES)
+        axes.area(square, "none", SUPPORT, 1.0, DASHES)
         return
     shade = next((k for k, end in enumerate(ends) if cell.position_bound <= end), _STEPS - 1)
-    square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     axes.area(square, "var(--paper)")
-    axes.area(square, fill(shade / (_STEPS - 1)))
-
-
-def key(found: WorkspaceAccuracy) -> list[tuple[str, str]]:
-    """Fill, and what it means."""
-    return [(fill(k / (_STEPS - 1)), f"up to {at_most(end)} mm") for k, end in enumerate(shades(found))]
+    axes.area(square, f"{EDGE}; fill-opacity: {opacity(shade)}")
 
 
 def dominating(
@@ -110,80 +174,153 @@ def dominating(
     return [(f"{a} and {b}", share / total) for (a, b), share in volume.most_common()]
 
 
+# ------------------------------------------------------------------------------------------------------------------
+# The page.
+
 ACCURACY_PAGE = "accuracy.html"
 _MOST = 20  # rows of a table
+_KINDS = {"PROVED": "explained", "REFUTED": "unexplained", "THE ASSUMPTION": "unexplained", "LEFT OUT": "undecided"}
 
 
 def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
     """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
-    return write_file(Path(folder) / ACCURACY_PAGE, rendered("accuracy.html.j2", _context(found)))
+    robot = found.campaign.robot
+    page = page_text(
+        f"Accuracy: {robot}",
+        "cpcal: accuracy certificate",
+        robot,
+        [answer(found), *_where(found.workspace), *_at_poses(found), _assumption(found), *_next(found), _origin(found)],
+        notices=[assumption(found)],
+        lead="How far from where its controller says can the platform be?",
+    )
+    return write_file(Path(folder) / ACCURACY_PAGE, page)
 
 
-def _context(found: Accuracy) -> dict[str, Any]:
-    over = found.workspace
-    worst_first = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
-    return {
-        "robot": found.campaign.robot,
-        "measurements": found.campaign.measurements,
-        "sha256": found.campaign.sha256,
-        "controller": found.controller,
-        "assumption": assumption(found),
-        "sentences": [_styled(sentence) for sentence in sentences(found)],
-        "map": None if over is None or not over.cells else Markup(map_svg(over)),  # made by us
-        "key": [] if over is None else key(over),
-        "worst": None if over is None else _pose_text(over.worst_pose),
-        "dominating": [] if over is None else [(n, f"{nearest(100.0 * s, 0)} %") for n, s in dominating(over)[:6]],
-        "left_out": [] if over is None else [_cell_text(cell) for cell in over.left_out[:_MOST]],
-        "more_left_out": 0 if over is None else max(len(over.left_out) - _MOST, 0),
-        "summary": _summary(found),
-        "poses": [_pose_row(pose, found.truth_known) for pose in worst_first[:_MOST]],
-        "more_poses": max(len(worst_first) - _MOST, 0),
-        "truth": found.truth_known,
-        "growth_head": [f"{n} poses" for n in found.assumed[0].poses],
-        "growth": growth_rows(found.assumed),
-        "next": [(_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses],
-        "versions": versions(),
-        "seconds": about(found.seconds),
-    }
+def answer(found: Accuracy) -> Section:
+    note = (
+        f"Controller: {found.controller} parameters. Its own readings are taken to be reached; what the servo leaves "
+        "counts as model error. Poses are of the mobile frame in the campaign's base frame."
+    )
+    return Section("Answer", [_styled(sentence) for sentence in sentences(found)], notes=[note])
 
 
-def _styled(sentence: str) -> tuple[str, str]:
-    """A sentence and the style of its first word."""
-    kinds = {"PROVED": "explained", "REFUTED": "unexplained", "THE ASSUMPTION": "unexplained", "LEFT OUT": "undecided"}
-    return next((kind for word, kind in kinds.items() if sentence.startswith(word)), ""), sentence
+def _styled(sentence: str) -> Words:
+    """With a badge for its first words."""
+    word, _, rest = sentence.partition(":")
+    kind = next((kind for begin, kind in _KINDS.items() if sentence.startswith(begin)), None)
+    return sentence if kind is None else (verdict(word, kind), f":{rest}")
 
 
-def _summary(found: Accuracy) -> list[tuple[str, ...]]:
-    """Mean and largest over the poses, as position accuracy is stated; a row a quantity."""
-    poses = found.proved_poses
+def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
+    if over is None or not over.cells:
+        return
+    swatch = Markup('<i class="key" style="background: {}; opacity: {}"></i>')
+    shaded = [(swatch.format(EDGE, opacity(k)), f"up to {at_most(end)} mm") for k, end in enumerate(shades(over))]
+    caption = (
+        "Proved bounds of the position for all poses of each cell, seen from above at three heights. Cells of several "
+        "rotations lie over one another; the worst is seen. Cells that are not near the worst are not divided further, "
+        f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
+    )
+    legend = (*shaded, (key("dashed"), "left out"), (Markup(), "× worst pose met"))
+    legs = tuple((name, f"{nearest(100.0 * share, 0)} %") for name, share in dominating(over)[:6])
+    dominates = Section(
+        "Legs that dominate",
+        tables=[Table(("the two legs that move the platform most", "share of the workspace"), legs)],
+        notes=[
+            (
+                "To first order, at the cells' centers: what is not known of a leg's length, and how far that moves "
+                "the platform."
+            )
+        ],
+    )
+    cells = [(_cell_text(cell),) for cell in over.left_out]
+    shown, more = most(cells, _MOST, "accuracy.json")
+    left = Section(
+        "Cells left out",
+        ["Nothing is proved of the poses in these cells."],
+        [text for (text,) in shown],
+        notes=more,
+    )
+    parts = [dominates] * bool(legs) + [left] * bool(cells)
+    yield Section("Where in the workspace", figures=[Drawing((map_svg(over),), legend, caption)], parts=parts)
+
+
+def _at_poses(found: Accuracy) -> Iterator[Section]:
+    poses = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
     if not poses:
-        return []
-    rows = [
-        ("proved bound", [p.position_bound for p in poses], [p.rotation_bound for p in poses], True),
+        return
+    truth = found.truth_known
+    axes = [max(max(abs(p.lo[k]), abs(p.hi[k])) for p in poses) for k in range(6)]
+    widest = [f"{at_most(v)} mm" for v in axes[:3]] + [f"{degrees_up(v)}°" for v in axes[3:]]
+    by_axis = ", ".join(f"{n} {v}" for n, v in zip(("x", "y", "z", "rx", "ry", "rz"), widest, strict=True))
+    head = ("pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "U [mm]", "legs", *(["truth [mm]"] * truth))
+    rows, more = most([_pose_row(pose, truth) for pose in poses], _MOST, "accuracy.json")
+    yield Section(
+        "At the poses asked for",
+        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), tuple(_summary(poses, truth)))],
+        notes=[
+            f"Largest by axis: {by_axis}.",
+            "Only the first row is proved (under the assumption). U and the truth are estimates: U takes what the "
+            "residuals scatter for noise, and speaks of 95 % of cases, not of all.",
+        ],
+        parts=[Section("Worst first", tables=[Table(head, rows)], notes=more)],
+    )
+
+
+def _summary(poses: Sequence[PoseAccuracy], truth: bool) -> Iterator[tuple[str, ...]]:
+    """Mean and largest over the poses, as position accuracy is stated; a row a quantity."""
+    estimates = [pose.estimated for pose in poses]
+    quantities: list[tuple[str, list[float], list[float], Callable[[float], str]]] = [
+        ("proved bound", [p.position_bound for p in poses], [p.rotation_bound for p in poses], at_most),
+        ("U of least squares, k = 2", [e.u_position for e in estimates], [e.u_rotation for e in estimates], about),
         (
-            "U of least squares, k = 2",
-            [p.estimated.u_position for p in poses],
-            [p.estimated.u_rotation for p in poses],
-            False,
+            "simulator's truth",
+            [e.true_position or 0.0 for e in estimates],
+            [e.true_rotation or 0.0 for e in estimates],
+            about,
         ),
     ]
-    if found.truth_known:
-        true = [p.estimated for p in poses]
-        rows.append(
-            ("simulator's truth", [e.true_position or 0.0 for e in true], [e.true_rotation or 0.0 for e in true], False)
-        )
-    out: list[tuple[str, ...]] = []
-    for name, position, rotation, bound in rows:
+    for name, position, rotation, text in quantities[: 3 if truth else 2]:
         angles = [math.degrees(v) for v in rotation]
-        form = at_most if bound else about
-        out.append(
-            (name, form(float(np.mean(position))), form(max(position)), form(float(np.mean(angles))), form(max(angles)))
-        )
-    axes = [max(max(abs(p.lo[k]), abs(p.hi[k])) for p in poses) for k in range(6)]
-    per_axis = [f"{at_most(v)} mm" for v in axes[:3]] + [f"{degrees_up(v)}°" for v in axes[3:]]
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    out.append(("largest by axis", ", ".join(f"{n} {v}" for n, v in zip(names, per_axis, strict=True)), "", "", ""))
-    return out
+        yield name, *(text(v) for of in (position, angles) for v in (float(np.mean(of)), max(of)))
+
+
+def _assumption(found: Accuracy) -> Section:
+    head = ("leg", *(f"{n} poses [mm]" for n in found.assumed[0].poses), "refuted below [mm]", "assumed [mm]")
+    rows = tuple(
+        (str(e.leg), *map(about, e.growth), at_least(e.refuted_below), stated(e.eps) if e.stated else about(e.eps))
+        for e in found.assumed
+    )
+    return Section(
+        "The assumption",
+        [
+            "A certificate speaks of poses that nobody measured, so it must assume how well the model holds there. The "
+            "least error of the poses that were measured grows with their number:"
+        ],
+        tables=[Table(head, rows)],
+        notes=[
+            "Least errors are estimates: of readings as they are (noise included), the mean over draws of so many "
+            "poses. “Refuted below” is proved by the run's certificates. No finite number of poses proves the "
+            "assumption."
+        ],
+    )
+
+
+def _next(found: Accuracy) -> Iterator[Section]:
+    rows = tuple((_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses)
+    if rows:
+        said = ["Measuring these would narrow the bound most; estimates, to first order."]
+        yield Section("Next poses", said, tables=[Table(("pose", "chosen by", "worst bound then [mm]"), rows)])
+
+
+def _origin(found: Accuracy) -> Section:
+    proofs = (
+        "Linear programs, each bound from its multipliers, and interval Newton; outward-rounded arithmetic. No "
+        f"certificate holds these proofs: whoever doubts runs it again. {about(found.seconds)} s."
+    )
+    campaign = (Mark(found.campaign.sha256, "code"), f", {found.campaign.measurements} measurements")
+    data: dict[str, Words] = {"Campaign, SHA-256": campaign, "Proofs": proofs}
+    return origin(**data, Versions=f"This page was written by {versions()}.")
 
 
 def _pose_row(pose: PoseAccuracy, truth: bool) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -20,8 +19,8 @@ from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
 from cpcal.questions import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
-from cpcal.report.page import rendered, versions
-from cpcal.report.svg import DASHES, DOT, EDGE, INK, MASS, SUPPORT, Axes, Figure, text_width, ticks
+from cpcal.report.section import Drawing, Mark, Section, Table, Words, key, origin, page_text, verdict, versions
+from cpcal.report.svg import DASHES, DOT, EDGE, INK, MASS, SUPPORT, Axes, Figure, Svg, text_width, ticks
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
 from cpcal.solver.contract import Verdict
 
@@ -33,7 +32,7 @@ _MARKS = (("o", DOT), ("s", EDGE), ("D", SUPPORT), ("^", MASS))
 _WIDTH, _ROW = 388.8, 23.0  # points
 
 
-def comparison_svg(comparison: Comparison) -> str:
+def comparison_svg(comparison: Comparison) -> Svg:
     """Marks between eps_lo and eps_hi, a line between the two where they differ, the tolerance as a dashed line."""
     subjects = list(dict.fromkeys(entry.subject for entry in comparison.entries))[:MOST_ROWS]
     models = list(comparison.models)
@@ -56,12 +55,6 @@ def comparison_svg(comparison: Comparison) -> str:
 
 def _ends(entries: Sequence[Entry]) -> list[float]:
     return [end for entry in entries for end in (entry.eps_lo, entry.eps_hi) if math.isfinite(end)]
-
-
-def legend(models: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Name, mark and colour of every model, for the caption."""
-    signs = {"o": "●", "s": "■", "D": "◆", "^": "▲"}
-    return [(name, signs[_style(k)[0]], _style(k)[1]) for k, name in enumerate(models)]
 
 
 def _style(number: int) -> tuple[str, str]:
@@ -93,25 +86,26 @@ _WORDS = {  # of a model at a tolerance, by the kind of the verdict
 }
 
 
-def comparison_header(comparison: Comparison) -> tuple[str, ...]:
-    unit = _unit(comparison)
-    at = "at the tolerance" if comparison.tolerance is None else f"at {stated(comparison.tolerance)}{unit}"
-    bounds = ("eps_lo [mm]", "eps_hi [mm]") if unit else ("eps_lo", "eps_hi")
-    extra = ("extra parameters",) if comparison.campaign_sha256 else ()
-    return ("of", "model", *bounds, at, "certificate", *extra)
-
-
 def _unit(comparison: Comparison) -> str:
     """Of eps: that of user-defined networks is known to their makers."""
     return " mm" if comparison.campaign_sha256 else ""
 
 
-def comparison_row(comparison: Comparison, entry: Entry) -> tuple[str, ...]:
-    """Bounds are rounded to the side on which they stay proved."""
-    word = entry.word(comparison.tolerance, comparison.options)
-    certificate = "none" if entry.certificate is None else entry.certificate
-    extra = (_extra(entry),) if comparison.campaign_sha256 else ()
-    return (entry.subject, entry.model, *bracket_text(entry.eps_lo, entry.eps_hi), word, certificate, *extra)
+def comparison_table(comparison: Comparison) -> Table:
+    """A row an entry. Bounds are rounded to the side on which they stay proved."""
+    of_legs, tolerance = bool(comparison.campaign_sha256), comparison.tolerance
+    at = "at the tolerance" if tolerance is None else f"at {stated(tolerance)}{_unit(comparison)}"
+    bounds = ("eps_lo [mm]", "eps_hi [mm]") if of_legs else ("eps_lo", "eps_hi")
+    rows: list[tuple[Words, ...]] = []
+    for entry in comparison.entries:
+        word: Words = entry.word(tolerance, comparison.options)
+        if tolerance is not None:
+            word = verdict(word, entry.leg_verdict(tolerance, comparison.options).kind)
+        between = bracket_text(entry.eps_lo, entry.eps_hi)
+        extra = (_extra(entry),) * of_legs
+        rows.append((entry.subject, entry.model, *between, word, entry.certificate or "none", *extra))
+    head = ("of", "model", *bounds, at, "certificate", *(("extra parameters",) * of_legs))
+    return Table(head, tuple(rows), ("", "word", "", "", "word", "word", "word"), "compared")
 
 
 def _extra(entry: Entry) -> str:
@@ -189,31 +183,73 @@ def _short(comparison: Comparison, entry: Entry) -> str:
 
 def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
     """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
-    return write_file(Path(folder) / COMPARISON_PAGE, rendered("compare.html.j2", _context(comparison)))
+    at = None if comparison.tolerance is None else f"{stated(comparison.tolerance)}{_unit(comparison)}"
+    stopped = "Interrupted: what is shown was proved until then; the rest is missing."
+    page = page_text(
+        f"Models compared: {comparison.title}",
+        "cpcal: models compared",
+        comparison.title,
+        [_answers(comparison), _models(comparison), _origin(comparison)],
+        notices=[stopped] * comparison.interrupted,
+        lead="How small can the error of each model be?"
+        if at is None
+        else f"Which models do the measurements refute at {at}?",
+    )
+    return write_file(Path(folder) / COMPARISON_PAGE, page)
 
 
-def _context(comparison: Comparison) -> dict[str, Any]:
-    tolerance = comparison.tolerance
-    rows = []
-    for entry in comparison.entries:
-        style = "" if tolerance is None else entry.leg_verdict(tolerance, comparison.options).kind
-        rows.append({"cells": comparison_row(comparison, entry), "style": style})
-    return {
-        "title": printable(comparison.title),
-        "tolerance": None if tolerance is None else f"{stated(tolerance)}{_unit(comparison)}",
-        "interrupted": comparison.interrupted,
-        "lines": comparison_lines(comparison)[1:],
-        "sentences": comparison_sentences(comparison),
-        "header": comparison_header(comparison),
-        "rows": rows,
-        "figure": Markup(comparison_svg(comparison)) if comparison.entries else None,  # made by us
-        "legend": legend(list(comparison.models)),
-        "models": comparison.models,
-        "sha256": comparison.campaign_sha256,
-        "said": said(comparison),
-        "versions": versions(),
-        "certificates": any(e.certificate for e in comparison.entries),
-    }
+def _answers(comparison: Comparison) -> Section:
+    signs, figures = {"o": "●", "s": "■", "D": "◆", "^": "▲"}, []
+    if comparison.entries:
+        legend: list[tuple[Markup, Words]] = []
+        for k, name in enumerate(comparison.models):
+            shape, colour = _style(k)
+            legend.append((Markup('<b style="color: {}">{}</b> ').format(colour, signs[shape]), name))
+        if comparison.tolerance is not None:
+            legend.append((key("nominal"), f"{stated(comparison.tolerance)}{_unit(comparison)}"))
+        figures = [Drawing((comparison_svg(comparison),), tuple(legend))]
+    note = (
+        "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
+        "some reach eps_hi. “Refuted”: eps_lo lies above the tolerance. “Not refuted”: some parameters are proved to "
+        "reach it. “Unchecked”: proved in outward-rounded arithmetic, without a certificate."
+    )
+    extra = " Extra parameters: all parameters with eps ≤ eps_hi lie there."
+    return Section(
+        "Answers",
+        items=[*comparison_lines(comparison)[1:], *comparison_sentences(comparison)],
+        parts=[
+            Section(sentences=[Mark(said(comparison), "quantifier")], tables=[comparison_table(comparison)]),
+            Section(figures=figures, notes=[note + (extra if comparison.campaign_sha256 else "")]),
+        ],
+        style="names",
+    )
+
+
+def _models(comparison: Comparison) -> Section:
+    of_legs = bool(comparison.campaign_sha256)
+    same = (
+        "All models look for (a, b, l) in the same box, and contain the plain one where their extra parameters vanish: "
+        "none has a larger smallest eps than the plain one."
+    )
+    what = "The length of a leg is " * of_legs
+    data = {name: Mark(f"{what}{summary}.", "names") for name, summary in comparison.models.items()}
+    return Section("The models", data=data, notes=[same] * of_legs)
+
+
+def _origin(comparison: Comparison) -> Section:
+    sha256 = comparison.campaign_sha256
+    data: dict[str, Words] = {} if sha256 is None else {"Campaign, SHA-256": Mark(sha256, "code")}
+    data["Versions"] = f"This page was written by {versions()}."
+    if any(entry.certificate for entry in comparison.entries):
+        about = (
+            "FOLDER: where this page is. Certificates speak of the campaign; those of a user-defined model state their "
+            "constraints themselves, which were not compared with the campaign."
+        )
+        data["To check the proofs again"] = (
+            Mark(f"cpcal verify FOLDER{' --campaign CAMPAIGN' if sha256 else ''}", "command"),
+            Mark(about if sha256 else "FOLDER: where this page is.", "small"),
+        )
+    return origin(**data)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -258,15 +294,21 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     """
     ordered = sorted(rows, key=lambda row: (-row.worst.eps_lo, row.name))
     write_file(folder / SUMMARY_TABLE, summary_table(ordered))
-    context = {
-        "rows": [_cells(row) for row in ordered],
-        "failed": list(failed),
-        "missing": missing,
-        "said": SHORT_QUANTIFIER,
-        "head": _counts(rows, failed, missing),
-        "versions": versions(),
-    }
-    path = write_file(folder / SUMMARY_PAGE, rendered("campaigns.html.j2", context))
+    head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
+    table = Table(head, tuple(map(_cells, ordered)), ("names word", "names word", "word"), "cards")
+    both = f"{SHORT_QUANTIFIER} Both bounds are proved; each campaign's page says by which certificates."
+    answer = Section("The smallest error of the worst leg", [Mark(both, "quantifier")], tables=[table])
+    unusable = [Section("Could not be used", items=failed, style="names")] if failed else []
+    page = page_text(
+        "Campaigns certified",
+        "cpcal: many campaigns",
+        "Campaigns certified",
+        [answer, *unusable, origin(Versions=f"This page was written by {versions()}.")],
+        notices=["Stopped before all campaigns were begun. The same command with --resume does the rest."]
+        * bool(missing),
+        lead=f"{_counts(rows, failed, missing)}.",
+    )
+    path = write_file(folder / SUMMARY_PAGE, page)
     lines = [_counts(rows, failed, missing)]
     lines += [
         f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]
@@ -283,25 +325,23 @@ def _counts(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int) ->
     return "; ".join(parts)
 
 
-def _cells(row: CampaignRow) -> dict[str, str]:
+def _cells(row: CampaignRow) -> tuple[Words, ...]:
     kind, word = _judged(row)
-    return {
-        "name": row.name,
-        "link": f"{quote(row.name)}/{REPORT_NAME}",
-        "robot": row.result.robot,
-        "leg": str(row.worst.leg),
-        "kind": kind,
-        "word": word,
-        "eps": _eps(row.worst),
-        "legs": str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else ""),
-        "seconds": nearest(row.seconds, 1),
-    }
+    return (
+        Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}"),
+        row.result.robot,
+        verdict(word, kind),
+        str(row.worst.leg),
+        _eps(row.worst),
+        str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else ""),
+        nearest(row.seconds, 1),
+    )
 
 
 def _judged(row: CampaignRow) -> tuple[str, str]:
     """Kind and word of the verdict: on all legs with a tolerance, else on the worst."""
-    passed, verdict = overall(row.result), verdict_of(row.result, row.worst)
-    return (verdict.kind, verdict.word) if passed is None else (passed.kind, passed.word)
+    passed, worst = overall(row.result), verdict_of(row.result, row.worst)
+    return (worst.kind, worst.word) if passed is None else (passed.kind, passed.word)
 
 
 def _eps(leg: LegResult) -> str:

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
-from cpcal.report.page import rendered, versions
-from cpcal.report.study_report import Picture, TextTable, picture
-from cpcal.report.svg import DOT, EDGE, GRID, INK, Axes, Figure, Span, label_room, tick_labels, ticks
+from cpcal.report.section import (
+    Drawing,
+    Mark,
+    Picture,
+    Section,
+    Table,
+    Words,
+    most,
+    origin,
+    page_text,
+    picture,
+    verdict,
+    versions,
+)
+from cpcal.report.svg import DOT, EDGE, GRID, INK, Axes, Figure, Span, Svg, label_room, tick_labels, ticks
 from cpcal.vision.batch.detect import Detections
 from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import Camera
@@ -31,7 +41,7 @@ _REACH = 0.9  # of the distance between places: how long the longest arrow is
 _BARB = 3.0  # points, the longest
 
 
-def arrow_svg(means: MeanVectors, x: Span, y: Span, unit: str, place: str, *, label: str, least: float = 1e-9) -> str:
+def arrow_svg(means: MeanVectors, x: Span, y: Span, unit: str, place: str, *, label: str, least: float = 1e-9) -> Svg:
     """Arrows within the frame `x`, `y` (left to right, bottom to top; places in `place`), lengths in `unit`.
 
     Arrows that are shorter than `least` are not blown up to be seen.
@@ -101,62 +111,85 @@ _MARGIN = 0.08  # of the plate, around its dots
 
 def write_detections_page(found: Detections, sample: Sample, target: Target, camera: Camera, table: Path) -> Path:
     """Write `TABLE.html` beside the table of poses, all or nothing; its path. Raises InputError."""
-    context = _context(found, sample, target, camera, table.name)
-    return write_file(table.with_name(f"{table.name}.html"), rendered("detections.html.j2", context))
-
-
-def _context(found: Detections, sample: Sample, target: Target, camera: Camera, name: str) -> dict[str, Any]:
-    image = over_image(sample.residuals, camera.width, camera.height)
-    plate = over_plate(sample.residuals, target.dots)
-    doubtful = [row for row in found.rows if row.doubt]
-    reasons = by_reason(found.rows)
-    return {
-        "name": name,
-        "target": target.name,
-        "counts": _counts(found, len(doubtful)),
-        "reasons": _table_of_reasons(reasons),
-        "more_reasons": max(len(reasons) - MOST_ROWS, 0),
-        "doubtful": _table_of_doubt(doubtful),
-        "more_doubtful": max(len(doubtful) - MOST_ROWS, 0),
-        "numbers": _numbers(found.rows),
-        "pictures": [_picture(seen) for seen in sample.pictures],
-        "sampled": sample.measured,
-        "maps": [] if not len(sample.residuals.at) else _maps(image, plate, target, camera),
-        "measured": found.measured,
-        "time": _time(found),
-        "versions": versions(),
-    }
-
-
-def _counts(found: Detections, doubtful: int) -> list[tuple[str, str, str]]:
-    """Number, style and what it counts."""
+    name, doubtful = table.name, sum(bool(row.doubt) for row in found.rows)
     poses = sum(row.found for row in found.rows)
-    return [
-        (f"{poses - doubtful:,}", "explained", "found"),
-        (f"{doubtful:,}", "undecided", "found, doubtful"),
-        (f"{len(found.rows) - poses:,}", "unexplained", "refused"),
-    ]
+    page = page_text(
+        f"Images to poses: {name}",
+        "cpcal: images to poses",
+        f"What was found in the images of {name}",
+        [
+            *_refused(found, name),
+            *_doubtful(found, name),
+            *_some_images(sample),
+            *_numbers(found.rows),
+            *_maps(sample, target, camera),
+            _time(found),
+            origin(Numbers=f"In full they are in {name}.", Versions=f"This page was written by {versions()}."),
+        ],
+        lead=(
+            f"Target “{target.name}”. ",
+            verdict(f"{poses - doubtful:,}", "explained"),
+            " found, ",
+            verdict(f"{doubtful:,}", "undecided"),
+            " found, doubtful, ",
+            verdict(f"{len(found.rows) - poses:,}", "unexplained"),
+            " refused.",
+        ),
+    )
+    return write_file(table.with_name(f"{name}.html"), page)
 
 
-def _table_of_reasons(reasons: dict[str, list[str]]) -> TextTable | None:
+def _refused(found: Detections, name: str) -> Iterator[Section]:
     rows = []
-    for reason, files in list(reasons.items())[:MOST_ROWS]:
+    for reason, files in by_reason(found.rows).items():
         more = ", ..." if len(files) > _NAMED else ""
         rows.append((reason, f"{len(files):,}", ", ".join(files[:_NAMED]) + more))
-    return TextTable(("why there is no pose", "images", "such as"), tuple(rows)) if rows else None
+    if rows:
+        shown, note = most(rows, MOST_ROWS, name)
+        head = ("why there is no pose", "images", "such as")
+        yield Section("Refused", tables=[Table(head, shown)], notes=note)
 
 
-def _table_of_doubt(doubtful: Sequence[Detection]) -> TextTable | None:
-    worst = sorted(doubtful, key=lambda row: -row.values[SCALE])[:MOST_ROWS]
-    rows = [(row.file, about(row.values[SCALE]), nearest(row.values[RMS], 4), str(row.dots)) for row in worst]
-    return TextTable(("image", "scale", "residuals, RMS [px]", "dots"), tuple(rows)) if rows else None
+def _doubtful(found: Detections, name: str) -> Iterator[Section]:
+    worst = sorted((row for row in found.rows if row.doubt), key=lambda row: -row.values[SCALE])
+    if worst:
+        rows = [(row.file, about(row.values[SCALE]), nearest(row.values[RMS], 4), str(row.dots)) for row in worst]
+        shown, note = most(rows, MOST_ROWS, name)
+        said = (
+            "Residuals are larger than the dots’ noise explains, so that the pose may be off by more than is stated: "
+            "check the camera’s calibration, the target’s dots and whether the plate is flat."
+        )
+        head = ("image", "scale", "residuals, RMS [px]", "dots")
+        yield Section("Doubtful", [said], tables=[Table(head, shown)], notes=note)
 
 
-def _numbers(rows: Sequence[Detection]) -> TextTable | None:
+def _some_images(sample: Sample) -> Iterator[Section]:
+    caption = (
+        "Blue rings: dots that the pose rests on; red: dots that should be seen and are not; violet: dots that fit no "
+        "pose with the others; yellow crosses: found dots that are none of the target’s. Red and green lines: the "
+        "target’s x and y axis. Refused images first, then the most doubtful, then others, evenly spread. "
+        "--overlay DIR writes all of them, larger."
+    )
+    if sample.pictures:
+        drawing = Drawing(caption=caption, pictures=tuple(map(_picture, sample.pictures)))
+        yield Section("Some images", figures=[drawing])
+
+
+def _picture(seen: SeenImage) -> tuple[Picture, Words]:
+    row, caption = seen.row, seen.row.file
+    if row.found:
+        kind, word = ("undecided", "doubtful") if row.doubt else ("explained", "found")
+        caption += f": {row.dots} dots, {nearest(row.values[RMS], 4)} px RMS"
+    else:
+        kind, word = "unexplained", "refused"
+    return picture(f"{caption}, {word}", seen.jpeg, seen.size), (verdict(word, kind), f" {caption}")
+
+
+def _numbers(rows: Sequence[Detection]) -> Iterator[Section]:
     """Of all poses: the median and the worst."""
     values = values_of(rows)
     if not len(values):
-        return None
+        return
     degrees = np.degrees(1.0)
     columns = {name: values[:, NUMBERS.index(name)] for name in ("missing", "false")}
     dots = np.array([row.dots for row in rows if row.found])
@@ -172,22 +205,12 @@ def _numbers(rows: Sequence[Detection]) -> TextTable | None:
         lines.append((f"{of} the position, largest axis [mm]", position, float(position.max()), 4))
         lines.append((f"{of} the rotation, largest axis [°]", turn, float(turn.max()), 5))
     told = [(name, nearest(float(np.median(v)), d), nearest(worst, d)) for name, v, worst, d in lines]
-    return TextTable(("of all poses", "median", "worst"), tuple(told))
+    yield Section("Poses", tables=[Table(("of all poses", "median", "worst"), tuple(told))])
 
 
-def _picture(seen: SeenImage) -> tuple[Picture, str, str]:
-    """With style and word."""
-    if not seen.row.found:
-        kind = "unexplained", "refused"
-    else:
-        kind = ("undecided", "doubtful") if seen.row.doubt else ("explained", "found")
-    caption = seen.row.file
-    if seen.row.found:
-        caption += f": {seen.row.dots} dots, {nearest(seen.row.values[RMS], 4)} px RMS"
-    return picture(caption, seen.jpeg, seen.size), *kind
-
-
-def _maps(image: MeanVectors, plate: MeanVectors, target: Target, camera: Camera) -> list[dict[str, Any]]:
+def _maps(sample: Sample, target: Target, camera: Camera) -> Iterator[Section]:
+    if not len(sample.residuals.at):
+        return
     low, high = target.dots.min(axis=0), target.dots.max(axis=0)
     edge = _MARGIN * float((high - low).max()) + target.radius
     x, y = ((float(low[k]) - edge, float(high[k]) + edge) for k in (0, 1))
@@ -197,19 +220,21 @@ def _maps(image: MeanVectors, plate: MeanVectors, target: Target, camera: Camera
         "dots are not quite where the target file says, or the plate is not flat. A wrong lens shows here as well: "
         "where both maps are more than noise, calibrate first; --calibrate --refine-dots finds the dots, too"
     )
-    drawn = [
-        ("By place in the image", image, (across, down), "px", "px", _LEAST_PX, lens),
-        ("By dot of the plate", plate, (x, y), "mm", "mm", _LEAST_MM, bent),
-    ]
-    return [
-        {
-            "title": title,
-            "svg": Markup(arrow_svg(means, *spans, unit, place, label=f"Mean residuals: {title}", least=least)),  # ours
-            "said": _said(means, unit),
-            "warning": why if means.rms > _NOT_NOISE * means.noise_rms else "",
-        }
-        for title, means, spans, unit, place, least, why in drawn
-    ]
+    image, plate = over_image(sample.residuals, camera.width, camera.height), over_plate(sample.residuals, target.dots)
+    parts = []
+    for title, means, spans, unit, least, why in (
+        ("By place in the image", image, (across, down), "px", _LEAST_PX, lens),
+        ("By dot of the plate", plate, (x, y), "mm", _LEAST_MM, bent),
+    ):
+        svg = arrow_svg(means, *spans, unit, unit, label=f"Mean residuals: {title}", least=least)
+        warning = [Mark(f"More than noise: {why}.", "notice")] if means.rms > _NOT_NOISE * means.noise_rms else []
+        parts.append(Section(title, warning, figures=[Drawing((svg,), caption=_said(means, unit), style="fits")]))
+    said = (
+        f"Found minus predicted centres of {sample.measured} images, evenly spread, the most doubtful among them. "
+        "Noise points nowhere, and its means shrink; what stays is the same in every image, and no mean of poses "
+        "lessens what it does to them."
+    )
+    yield Section("Where residuals point", [said], parts=parts)
 
 
 def _said(means: MeanVectors, unit: str) -> str:
@@ -221,12 +246,14 @@ def _said(means: MeanVectors, unit: str) -> str:
     )
 
 
-def _time(found: Detections) -> TextTable | None:
-    total = sum(found.seconds.values())
+def _time(found: Detections) -> Section:
+    title, total = "Where time went", sum(found.seconds.values())
     if not found.measured or total <= 0.0:
-        return None
+        return Section(title, ["No image was measured now: all rows are those of the journal."])
     rows = []
     for stage, seconds in [*found.seconds.items(), ("together", total)]:
         share = f"{nearest(100.0 * seconds / total, 0)} %"
         rows.append((stage, nearest(seconds, 2), nearest(1e3 * seconds / found.measured, 1), share))
-    return TextTable(("stage", "work [s]", "an image [ms]", "share"), tuple(rows))
+    said = f"Processor time of the {found.measured:,} images that were measured now, all workers together."
+    table = Table(("stage", "work [s]", "an image [ms]", "share"), tuple(rows))
+    return Section(title, [said], tables=[table])

@@ -13,10 +13,8 @@ import numpy as np
 
 from cpcal.common.values import Floats
 from cpcal.questions import LegResult, Result, model_of, verdict_of
-from cpcal.report import leg_section
-from cpcal.report.leg_section import DrawingFrames, check_movable
-from cpcal.report.overview import fitted
-from cpcal.report.page import command
+from cpcal.report.advice import fitted
+from cpcal.report.run_page import DRAWING_FRAME, DrawingFrames, command
 from cpcal.report.words import FRAME, overall
 from cpcal.robot import Campaign
 
@@ -30,8 +28,6 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 
     `frames`: of the drawing, to which the parameters are moved. Raises InputError for a model that is not known here.
     """
-    if frames is not None:
-        check_movable(result)
     verdict, certified = overall(result), all(leg.certified for leg in result.legs)
     provenance = {
         **campaign.provenance,
@@ -45,7 +41,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
         robot=result.robot,
         model=result.model.name,
         not_compared=result.model.not_compared or None,
-        frame=FRAME if frames is None else leg_section.DRAWING_FRAME,
+        frame=FRAME if frames is None else DRAWING_FRAME,
         tolerance=result.options.tolerance,
         verdict=None if verdict is None else verdict.word.lower() if certified else NOT_CERTIFIED,
         missing_legs=sorted({*range(1, campaign.legs + 1)} - {leg.leg for leg in result.legs}) or None,

@@ -1,34 +1,24 @@
-"""The page of a hand-eye run."""
+"""The pages of hand-eye runs, and the camera's frame as other programs take it."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up
 from cpcal.handeye.certify import HandEyeResult
-from cpcal.handeye.words import frames_of, names_of, sentences
-from cpcal.report.page import rendered, versions
-from cpcal.report.svg import (
-    DASHES,
-    DOT,
-    GRID,
-    INK,
-    SUPPORT,
-    Axes,
-    Enclosure,
-    Figure,
-    enclosure_svg,
-    label_room,
-    tick_labels,
-    ticks,
-)
+from cpcal.handeye.rows import PlacedFrames, above, exact_errors, exact_rotation, largest
+from cpcal.handeye.study import HandEyeStudy
+from cpcal.handeye.words import frames_of, names_of, sentences, wrong_sentences
+from cpcal.handeye.wrong_images import WrongImages
+from cpcal.report.figures import Enclosure, enclosure_svg
+from cpcal.report.section import Drawing, Section, Table, most, origin, page_text, verdict, versions
+from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Axes, Figure, Svg, label_room, tick_labels, ticks
 
 # ------------------------------------------------------------------------------------------------------------------
 # A figure: the largest error of a pixel in each image.
@@ -36,7 +26,7 @@ from cpcal.report.svg import (
 _SIZE = (620.0, 190.0)  # points
 
 
-def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> str:
+def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> Svg:
     """Name, px and whether it is within the tolerance, of each image; two lines across, px."""
     drawn = [min(value, 1e6) for _, value, _ in images]
     top = 1.08 * max([*drawn, dashed, full, 1e-9])
@@ -58,115 +48,321 @@ def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, das
 
 
 HAND_EYE_PAGE = "handeye.html"
+WRONG_PAGE = "handeye-wrong.html"
 _MOST = 40  # rows of a table
+_CHECKED = (
+    "weights that exact rational arithmetic accepts. cpcal verify checks them again, and that they speak of this study."
+)
 
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
-    return write_file(Path(folder) / HAND_EYE_PAGE, rendered("handeye.html.j2", _context(found)))
+    asked, *rest = sentences(found)
+    certificates = len(found.lower.certificates) + len(found.ranges.chain.certificates)
+    proofs = (
+        f"{certificates} certificates (ranges-*.cert.jsonl, lower-*.cert.jsonl): {_CHECKED} "
+        f"{found.programs:,} linear programs, {about(found.seconds)} s."
+    )
+    page = page_text(
+        f"Hand-eye calibration: {found.setup}",
+        "cpcal: hand-eye calibration",
+        "How well do any frames explain the pixels?",
+        [
+            _answer(found, rest[:-1] if rest and rest[-1].endswith(":") else rest),
+            _ranges(found),
+            _classical(found),
+            *_support(found),
+            origin(
+                Proofs=proofs, Versions=f"Certified by cpcal {found.version}; this page was written by {versions()}."
+            ),
+        ],
+        lead=asked,
+    )
+    return write_file(Path(folder) / HAND_EYE_PAGE, page)
 
 
-def _context(found: HandEyeResult) -> dict[str, Any]:
-    first, *rest = sentences(found)
-    camera, target = frames_of(found.setup)
-    point, classical = found.point, found.asked.center
-    ranges = found.ranges
-    return {
-        "setup": found.setup,
-        "asked": first,
-        "verdict": _verdict(found),
-        "bracket": bracket_text(found.eps_lo, found.eps_hi),
-        "gap": gap_text(found.eps_lo, found.eps_hi),
-        "sentences": rest[:-1] if rest and rest[-1].endswith(":") else rest,
-        "tolerance": at_least(ranges.eps, 4),
-        "empty": ranges.empty,
-        "rows": [] if ranges.empty else _rows(found),
-        "positions": None if ranges.empty else Markup(_positions(found)),  # made by us
-        "errors": Markup(_errors(found)),
-        "images": _images(found),
-        "more_images": max(len(found.classical.images) - _MOST, 0),
-        "frames": [
-            (camera, _position(point.camera_position), _quaternion(point.camera_quaternion)),
-            (target, _position(point.target_position), _quaternion(point.target_quaternion)),
-        ],
-        "least_squares": [
-            (camera, _position(classical.camera_position), _quaternion(classical.camera_quaternion)),
-            (target, _position(classical.target_position), _quaternion(classical.target_quaternion)),
-        ],
-        "support": _support(found),
-        "remarks": found.remarks,
-        "uncertain": found.uncertain,
-        "certificates": len(found.lower.certificates) + len(ranges.chain.certificates),
-        "programs": f"{found.programs:,}",
-        "seconds": about(found.seconds),
-        "version": found.version,
-        "versions": versions(),
-    }
+def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
+    low, high = bracket_text(found.eps_lo, found.eps_hi)
+    first = (
+        f" The smallest possible largest error eps* lies in [{low}, {high}] px (width "
+        f"{gap_text(found.eps_lo, found.eps_hi)})."
+    )
+    note = (
+        "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
+        "the half-widths that the study states. Errors are measured on undistorted pixels."
+    )
+    kind, word = _verdict(found)
+    return Section("Answer", [(verdict(word, kind), first), *rest], notes=[note])
 
 
 def _verdict(found: HandEyeResult) -> tuple[str, str]:
-    """Style and word."""
-    if found.tolerance is not None:
-        if found.passes is None:
-            return "undecided", "undecided"
-        return ("explained", "tolerance met") if found.passes else ("unexplained", "tolerance refuted")
-    return ("explained", "bracket closed") if found.complete else ("undecided", "bracket open")
+    if found.tolerance is None:
+        return ("explained", "bracket closed") if found.complete else ("undecided", "bracket open")
+    if found.passes is None:
+        return "undecided", "undecided"
+    return ("explained", "tolerance met") if found.passes else ("unexplained", "tolerance refuted")
 
 
-def _rows(found: HandEyeResult) -> list[tuple[str, ...]]:
-    """Name, ends, width and unit of each parameter."""
-    ends = zip(found.ranges.low, found.ranges.high, strict=True)
-    return [
-        (
-            name,
-            rounded_down(low, 4),
-            rounded_up(high, 4),
-            at_most(high - low, 3),
-            unit,
-        )
-        for (name, unit), (low, high) in zip(names_of(found.setup), ends, strict=True)
-    ]
-
-
-def _positions(found: HandEyeResult) -> str:
-    """Ranges of the six position parameters about the point."""
+def _ranges(found: HandEyeResult) -> Section:
+    tolerance = at_least(found.ranges.eps, 4)
+    cameras = [("best found", found.point), ("least squares", found.asked.center)]
+    rows = [(name, *row) for name, point in cameras for row in _frame_rows(found.setup, point)]
+    frames = Section(
+        "Frames",
+        tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), tuple(rows))],
+        notes=["“Best found” attains the upper end of the bracket. Numbers in full are in handeye.json."],
+    )
+    title = "How well the frames are known"
+    if found.ranges.empty:
+        said = f"No frames in the box explain every pixel to within {tolerance} px. Proved."
+        return Section(title, [said], parts=[frames])
+    names, ends = names_of(found.setup), zip(found.ranges.low, found.ranges.high, strict=True)
+    known = tuple(
+        (name, rounded_down(low, 4), rounded_up(high, 4), at_most(high - low, 3), unit)
+        for (name, unit), (low, high) in zip(names, ends, strict=True)
+    )
     places = [0, 1, 2, 6, 7, 8]
-    names = names_of(found.setup)
-    point = np.array([*found.point.camera_position, *found.point.target_position])
     classical = found.asked.center
     data = Enclosure(
         tuple(names[k][0] for k in places),
-        point,
+        np.array([*found.point.camera_position, *found.point.target_position]),
         np.array(found.ranges.low)[places],
         np.array(found.ranges.high)[places],
         np.array([*classical.camera_position, *classical.target_position]),
     )
-    return enclosure_svg(data, label="Ranges of the positions", origin="best frames")
+    svg = enclosure_svg(data, label="Ranges of the positions", origin="best frames")
+    caption = "Ranges of the positions about the best frames; the mark is the least-squares answer."
+    positions = Section(figures=[Drawing((svg,), caption=caption, style="scroll narrow")])
+    return Section(
+        title,
+        [
+            (
+                f"Every pair of frames in the box that explains all pixels to within {tolerance} px has these "
+                "parameters. Proved."
+            )
+        ],
+        tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
+        notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
+        parts=[positions, frames],
+    )
 
 
-def _errors(found: HandEyeResult) -> str:
+def _frame_rows(setup: str, point: PlacedFrames) -> Iterator[tuple[str, ...]]:
+    camera, target = frames_of(setup)
+    yield camera, _numbers(point.camera_position, 4), _numbers(point.camera_quaternion, 7)
+    yield target, _numbers(point.target_position, 4), _numbers(point.target_quaternion, 7)
+
+
+def _numbers(values: Iterable[float], digits: int) -> str:
+    return ", ".join(nearest(v, digits) for v in values)
+
+
+def _classical(found: HandEyeResult) -> Section:
     """The largest error of the least-squares answer in each image, with the bracket and the tolerance."""
-    drawn = [(verdict.image, verdict.largest, verdict.ok) for verdict in found.classical.images]
-    return image_errors_svg(drawn, found.eps_hi, found.ranges.eps, "Largest error of least squares in each image")
+    images, tolerance = found.classical.images, at_least(found.ranges.eps, 4)
+    errors = [(v.image, v.largest, v.ok) for v in images]
+    label = "Largest error of least squares in each image"
+    svg = image_errors_svg(errors, found.eps_hi, found.ranges.eps, label)
+    readings = ", at the fit's readings of the poses" * found.uncertain
+    caption = (
+        f"Largest error in each image, in exact arithmetic{readings}. Full line: upper end of the bracket; dashed: "
+        f"{tolerance} px."
+    )
+    worst = sorted(images, key=lambda v: -v.largest)
+    rows, more = most(
+        [(v.image, at_most(v.largest, 4), "within" if v.ok else "beyond") for v in worst], _MOST, "handeye.json"
+    )
+    table = Table(("image", "largest error [px]", f"{tolerance} px"), rows)
+    return Section(
+        "The least-squares answer, image by image",
+        figures=[Drawing((svg,), caption=caption)],
+        parts=[Section("Images, worst first", tables=[table], notes=more, folded=True)],
+    )
 
 
-def _images(found: HandEyeResult) -> list[tuple[str, str, str]]:
-    """Worst first."""
-    worst = sorted(found.classical.images, key=lambda verdict: -verdict.largest)[:_MOST]
-    return [(v.image, at_most(v.largest, 4), "within" if v.ok else "beyond") for v in worst]
-
-
-def _support(found: HandEyeResult) -> list[str]:
-    """A line an image."""
+def _support(found: HandEyeResult) -> Iterator[Section]:
     points: dict[str, list[str]] = {}
     for image, point in found.support:
         points.setdefault(image, []).append(point)
-    return [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
+    if points:
+        said = (
+            "The last step of the proof uses these points. Look at them first: a slipped board, a wrong pose, a "
+            "badly found corner."
+        )
+        items = [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
+        yield Section("What forces the lower end", [said], items, style="few names")
 
 
-def _position(values: tuple[float, ...]) -> str:
-    return ", ".join(nearest(v, 4) for v in values)
+# ------------------------------------------------------------------------------------------------------------------
+# The page of wrong images.
 
 
-def _quaternion(values: tuple[float, ...]) -> str:
-    return ", ".join(nearest(v, 7) for v in values)
+def write_wrong_images(study: HandEyeStudy, found: WrongImages, folder: str | os.PathLike[str]) -> Path:
+    """Write `handeye-wrong.html` into the folder; its path. The same result gives the same bytes."""
+    proofs = f"wrong-*.cert.jsonl: {_CHECKED} {about(found.seconds)} s."
+    rows = tuple(_frame_rows(study.setup, found.point))
+    table = Table(("frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows)
+    page = page_text(
+        "Hand-eye calibration: wrong images",
+        "cpcal: hand-eye calibration",
+        "Which images are wrong?",
+        [
+            _wrong(study, found),
+            *_blamed(found),
+            Section("Frames without the wrong images", tables=[table]),
+            origin(Proofs=proofs, Versions=f"Found by cpcal {found.version}; this page was written by {versions()}."),
+        ],
+        lead=(
+            f"Of {len(study.images)} images at most {found.outliers} may be wrong: a slipped board, a wrong robot "
+            "pose, a wrong name."
+        ),
+    )
+    return write_file(Path(folder) / WRONG_PAGE, page)
+
+
+def _wrong(study: HandEyeStudy, found: WrongImages) -> Section:
+    """With the errors of the frames that explain all images but those left out; in these at the stated poses."""
+    kept = [k for k, name in enumerate(study.images) if name not in found.left_out]
+    readings: list[tuple[float, ...]] = []
+    if found.readings:
+        readings = [(0.0,) * 6] * len(study.images)
+        for k, reading in zip(kept, found.readings, strict=True):
+            readings[k] = reading
+    errors = exact_errors(study, found.point, readings)
+    drawn = []
+    for k, name in enumerate(study.images):
+        worst = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        drawn.append((name, math.inf if worst is None else above(worst), k in kept))
+    svg = image_errors_svg(drawn, found.eps_hi, found.tolerance, "Largest error of the best frames in each image")
+    caption = (
+        "Largest error of the best frames in each image, in exact arithmetic; those left out are marked. Full line: "
+        f"what all others are explained to; dashed: {at_most(found.tolerance, 5)} px."
+    )
+    first, *rest = wrong_sentences(found)
+    proved = len(dict(found.blamed)) == len(found.left_out)
+    badge = verdict("proved", "explained") if proved else verdict("not all proved", "undecided")
+    return Section("Answer", [(badge, f" {first}"), *rest], figures=[Drawing((svg,), caption=caption)])
+
+
+def _blamed(found: WrongImages) -> Iterator[Section]:
+    if found.blamed:
+        said = (
+            "Each group below has no image in common with another, and no frames explain it together with the image "
+            f"to {at_most(found.tolerance, 5)} px. Were the image right, each group would hold a wrong one: one more "
+            "than there may be."
+        )
+        parts = [
+            Section(
+                f"{image}: {len(why)} groups",
+                items=[", ".join(name for name in reason.images if name != image) for reason in why],
+                folded=True,
+            )
+            for image, why in found.blamed
+        ]
+        yield Section("Why they are wrong", [said], parts=parts, style="names")
+    if found.groups:
+        one = found.outliers == 1
+        which, none = (
+            ("image is", "does not hold it") if one else (f"{found.outliers} images are", "holds none of them")
+        )
+        said = (
+            f"Whichever {which} wrong, one of these groups {none}, and no frames explain it to "
+            f"{at_least(found.eps_lo, 5)} px."
+        )
+        yield Section("What forces the lower end", [said], [", ".join(g.images) for g in found.groups], style="names")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The camera's frame of a hand-eye run, as other programs take it, with the proved ranges beside each number.
+#
+# What is written are the best frames found: those that attain the upper end of the bracket. Lengths are in m where the
+# format has them in m.
+
+
+def _parent(found: HandEyeResult) -> str:
+    return "tool0" if found.setup == "eye-in-hand" else "base_link"
+
+
+def _told(found: HandEyeResult, mark: str) -> list[str]:
+    """What is proved, as comments."""
+    low, high = bracket_text(found.eps_lo, found.eps_hi)
+    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
+    if found.ranges.empty:
+        return [f"{mark} {said[0]}"]
+    said.append(f"proved of all frames that explain every pixel to {at_least(found.ranges.eps, 4)} px:")
+    names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+    for k, name in enumerate(names):
+        unit = "mm" if k < 3 else "deg from the rotation below"
+        said.append(f"  {name}: {rounded_down(found.ranges.low[k], 4)} to {rounded_up(found.ranges.high[k], 4)} {unit}")
+    return [f"{mark} {line}" for line in said]
+
+
+def _metres(found: HandEyeResult) -> list[str]:
+    return [repr(v / 1000.0) for v in found.point.camera_position]
+
+
+def _quaternion(found: HandEyeResult) -> list[str]:
+    return [repr(v) for v in found.point.camera_quaternion]
+
+
+def _ros2(found: HandEyeResult) -> str:
+    """A node of a ROS 2 launch file in Python."""
+    (x, y, z), (w, i, j, k) = _metres(found), _quaternion(found)
+    pairs = [("x", x), ("y", y), ("z", z), ("qx", i), ("qy", j), ("qz", k), ("qw", w)]
+    lines = [f'        "--{name}", "{value}",' for name, value in pairs]
+    lines += [f'        "--frame-id", "{_parent(found)}",', '        "--child-frame-id", "camera_optical_frame",']
+    head = ["from launch_ros.actions import Node", "", *_told(found, "#"), "Node("]
+    head += ['    package="tf2_ros",', '    executable="static_transform_publisher",', "    arguments=["]
+    return "\n".join([*head, *lines, "    ],", ")"]) + "\n"
+
+
+def _easy_handeye(found: HandEyeResult) -> str:
+    """A calibration file of easy_handeye."""
+    (x, y, z), (w, i, j, k) = _metres(found), _quaternion(found)
+    in_hand = found.setup == "eye-in-hand"
+    base = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
+    lines = [*_told(found, "#"), "parameters:", f"  eye_on_hand: {str(in_hand).lower()}", f"  {base}"]
+    lines += ["  tracking_base_frame: camera_optical_frame", "transformation:"]
+    lines += [f"  {name}: {value}" for name, value in (("x", x), ("y", y), ("z", z))]
+    lines += [f"  {name}: {value}" for name, value in (("qx", i), ("qy", j), ("qz", k), ("qw", w))]
+    return "\n".join(lines) + "\n"
+
+
+def _urdf(found: HandEyeResult) -> str:
+    """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
+    r = [[float(v) for v in row] for row in exact_rotation(found.point.camera_quaternion)]
+    roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
+    pitch = math.asin(max(-1.0, min(1.0, -r[2][0])))
+    lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
+    lines += ['<joint name="camera_optical_joint" type="fixed">', f'  <parent link="{_parent(found)}"/>']
+    lines += ['  <child link="camera_optical_frame"/>']
+    lines += [f'  <origin xyz="{" ".join(_metres(found))}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
+    return "\n".join(lines) + "\n"
+
+
+def _opencv(found: HandEyeResult) -> str:
+    """Matrices of both frames for cv::FileStorage, translations in mm, named as OpenCV's functions name them."""
+    in_hand = found.setup == "eye-in-hand"
+    point = found.point
+    camera, target = ("cam2gripper", "target2base") if in_hand else ("cam2base", "target2gripper")
+    lines = ["%YAML:1.0", "---", *_told(found, "#")]
+    for name, position, quaternion in (
+        (camera, point.camera_position, point.camera_quaternion),
+        (target, point.target_position, point.target_quaternion),
+    ):
+        turn = [repr(float(v)) for row in exact_rotation(quaternion) for v in row]
+        lines += _matrix(f"R_{name}", 3, turn) + _matrix(f"t_{name}", 1, [repr(v) for v in position])
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(name: str, columns: int, values: list[str]) -> list[str]:
+    shape = [f"{name}: !!opencv-matrix", "  rows: 3", f"  cols: {columns}", "  dt: d"]
+    return [*shape, f"  data: [ {', '.join(values)} ]"]
+
+
+HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {
+    "ros2": _ros2,
+    "easy-handeye": _easy_handeye,
+    "urdf": _urdf,
+    "opencv": _opencv,
+}

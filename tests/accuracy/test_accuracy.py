@@ -16,8 +16,7 @@ from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.accuracy.model_error import growth
 from cpcal.common.errors import InputError
-from cpcal.report.accuracy_page import write_accuracy
-from cpcal.report.words import assumption, degrees_up, sentences
+from cpcal.report.accuracy_page import assumption, degrees_up, sentences, write_accuracy
 from cpcal.robot import central_pose, forward_kinematics
 from tests.accuracy.conftest import ERROR
 

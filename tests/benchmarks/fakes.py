@@ -8,8 +8,7 @@ import sys
 import time
 
 from benchmarks.methods import TaskQuestion, Work
-from benchmarks.records import MethodAnswer
-from benchmarks.tasks import Unsupported
+from benchmarks.runs import MethodAnswer, Unsupported
 
 
 class Good:
@@ -23,7 +22,7 @@ class Good:
     def prepare(self, question: TaskQuestion) -> Work:
         def work() -> MethodAnswer:
             os.write(1, b"licence, banner, ...\n")
-            return MethodAnswer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.name)
+            return MethodAnswer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.kind)
 
         return work
 

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.methods import PEERS, TaskQuestion, method
-from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
-from benchmarks.methods.extreme import minimax
-from benchmarks.methods.sweep import boxes
+from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.problems import Leg, problem
-from benchmarks.records import MethodAnswer
-from benchmarks.suites import MINIMISE
-from benchmarks.tasks import Task, Unsupported
+from benchmarks.runs import MINIMISE, MethodAnswer, Task, Unsupported
 from cpcal.legs import residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
@@ -46,21 +42,13 @@ def test_the_expanded_rows_are_the_squared_equations() -> None:
         assert value - term == pytest.approx(distance**2 - (reach + sign * eps) ** 2, abs=1e-6)
 
 
-def test_cpcal_closes_refutes_and_encloses() -> None:
+def test_cpcal_closes_and_refutes() -> None:
     found = ask("lifted", MINIMISE)
     assert found.answered
     assert found.figures["lo"] <= BEST + 1e-6
     assert found.figures["hi"] >= BEST
-    assert 0.0 < found.figures["linear"] < 60.0
     assert ask("lifted", "refute-0.9", 0.9 * BEST).answered
     assert not ask("lifted", "refute-0.9", 1.1 * BEST).answered
-    hull = ask("lifted", "hull-1.1", 1.1 * BEST)
-    assert hull.answered
-    assert 4.7 < hull.figures["width"] < 4.8
-
-
-def test_the_minimax_point_is_inside_of_a_larger_set() -> None:
-    assert np.abs(residuals(leg().campaign, 1, minimax(leg()))).max() < 1.01 * BEST
 
 
 def test_a_certificate_is_written_and_checked() -> None:
@@ -69,18 +57,6 @@ def test_a_certificate_is_written_and_checked() -> None:
     assert found.figures["steps"] >= 1
     assert found.figures["check"] > 0.0
     assert 1.0 < found.figures["size"] < 100.0
-
-
-def test_a_sweep_is_timed_for_one_time() -> None:
-    found = ask("hc4", "sweep-10", 1.1 * BEST)
-    assert found.cpu is not None
-    assert found.figures["us per box"] == pytest.approx(1e5 * found.cpu)
-    assert 0.0 < found.figures["width left"] <= 1.0
-    batch = boxes(leg(), 1.0, 50)
-    assert (batch.lo[:, :7] >= leg().box.lo - 1e-9).all()
-    assert (batch.hi[:, :7] <= leg().box.hi + 1e-9).all()
-    with pytest.raises(Unsupported, match="only hc4 contracts batches"):
-        ask("lifted", "sweep-10", 1.1 * BEST)
 
 
 def test_least_squares_gives_a_point_only() -> None:
@@ -102,12 +78,10 @@ def test_solvers_agree_where_they_are_installed(name: str) -> None:
 
 
 @pytest.mark.peers
-def test_codac_contracts_like_hc4_where_it_is_installed() -> None:
+def test_codac_finds_a_point_and_refutes_a_small_box_where_it_is_installed() -> None:
     if method("codac").missing():
         pytest.skip("codac is not installed")
-    ours, theirs = (ask(name, "sweep-20", 1.1 * BEST).figures for name in ("hc4", "codac-fwdbwd"))
-    assert abs(ours["emptied"] - theirs["emptied"]) <= 2
-    assert ours["width left"] == pytest.approx(theirs["width left"], abs=0.1)
+    assert ask("codac", MINIMISE, limit=0.5).figures["hi"] > BEST
     assert not ask("codac", "refute-0.5", 0.5 * BEST, 0.2).answered
 
 

@@ -1,33 +1,54 @@
-"""The harness: whatever a method does, a run comes out."""
+"""The harness: whatever a method does, a run comes out; files of results are read, compared and written as pages."""
 
 from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from benchmarks import isolation
-from benchmarks.isolation import Job
+from benchmarks import runs
+from benchmarks.commands import SUITES, app, compared, contradictions, page_of, selected
 from benchmarks.problems import problem
-from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, UNDECIDED, Run
-from benchmarks.runner import execute
-from benchmarks.suites import MINIMISE, SUITES
-from benchmarks.tables import contradictions
-from benchmarks.tasks import Task
+from benchmarks.runs import (
+    ANSWERED,
+    FAILED,
+    MINIMISE,
+    SKIPPED,
+    TIMEOUT,
+    UNDECIDED,
+    Job,
+    Results,
+    Run,
+    Task,
+    execute,
+    load,
+    machine,
+    save,
+)
 
 EASY = "leg1-e1-n64-d1"
+RUNS = (
+    Run("p", MINIMISE, "lifted", ANSWERED, 0.3, 0.2, {"lo": 1.0, "hi": 1.5, "nodes": 1.0, "programs": 60.0}),
+    Run("p", MINIMISE, "peer", ANSWERED, 0.5, 0.5, {"lo": -math.inf, "hi": 1.5, "nodes": 9.0}, "optimal"),
+    Run("p", MINIMISE, "lifted", ANSWERED, 0.1, 0.1, {"lo": 1.0, "hi": 1.5, "nodes": 1.0, "programs": 60.0}),
+    Run("p", MINIMISE, "peer", FAILED, note="licence | too small"),
+    Run("p", MINIMISE, "other", SKIPPED, note="not installed"),
+    Run("p", MINIMISE, "slow", TIMEOUT, 60.0, 59.0, {"nodes": 5.0}),
+)
 
 
 def perform(method: str, limit: float = 60.0, **options: float) -> Run:
-    return isolation.perform(Job(EASY, MINIMISE, f"tests.benchmarks.fakes:{method}", limit), **options)
+    return runs.perform(Job(EASY, MINIMISE, f"tests.benchmarks.fakes:{method}", limit), **options)
 
 
 @pytest.mark.parametrize(
     ("method", "status", "note"),
     [
-        ("Good", ANSWERED, "minimise-1e-06"),
+        ("Good", ANSWERED, "minimise"),
         ("Absent", SKIPPED, "is not installed"),
         ("Refusing", SKIPPED, "is not written for this"),
         ("Raising", FAILED, "ArithmeticError: a pivot is zero"),
@@ -44,8 +65,7 @@ def test_whatever_happens_is_a_result(method: str, status: str, note: str) -> No
 def test_a_limit_holds_for_who_ignores_it() -> None:
     began = time.monotonic()
     run = perform("Overrunning", limit=0.2)
-    assert run.status == TIMEOUT
-    assert run.seconds == 0.2
+    assert (run.status, run.seconds) == (TIMEOUT, 0.2)
     assert time.monotonic() - began < 100.0
 
 
@@ -55,25 +75,19 @@ def test_a_process_that_is_never_ready_is_no_timeout_of_the_task() -> None:
     assert "set-up" in run.note
 
 
-def test_a_contractor_that_is_not_registered_is_skipped_and_the_reason_given() -> None:
-    run = isolation.perform(Job(EASY, MINIMISE, "hc4,nosuch", 60.0))
-    assert run.status == SKIPPED
-    assert "nosuch" in run.note
-    assert "hc4" not in run.note
-
-
-def test_cpcal_answers_and_unknown_names_fail() -> None:
+def test_cpcal_answers_who_gives_up_is_not_asked_again_and_unknown_names_fail() -> None:
     entries = [(EASY, "refute-0.5", ("lifted", "tests.benchmarks.fakes:GivingUp"))]
     told: list[Run] = []
     results = execute("test", entries, limit=60.0, repeat=2, tell=told.append)
-    assert [run.status for run in results.runs] == [ANSWERED, UNDECIDED, ANSWERED]  # who gives up is not asked again
+    assert [run.status for run in results.runs] == [ANSWERED, UNDECIDED, ANSWERED]
     assert told == list(results.runs)
-    first = results.runs[0]
-    assert first.figures["nodes"] >= 1
-    assert 0.0 < first.figures["eps"] < 0.5
-    assert 0.0 < first.cpu < 60.0
-    assert isolation.perform(Job("leg9", MINIMISE, "lifted", 60.0)).status == FAILED
-    assert isolation.perform(Job("cable-a-linear", MINIMISE, "lifted", 60.0)).status == SKIPPED
+    assert results.runs[0].figures["nodes"] >= 1
+    assert 0.0 < results.runs[0].figures["eps"] < 0.5
+    assert 0.0 < results.runs[0].cpu < 60.0
+    missing = runs.perform(Job(EASY, MINIMISE, "hc4,nosuch", 60.0))
+    assert (missing.status, missing.note) == (SKIPPED, "no contractor is registered as nosuch")
+    assert runs.perform(Job("leg9", MINIMISE, "lifted", 60.0)).status == FAILED
+    assert runs.perform(Job("cable-a-linear", MINIMISE, "lifted", 60.0)).status == SKIPPED
 
 
 def test_what_contradicts_a_proof_is_called_wrong() -> None:
@@ -85,14 +99,12 @@ def test_what_contradicts_a_proof_is_called_wrong() -> None:
     assert flagged.note == "lower bound wrong by 1e-07 (relative); optimal"
     assert doubted.note == "point wrong by 1e-06 (relative); optimal"
     assert contradictions([claims]) == [claims]  # nothing is proved of this problem
-    zero = Run("p", "t", "lifted", ANSWERED, figures={"lo": 0.0, "hi": 0.0})
-    assert contradictions([zero, Run("p", "t", "peer", ANSWERED)])[0] == zero
 
 
-def test_every_suite_speaks_of_problems_and_tasks_that_there_are(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:
     for suite in SUITES.values():
         for name, task, methods in suite.entries:
-            assert Task.named(task).name == task
+            assert Task.named(task).value > 0.0
             assert methods
             if name.startswith("leg"):
                 assert problem(name).measurements >= 64
@@ -107,12 +119,6 @@ def test_names_that_mean_nothing_are_refused() -> None:
         Task.named("guess-1")
 
 
-def test_the_tolerance_asked_about_is_on_the_safe_side_of_the_bracket() -> None:
-    assert Task.named("refute-0.9").eps(1.0, 2.0) == 0.9
-    assert Task.named("hull-1.1").eps(1.0, 2.0) == 2.2
-    assert math.isclose(Task.named("sweep-10").eps(1.0, 2.0), 2.2)
-
-
 def test_a_family_of_problems_is_found_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     metadata = tmp_path / "shapes-1.0.dist-info"
     metadata.mkdir()
@@ -124,3 +130,83 @@ def test_a_family_of_problems_is_found_by_its_entry_point(tmp_path: Path, monkey
     assert problem("circle:2-x", tmp_path) == ("2-x", tmp_path)
     with pytest.raises(ValueError, match=r"no problem is called 'square'; .*circle:\.\.\."):
         problem("square")
+
+
+def results(*given: Run) -> Results:
+    return Results("test", "2026-01-31", 60.0, 2, {"processor": "some"}, given or RUNS)
+
+
+def test_what_is_saved_is_loaded_and_other_files_are_refused(tmp_path: Path) -> None:
+    save(results(), tmp_path / "deep" / "r.json")
+    assert repr(load(tmp_path / "deep" / "r.json")) == repr(results())  # NaN differs from itself, its name does not
+    path = tmp_path / "r.json"
+    path.write_text("{}")
+    with pytest.raises(ValueError, match="not of format"):
+        load(path)
+    path.write_text('{"format": "cpcal-benchmark/1", "runs": [{}]}')
+    with pytest.raises(ValueError, match="lacks or garbles"):
+        load(path)
+
+
+def test_medians_and_failures() -> None:
+    medians = results().medians()
+    lifted = medians["p", MINIMISE, "lifted"]
+    assert (lifted.seconds, lifted.cpu) == pytest.approx((0.2, 0.15))
+    assert medians["p", MINIMISE, "peer"].status == FAILED
+
+
+def test_a_comparison_flags_nodes_statuses_and_what_is_missing_and_not_programs() -> None:
+    moved = replace(RUNS[0], cpu=0.4, figures={**RUNS[0].figures, "nodes": 3.0})
+    text, passed = compared(results(RUNS[0], *RUNS[4:]), results(moved, replace(RUNS[-1], status=ANSWERED), RUNS[4]))
+    assert not passed
+    assert "nodes 1 became 3" in text
+    assert "timeout became answered" in text
+    assert "2 compared, 2 changed or missing, CPU time 2.00 times the old" in text
+    assert compared(results(RUNS[0], RUNS[1]), results(RUNS[0]))[1] is False
+    assert compared(results(RUNS[0], RUNS[1]), results(RUNS[0], replace(RUNS[1], status=SKIPPED)))[1] is False
+    assert compared(results(RUNS[0]), results(RUNS[0], RUNS[1]))[1]  # more results are no failure
+    text, passed = compared(results(RUNS[0]), results(replace(RUNS[0], figures={**RUNS[0].figures, "programs": 61.0})))
+    assert passed
+    assert "programs 60 became 61" in text
+
+
+def test_commands_make_pages_compare_and_list(tmp_path: Path) -> None:
+    path, other, runner = tmp_path / "r.json", tmp_path / "s.json", CliRunner()
+    save(results(), path)
+    assert runner.invoke(app, ["page", str(path)]).exit_code == 0
+    text = path.with_suffix(".md").read_text()
+    assert text == page_of(results())
+    assert "licence \\| too small" in text
+    assert "`other` was not asked: not installed" in text
+    assert runner.invoke(app, ["compare", str(path), str(path)]).exit_code == 0
+    save(results(replace(RUNS[0], figures={"nodes": 2, "programs": 60})), other)
+    assert runner.invoke(app, ["compare", str(path), str(other)]).exit_code == 1
+    said = runner.invoke(app, ["list"]).output
+    assert all(word in said for word in ("quick", "ablation", "minimise", "gurobi", "hc4"))
+
+
+def test_a_part_of_a_suite() -> None:
+    entries = (("p", "a-1", ("x", "y")), ("q", "a-1", ("x",)), ("q", "b-1", ("x",)))
+    assert selected(entries, None, ["q"], None) == [("q", "a-1", ("x",)), ("q", "b-1", ("x",))]
+    assert selected(entries, ["z"], ["p"], None) == [("p", "a-1", ("z",))]
+    assert selected(entries, ["z"], ["r"], ["b-1"]) == [("r", "b-1", ("z",))]
+
+
+def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
+    facts = machine()
+    assert {"processor", "python", "cpcal", "numpy"} <= facts.keys()
+    assert not any("/" in value for value in facts.values())
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    good = ["-m", "tests.benchmarks.fakes:Good", "-p", "leg1-e1-n64-d1", "-o", str(path), "--repeat", "1"]
+    runner = CliRunner()
+    assert runner.invoke(app, ["run", "spine", "-t", "certify-1e-06", *good]).exit_code == 0
+    first = load(path).runs
+    assert len(first) == 1
+    asked = runner.invoke(app, ["run", "spine", "--resume", "-t", "certify-1e-06", "-t", MINIMISE, *good])
+    assert asked.exit_code == 0
+    assert load(path).runs[:1] == first
+    assert [run.task for run in load(path).runs] == ["certify-1e-06", MINIMISE]
+    assert runner.invoke(app, ["run", "nosuch"]).exit_code == 2

@@ -24,7 +24,7 @@ from cpcal.calibration import (
 from cpcal.calibration.alignment import SharedError, on_drawing_errors
 from cpcal.calibration.study_calibration import study_rows
 from cpcal.files import campaign_sha256, load_study, save_study
-from cpcal.report.study_report import poses
+from cpcal.report.study_page import poses
 from cpcal.robot import (
     DELTALAB,
     PoseTable,

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.cli import app
 from cpcal.report.export import as_csv, as_json, as_toml, as_yaml, exported
-from cpcal.report.leg_section import DrawingFrames, frames_of_run
+from cpcal.report.run_page import DrawingFrames, frames_of_run
 from cpcal.robot import rotation_matrix
 
 yaml = pytest.importorskip("yaml")

@@ -21,7 +21,7 @@ from cpcal.cli.demo import DemoPlan
 from cpcal.cli.report import study_found
 from cpcal.common.errors import InputError
 from cpcal.files import load_study
-from cpcal.report.study_report import IMAGES_NAME, load_images, save_images
+from cpcal.report.study_page import IMAGES_NAME, load_images, save_images
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
@@ -186,7 +186,7 @@ def test_the_demo_goes_the_whole_road(demo):
     accepted, found = study_found(folder)
     assert accepted
     assert found.images is not None
-    assert len(found.images.pictures) == 6
+    assert len(found.images.parts[0].pictures) == 6
     page = (folder / "report.html").read_text()
     assert page.count("data:image/jpeg;base64,") == 6
     assert "img-src data:" in page
@@ -197,7 +197,7 @@ def test_the_demo_goes_the_whole_road(demo):
     assert (len(pixel), len(repeats)) == (8, 22)
     assert set(pixel.pose) == set(repeats.pose[::3])
     assert not pixel.exact
-    assert "The true pose lies in 8 of the 8." in found.images.sets_said[0]
+    assert "The true pose lies in 8 of the 8." in found.images.parts[3].sentences[0]
     result = cpcal.load_result(folder / "pixel-run")
     assert result.campaign_sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()

@@ -17,7 +17,8 @@ from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.questions.ranges import with_projections
 from cpcal.report import write_report
-from cpcal.report.comparison_page import comparison_row, comparison_sentences, write_comparison
+from cpcal.report.comparison_page import comparison_sentences, comparison_table, write_comparison
+from cpcal.report.section import plain
 from cpcal.simulate import true_robot
 from cpcal.solver.contract import Verdict
 from tests.changed import some, with_gain
@@ -235,9 +236,8 @@ def test_the_command(exact, tmp_path):
     comparison = cpcal.load_comparison(tmp_path / "run")
     assert comparison.campaign_sha256 == campaign_sha256(exact)
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
-    for entry in comparison.entries:
-        for cell in comparison_row(comparison, entry):
-            assert cell in page
+    for row in comparison_table(comparison).rows:
+        assert all(plain(cell) in page for cell in row)
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names == {"campaign.json", "compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
     assert CliRunner().invoke(app, ["verify", str(tmp_path / "run")]).exit_code == 0

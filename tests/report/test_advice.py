@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from cpcal.common.numbers import bracket_text
 from cpcal.legs import PLAIN
-from cpcal.report.overview import NextStep, advise, fitted
+from cpcal.report.advice import advise, fitted
 from cpcal.report.words import fit_sentence, short_fit
 from cpcal.robot import Campaign
 
@@ -24,7 +24,7 @@ def advised(campaign, **asked):
 
 def test_a_leg_within_the_tolerance_is_accepted():
     found, verdict = advised(CAMPAIGN, tolerance=3.0)
-    assert found.step is NextStep.ACCEPT
+    assert found.short == "accept"
     assert fit_sentence(verdict).endswith("; 3 mm are allowed.")
     assert short_fit(verdict).startswith("pass, fits to within ")
 
@@ -34,14 +34,14 @@ def test_a_wrong_reading_is_to_be_measured_again(row):
     length = CAMPAIGN.length.copy()
     length[row, 1] += 4.0
     found, _ = advised(dataclasses.replace(CAMPAIGN, length=length), tolerance=0.5)
-    assert found.step is NextStep.REMEASURE
+    assert found.short == f"re-measure {row + 1}"
     assert found.first[0] == row
     assert f"Re-measure {row + 1} ({CAMPAIGN.measurement_ids[row]}): without it" in found.sentence
 
 
 def test_a_wrong_scale_of_the_sensor_calls_for_the_model_gain():
     found, _ = advised(dataclasses.replace(CAMPAIGN, length=1.02 * CAMPAIGN.length), tolerance=0.1)
-    assert found.step is NextStep.MODEL
+    assert found.short == "model “gain”"
     assert "“gain”" in found.sentence
 
 
@@ -51,14 +51,14 @@ def test_poses_are_asked_for_where_parameters_are_open():
         CAMPAIGN.robot, CAMPAIGN.position[few], CAMPAIGN.quaternion[few], CAMPAIGN.length[few], exact=True
     )
     found, verdict = advised(same, tolerance=1.0)
-    assert found.step is NextStep.ADD
+    assert found.short == "add poses"
     assert "Add poses that show" in found.sentence
     assert fit_sentence(verdict).startswith("Cannot be judged: ")
 
 
 def test_without_a_tolerance_one_is_asked_for():
     found, verdict = advised(CAMPAIGN)
-    assert found.step is NextStep.TOLERANCE
+    assert found.short == "state a tolerance"
     lo, hi = bracket_text(verdict.bracket.lo, verdict.bracket.hi)  # that nothing is better is proved of the lower one
     said = f"All measurements fit to within {hi} mm, and no better than {lo} mm, whatever the parameters."
     assert fit_sentence(verdict) == said

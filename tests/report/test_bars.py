@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from cpcal.report.svg import FARTHEST, Enclosure, enclosure_svg
+from cpcal.report.figures import FARTHEST, Enclosure, enclosure_svg
 
 NAMES = ("a_x", "a_y", "l")
 NOMINAL = np.array([100.0, -5.0, 0.0])

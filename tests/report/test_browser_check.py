@@ -8,7 +8,7 @@ import pytest
 
 import cpcal
 from cpcal.files import save_campaign_json
-from cpcal.report.page import render
+from cpcal.report.run_page import render
 from tests.report.test_browser import CHROMIUM, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no `chromium` on PATH (Debian: apt install chromium)")

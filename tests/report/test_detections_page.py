@@ -75,7 +75,7 @@ def test_a_wrong_lens_is_warned_of_and_noise_is_not(tmp_path):
 def test_it_stays_short_and_says_what_it_leaves_out(tmp_path):
     rows = [Detection(f"{k}.png", f"{k} dots are too few") for k in range(MOST_ROWS + 5)]
     text = page_of(tmp_path, rows)
-    assert "And 5 more reasons, in poses.csv." in text
+    assert "And 5 more, in poses.csv." in text
     assert "No image was measured now" in text
     rows = [row(f"{k}.png", 3.0 + k, "doubtful") for k in range(MOST_ROWS + 7)]
     text = page_of(tmp_path, rows)

@@ -13,7 +13,8 @@ from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import encoded
 from cpcal.questions import Options
-from cpcal.report.page import command, render, versions
+from cpcal.report.run_page import command, render
+from cpcal.report.section import versions
 
 
 @pytest.fixture(scope="module")

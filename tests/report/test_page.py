@@ -17,7 +17,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
-from cpcal.report.page import render
+from cpcal.report.run_page import render
 from tests.report.made import made_result
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")

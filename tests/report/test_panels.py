@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.legs import PARAMETERS
 from cpcal.questions import Projection, Projections
-from cpcal.report.page import render
-from cpcal.report.svg import Panel, in_view, panel_svg, polygon
+from cpcal.report.figures import Panel, in_view, panel_svg, polygon
+from cpcal.report.run_page import render
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)

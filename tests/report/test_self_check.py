@@ -19,7 +19,7 @@ from cpcal.cli import app
 from cpcal.common.numbers import plain_gap
 from cpcal.files import save_campaign_json
 from cpcal.report import leg_sentence
-from cpcal.report.page import render
+from cpcal.report.run_page import render
 
 mini_racer = pytest.importorskip("py_mini_racer", reason="mini-racer is not installed (pip install 'cpcal[test]')")
 

@@ -13,7 +13,7 @@ from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.comparison import Entry
 from cpcal.questions.robust_result import MARGIN, RobustLeg
 from cpcal.questions.verdict import proved_sentence
-from cpcal.report.leg_section import _sides, _trial
+from cpcal.report.run_page import _sides, _trial
 from cpcal.report.words import leg_sentence, overall
 from cpcal.solver.accounts import TimeoutAnswer, Trial, bracket_sentence
 from cpcal.solver.contract import Verdict

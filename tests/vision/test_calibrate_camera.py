@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.camera_covariance import Setting, aligned, normalised_errors, simulated_views
+from benchmarks.vision_scenes import Setting, aligned, normalised_errors, simulated_views
 from cpcal.common.errors import InputError
 from cpcal.vision.calibration import NotCalibratedError, TargetView, calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera

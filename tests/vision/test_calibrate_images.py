@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.camera_covariance import normalised_errors
-from benchmarks.vision_scenes import facing_poses, one
+from benchmarks.vision_scenes import facing_poses, normalised_errors, one
 from cpcal.vision.calibration import NotCalibratedError, calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.render import render

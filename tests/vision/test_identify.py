@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.vision_accuracy import KINDS, identified, spoiled
-from benchmarks.vision_scenes import facing_poses, found_dots, one
+from benchmarks.vision_scenes import KINDS, facing_poses, found_dots, identified, one, spoiled
 from cpcal.common.values import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.identify import Identification, Unidentified, identify
@@ -277,7 +276,7 @@ def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
 
 
 def test_none_of_three_hundred_lists_is_taken_for_another():
-    """All kinds of spoiled and partial views; the benchmark `vision_accuracy` does thousands."""
+    """All kinds of spoiled and partial views; `benchmarks.vision_scenes` does thousands."""
     figures = identified(300, seed=25)
     assert sum(row["wrong"] for row in figures.values()) == 0
     least = {"none": 50, "anywhere": 50, "false on the rows": 48, "missing on the rows": 20, "both on the rows": 35}

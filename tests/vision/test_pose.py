@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.vision_accuracy import pose_error
-from benchmarks.vision_scenes import FACING, facing_poses, one
+from benchmarks.vision_scenes import FACING, facing_poses, one, pose_error
 from cpcal.common.errors import InputError
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product

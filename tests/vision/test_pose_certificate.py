@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pose_sets import drawn_pose
-from benchmarks.uncertain_poses import shown
+from benchmarks.pose_sets import drawn_pose, shown
 from cpcal.checker.bounds import Bounds, between
 from cpcal.checker.lens import Cameras
 from cpcal.checker.pose_claim import check_pose_set, check_pose_sets

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.pose_sets import drawn_pose
-from benchmarks.uncertain_poses import shown
+from benchmarks.pose_sets import drawn_pose, shown
 from cpcal.checker import Refused
 from cpcal.checker.bounds import Bounds, between
 from cpcal.checker.files import WORK

@@ -7,9 +7,8 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from benchmarks.vision_conditions import CONDITIONS, measured
 from benchmarks.vision_scenes import FACING, facing_poses, one
-from benchmarks.vision_world import World, photograph, true_centers
+from benchmarks.vision_world import CONDITIONS, World, measured, photograph, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import detection
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, norm, sqr
-from cpcal.report.paving_picture import paving_svg
+from cpcal.report.figures import paving_svg
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows

@@ -1,0 +1,301 @@
+"""Peers: Gurobi and SCIP (spatial branch and bound), codac (contractors), least squares.
+
+Gurobi and SCIP get the best formulation found for them: squared, expanded, products shared. With q = a.a - l*l and one
+column for each product a_i b_j and b_i b_j, every measurement is linear,
+
+    E = q + b'R'R b - 2 a'R b + 2 P'R b - 2 P.a - 2 L l + P.P - L^2
+    E - 2 L eps - 2 l eps - eps^2 <= 0 <= E + 2 L eps + 2 l eps - eps^2,          L + l >= eps.
+
+The coefficients are rounded to doubles, so that no answer is certified for the exact data; codac's, with rotation
+matrices rounded to doubles, are rigorous for the rounded data. The search around codac's contractors is ours.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from scipy import optimize
+
+from benchmarks.methods import TaskQuestion, Work
+from benchmarks.problems import Leg
+from benchmarks.runs import MethodAnswer, Unsupported
+from cpcal.common.values import Floats
+from cpcal.legs import residuals
+from cpcal.robot import rotation_matrix
+
+A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
+AB = {(i, j): 8 + 3 * i + j for i in range(3) for j in range(3)}
+BB = {pair: 17 + n for n, pair in enumerate((i, j) for i in range(3) for j in range(i, 3))}
+COLUMNS = 23
+
+
+@dataclass(frozen=True)
+class ExpandedRows:
+    """`matrix @ columns + constant` is E; parameters lie between `lo` and `hi`, eps below `longest`."""
+
+    matrix: Floats
+    constant: Floats
+    length: Floats
+    lo: Floats
+    hi: Floats
+    longest: float
+
+
+def rows(leg: Leg) -> ExpandedRows:
+    """The coefficients of one leg, in doubles."""
+    campaign = leg.campaign
+    p, r = campaign.position, rotation_matrix(campaign.quaternion)
+    length = campaign.length[:, leg.leg - 1]
+    gram = np.einsum("kji,kjl->kil", r, r)
+    matrix = np.zeros((len(p), COLUMNS))
+    matrix[:, A] = -2.0 * p
+    matrix[:, B] = 2.0 * np.einsum("ki,kij->kj", p, r)
+    matrix[:, OFFSET] = -2.0 * length
+    matrix[:, Q] = 1.0
+    for (i, j), column in AB.items():
+        matrix[:, column] = -2.0 * r[:, i, j]
+    for (i, j), column in BB.items():
+        matrix[:, column] = gram[:, i, j] * (1.0 if i == j else 2.0)
+    return ExpandedRows(matrix, (p * p).sum(axis=1) - length**2, length, leg.box.lo, leg.box.hi, leg.longest)
+
+
+def _stated(data: ExpandedRows, eps: float | None, variable: Any, require: Any, summed: Any) -> Any:
+    """State the program by a solver's `variable(lo, hi)`, `require(constraint)` and `summed(row, columns)`. Gives the
+    objective: eps, or 0 where it is given."""
+    columns = [variable(float(lo), float(hi)) for lo, hi in zip(data.lo, data.hi, strict=True)]
+    columns += [variable(None, None) for _ in range(COLUMNS - len(columns))]
+    offset = columns[OFFSET]
+    error: Any = variable(0.0, data.longest) if eps is None else eps
+    product: Any = variable(None, None) if eps is None else eps * offset
+    square: Any = variable(0.0, None) if eps is None else eps * eps
+    if eps is None:
+        require(product == error * offset)
+        require(square == error * error)
+    require(columns[Q] == sum(columns[i] * columns[i] for i in A) - offset * offset)
+    for (i, j), column in AB.items():
+        require(columns[column] == columns[A[i]] * columns[B[j]])
+    for (i, j), column in BB.items():
+        require(columns[column] == columns[B[i]] * columns[B[j]])
+    for row, constant, length in zip(data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True):
+        value = summed(row, columns) + constant
+        require(value - 2.0 * length * error - 2.0 * product - square <= 0.0)
+        require(value + 2.0 * length * error + 2.0 * product - square >= 0.0)
+    require(offset + float(data.length.min()) >= error)
+    return error if eps is None else 0.0 * offset
+
+
+class _Peer:
+    """Of a package of its own; asked to minimise eps or to refute a given one."""
+
+    guarantee, package = "floating point, rounded data", ""
+
+    def missing(self) -> str | None:
+        return None if find_spec(self.package) else f"the package {self.package} is not installed (extra `peers`)"
+
+    def prepare(self, question: TaskQuestion) -> Work:
+        if question.task.kind not in ("minimise", "refute"):
+            raise Unsupported(f"has no task {question.task.kind}")
+        import_module(self.package)
+        return self.work(question.leg, question)
+
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
+        raise NotImplementedError
+
+
+class Gurobi(_Peer):
+    """NonConvex, one thread, else default settings; its size-limited licence is part of the package."""
+
+    package = "gurobipy"
+
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
+        import gurobipy
+
+        environment, data = gurobipy.Env(params={"OutputFlag": 0}), rows(leg)
+
+        def work() -> MethodAnswer:
+            model, minimise = gurobipy.Model(env=environment), question.eps is None
+            settings = {"NonConvex": 2, "Threads": 1, "TimeLimit": question.limit, "MIPGapAbs": 0.0}
+            for name, value in (settings | {"MIPGap": question.task.value if minimise else 0.0}).items():
+                model.setParam(name, value)
+
+            def variable(lo: float | None, hi: float | None) -> Any:
+                return model.addVar(lb=-np.inf if lo is None else lo, ub=np.inf if hi is None else hi)
+
+            model.setObjective(_stated(data, question.eps, variable, model.addConstr, gurobipy.LinExpr))
+            model.optimize()
+            names = ("OPTIMAL", "INFEASIBLE", "INF_OR_UNBD", "TIME_LIMIT")
+            codes = {getattr(gurobipy.GRB, name): name.lower() for name in names}
+            status = codes.get(model.Status, f"status {model.Status}")
+            infeasible = status in ("infeasible", "inf_or_unbd")  # every column that matters is bounded
+            if not minimise or infeasible:
+                return MethodAnswer(infeasible and not minimise, {"nodes": model.NodeCount}, status)
+            hi = float(model.ObjVal) if model.SolCount else float("inf")
+            figures = {"lo": float(model.ObjBound), "hi": hi, "nodes": float(model.NodeCount)}
+            return MethodAnswer(status == "optimal", figures, status)
+
+        return work
+
+
+class Scip(_Peer):
+    """Default settings, one thread."""
+
+    package = "pyscipopt"
+
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
+        from pyscipopt import Model, quicksum
+
+        data = rows(leg)
+
+        def work() -> MethodAnswer:
+            model, minimise = Model(), question.eps is None
+            model.hideOutput()
+            gap = question.task.value if minimise else 0.0
+            for name, value in (("time", question.limit), ("gap", gap), ("absgap", 0.0)):
+                model.setParam(f"limits/{name}", value)
+
+            def variable(lo: float | None, hi: float | None) -> Any:
+                return model.addVar(lb=lo, ub=hi)
+
+            def summed(row: list[float], columns: list[Any]) -> Any:
+                return quicksum(c * x for c, x in zip(row, columns, strict=True))
+
+            model.setObjective(_stated(data, question.eps, variable, model.addCons, summed))
+            model.optimize()
+            status, nodes, hi = str(model.getStatus()), float(model.getNTotalNodes()), float(model.getPrimalbound())
+            if not minimise:
+                return MethodAnswer(status == "infeasible", {"nodes": nodes}, status)
+            figures = {"lo": float(model.getDualbound()), "hi": hi if hi < 1e19 else float("inf"), "nodes": nodes}
+            return MethodAnswer(status in ("optimal", "gaplimit"), figures, status)
+
+        return work
+
+
+class Codac(_Peer):
+    """CtcInverse (its centred form included) for every equation; a best-first search that is written here."""
+
+    guarantee, package = "rigorous, rounded data", "codac"
+
+    def work(self, leg: Leg, question: TaskQuestion) -> Work:
+        _ = leg.middle
+        return lambda: (_minimise if question.eps is None else _refute)(leg, question)
+
+
+def _functions(leg: Leg, sign: float) -> list[Any]:
+    """g for each measurement, plus `sign` times the last component where sign is not 0."""
+    import codac
+
+    campaign = leg.campaign
+    x = codac.VectorVar(8 if sign else 7)
+    made = []
+    length = campaign.length[:, leg.leg - 1].tolist()
+    rotations = rotation_matrix(campaign.quaternion).tolist()
+    for p, r, measured in zip(campaign.position.tolist(), rotations, length, strict=True):
+        v = [p[i] + r[i][0] * x[3] + r[i][1] * x[4] + r[i][2] * x[5] - x[i] for i in range(3)]
+        g = codac.sqrt(codac.sqr(v[0]) + codac.sqr(v[1]) + codac.sqr(v[2])) - x[6] - measured
+        made.append(codac.AnalyticFunction([x], g + sign * x[7] if sign else g))
+    return made
+
+
+def _contract(contractors: list[Any], box: Any) -> None:
+    """Each in turn while the volume of the box shrinks by a fifth, ten times at most."""
+    for _ in range(10):
+        before = box.volume()
+        for contractor in contractors:
+            contractor.contract(box)
+            if box.is_empty():
+                return
+        if not box.volume() < 0.8 * before:
+            return
+
+
+def _start(leg: Leg, eps: tuple[float, float] | None) -> Any:
+    import codac
+
+    bounds = np.stack([leg.box.lo, leg.box.hi], axis=1).tolist()
+    return codac.IntervalVector(bounds + ([list(eps)] if eps else []))
+
+
+def _minimise(leg: Leg, question: TaskQuestion) -> MethodAnswer:
+    """Best first by the lower bound of eps; midpoints are tried, the first of them the least-squares fit."""
+    import codac
+
+    deadline, serial = time.monotonic() + question.limit, itertools.count()
+    negative, positive = codac.Interval(-codac.oo, 0.0), codac.Interval(0.0, codac.oo)
+    contractors = [codac.CtcInverse(f, negative) for f in _functions(leg, -1.0)]
+    contractors += [codac.CtcInverse(f, positive) for f in _functions(leg, 1.0)]
+    best = float(np.abs(residuals(leg.campaign, leg.leg, leg.middle)).max())
+    queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, (0.0, leg.longest)))]
+    nodes = 0
+    while queue and time.monotonic() < deadline and queue[0][0] < best * (1.0 - question.task.value):
+        box = heapq.heappop(queue)[2]
+        nodes += 1
+        box[7] = box[7] & codac.Interval(0.0, best)
+        _contract(contractors, box)
+        if box.is_empty():
+            continue
+        middle = np.asarray(box.mid()).ravel()[:7]
+        best = min(best, float(np.abs(residuals(leg.campaign, leg.leg, middle)).max()))
+        for half in box.bisect(int(np.argmax(np.asarray(box.diam()).ravel()[:7]))):
+            heapq.heappush(queue, (float(half[7].lb()), next(serial), half))
+    lo = min([best] + [entry[0] for entry in queue[:1]])
+    return MethodAnswer(lo >= best * (1.0 - question.task.value), {"lo": lo, "hi": best, "nodes": nodes}, "own search")
+
+
+def _refute(leg: Leg, question: TaskQuestion) -> MethodAnswer:
+    """Widest box first; refuted when none is left."""
+    import codac
+
+    deadline, serial, eps = time.monotonic() + question.limit, itertools.count(), question.eps
+    assert eps is not None
+    contractors = [codac.CtcInverse(f, codac.Interval(-eps, eps)) for f in _functions(leg, 0.0)]
+    queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, None))]
+    nodes = 0
+    while queue and time.monotonic() < deadline:
+        box = heapq.heappop(queue)[2]
+        nodes += 1
+        _contract(contractors, box)
+        if not box.is_empty():
+            for half in box.bisect(box.max_diam_index()):
+                heapq.heappush(queue, (-float(half.max_diam()), next(serial), half))
+    return MethodAnswer(not queue, {"nodes": nodes}, f"{len(queue)} boxes left")
+
+
+class LeastSquares:
+    """Levenberg and Marquardt from the nominal parameters, with analytic derivatives."""
+
+    guarantee = "a point only"
+
+    def missing(self) -> str | None:
+        return None
+
+    def prepare(self, question: TaskQuestion) -> Work:
+        if question.task.kind != "minimise":
+            raise Unsupported("bounds nothing")
+        campaign, k = question.leg.campaign, question.leg.leg - 1
+        rotations, length = rotation_matrix(campaign.quaternion), campaign.length[:, k]
+        robot = campaign.robot
+        nominal = np.concatenate([robot.base[k], robot.mobile[k], [robot.offset[k]]])
+
+        def vectors(x: Floats) -> Floats:
+            return np.asarray(campaign.position + rotations @ x[3:6] - x[:3])
+
+        def values(x: Floats) -> Floats:
+            return np.asarray(np.linalg.norm(vectors(x), axis=1) - length - x[6])
+
+        def jacobian(x: Floats) -> Floats:
+            v = vectors(x)
+            unit = v / np.linalg.norm(v, axis=1)[:, None]
+            return np.concatenate([-unit, np.einsum("ki,kij->kj", unit, rotations), -np.ones((len(unit), 1))], axis=1)
+
+        def work() -> MethodAnswer:
+            found = optimize.least_squares(values, nominal, jac=jacobian, method="lm")
+            return MethodAnswer(False, {"hi": float(np.abs(found.fun).max())}, "no lower bound")
+
+        return work

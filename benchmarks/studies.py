@@ -1,0 +1,217 @@
+"""Certified answers beside the truth of simulated studies; each prints a row a case, and counts.
+
+    python -m benchmarks.studies accuracy [--poses 100] [--studies 10]
+    python -m benchmarks.studies hand-eye [--seeds 200] [--images 20] [--corners 8,6] [--position-error 0.1 ...]
+    python -m benchmarks.studies outliers [--campaigns 50] [--outliers 1,2,3]
+
+accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise), seen in
+the true base frame; reading sets are three standard deviations of the means. Stated as the model error of each leg is
+the least number that is TRUE: the largest error of some parameters over the calibration poses (for readings in their
+sets), over 200 random poses of the stroke and over those asked about. So no bound may be violated. The ratio is the
+largest bound over the largest true error. At last a study whose assumption fails: exact readings, calibrated in the
+middle of the stroke, with the least error THERE stated.
+
+hand-eye: pixel errors are uniform in plus and minus `--pixel-error` on each axis, which is the tolerance; robot errors
+are uniform too, and are stated as half-widths. Even seeds have the camera in the hand, odd ones beside the robot.
+
+outliers: campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the paper's noise, sets of three standard
+deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly these are
+left out, as proved when the bracket is closed and the checker accepts the claim.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cpcal
+from cpcal.accuracy.accuracy import distances
+from cpcal.accuracy.certified_set import certified_set
+from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
+from cpcal.accuracy.pose_bounds import pose_bounds
+from cpcal.calibration import averaged
+from cpcal.checker.robust_claim import check_robust
+from cpcal.handeye.certify import Within, certify_hand_eye, save_hand_eye_result
+from cpcal.handeye.files import hand_eye_files
+from cpcal.handeye.rows import unknowns_of
+from cpcal.handeye.study import SETUPS, simulate_hand_eye
+from cpcal.handeye.verify import verify_hand_eye
+from cpcal.legs import fit_model
+from cpcal.questions.bracket import verified_rows
+from cpcal.questions.outliers import certify_robust
+from cpcal.robot import Pose, Robot, forward_kinematics
+from cpcal.simulate import simulate, simulate_study
+from cpcal.simulate.campaigns import STROKE
+from cpcal.simulate.studies import true_poses
+from cpcal.solver.interval import get_arithmetic
+
+STUDIES: tuple[dict[str, float], ...] = (
+    {},
+    {"seed": 2},
+    {"joint_error": 0.2},
+    {"joint_error": 1.0},
+    {"sag": 1.0},
+    {"gain": 0.002},
+    {"axis_offset": 3.0},
+    {"joint_offset": 1.0},
+    {"sag": 3.0, "seed": 2},
+    {"joint_error": 0.5, "seed": 3},
+)
+_OTHERS = 200  # random poses that decide the true model error, besides
+
+
+def accuracy(asked: argparse.Namespace) -> None:
+    """Bounds of poses that nobody measured."""
+    print("study, controller: model error [mm]; outside; bound, true [mm]; ratio")
+    found = [ratio for options in STUDIES[: asked.studies] for ratio in _bounded(options, asked.poses)]
+    for k, controller in enumerate(("fit", "nominal")):
+        print(f"{controller}: ratios median {np.median(found[k::2]):.2f}, largest {max(found[k::2]):.2f}")
+    print("calibrated in the middle of the stroke alone:")
+    _bounded({"joint_error": 1.0}, asked.poses, inner=True)
+
+
+def _bounded(options: dict[str, float], count: int, *, inner: bool = False) -> list[float]:
+    """The ratio for each controller. `inner`: calibrated exactly in the middle of the stroke, whose error is stated."""
+    more: dict[str, object] = {"stroke": (55.0, 85.0), "noise": 0.0} if inner else {}
+    settings = {"seed": 1, **options, **more}
+    study = simulate_study(runs=11, validation_runs=1, random_poses=1, truncate=3.0, **settings)  # type: ignore[arg-type]
+    truth, table = study.truth, study.calibration
+    assert truth is not None
+    seen = truth.mobile_in_base(table)
+    arrays = (study.robot, seen.position, seen.quaternion, table.length)
+    campaign = averaged(cpcal.Campaign.of(*arrays, pose=table.pose, run=table.run, exact=True), of="mean")
+    campaign = exactly(campaign) if inner else campaign
+    stream = np.random.default_rng(7)
+    readings = stream.uniform(*STROKE, (count + _OTHERS, 6))
+    true = true_poses(truth, readings, STROKE, 1, stream)
+    others = exactly(cpcal.Campaign.of(study.robot, true.position, true.quaternion, readings, exact=True))
+    known = campaign if inner else others
+    fitted = np.stack([fit_model(campaign, leg) for leg in range(1, 7)])
+    errors = [_true_error(campaign, known, leg) for leg in range(1, 7)]
+    out = []
+    for controller, parameters in (("fit", fitted), ("nominal", study.robot.parameters)):
+        center = dict(zip(range(6), zip(errors, fitted, parameters, strict=True), strict=True))
+        found = [
+            certified_set(campaign, k + 1, e, center=x, delta=50.0, controller=p) for k, (e, x, p) in center.items()
+        ]
+        sets = [one for one in found if one is not None]
+        assert len(sets) == 6, "a true model error was refuted"
+        here = Pose(true.position[:count], true.quaternion[:count])
+        commanded = forward_kinematics(Robot.from_parameters("controller", parameters), readings[:count], here)
+        bounds = pose_bounds(commanded, sets)
+        position, angle = distances(here, commanded)
+        outside = int(np.sum((position > bounds.position) | (angle > bounds.rotation)))
+        out.append(float(bounds.position.max() / position.max()))
+        sizes = f"{bounds.position.max():.3f}, {position.max():.3f}; {out[-1]:.2f}"
+        error = f"{min(errors):.3f} to {max(errors):.3f}"
+        print(f"{options or 'perfect'}, {controller}: {error}; {outside} of {count}; {sizes}", flush=True)
+    return out
+
+
+def _true_error(campaign: cpcal.Campaign, others: cpcal.Campaign, leg: int) -> float:
+    """mm: with it some parameters satisfy the leg's equation at all poses of `others` and, for readings in their sets,
+    of the campaign."""
+    start = fit_model(campaign, leg)
+    x, error = chebyshev(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
+    engine = get_arithmetic("float64")
+    while verified_rows(campaign, leg, x, error, engine)[1] or verified_rows(others, leg, x, error, engine)[1]:
+        error = 1.0001 * error + 1e-7
+    return error
+
+
+def hand_eye(asked: argparse.Namespace) -> None:
+    """Is the truth in the ranges, is the bracket closed, does `verify` accept?"""
+    rows = []
+    for seed in range(asked.first, asked.first + asked.seeds):
+        columns, lines = (int(part) for part in asked.corners.split(","))
+        angle = float(np.radians(asked.rotation_error))
+        case = simulate_hand_eye(
+            setup=SETUPS[seed % 2],
+            images=asked.images,
+            corners=(columns, lines),
+            pitch=240.0 / columns,
+            pixel_error=asked.pixel_error,
+            position_error=asked.position_error,
+            rotation_error=angle,
+            seed=seed,
+        )
+        wide = np.tile([asked.position_error] * 3 + [angle] * 3, (asked.images, 1))
+        study, within = replace(case.study, pose_half_width=wide), Within.parsed(asked.within)
+        with tempfile.TemporaryDirectory() as name:
+            folder, began = Path(name), time.process_time()
+            found = certify_hand_eye(study, within=within, tolerance=asked.pixel_error, certificates=folder)
+            spent = time.process_time() - began
+            for file, content in hand_eye_files(study).items():
+                (folder / file).write_bytes(content)
+            save_hand_eye_result(found, folder)
+            began = time.process_time()
+            accepted = all(good for good, _ in verify_hand_eye(folder))
+            checked = time.process_time() - began
+            size = sum(path.stat().st_size for path in folder.glob("*.cert.jsonl")) / 1e6
+        x = unknowns_of(case.truth)
+        inside = bool(((np.array(found.ranges.lo) <= x) & (x <= np.array(found.ranges.hi))).all())
+        width = np.array(found.ranges.high) - np.array(found.ranges.low)
+        rows.append([inside, found.complete, accepted, spent, checked, size, width[:3].max(), width[3:6].max()])
+        print(
+            f"seed {seed}: eps {found.eps_lo:.7f} to {found.eps_hi:.7f};", *(f"{v:.3g}" for v in rows[-1]), flush=True
+        )
+    for name, values in zip(("inside", "closed", "accepted"), np.transpose(rows), strict=False):
+        print(f"{name}: {values.sum():.0f} of {len(values)}")
+    named = ("seconds", "verify", "MB", "camera mm", "camera degrees")
+    for name, values in zip(named, np.transpose(rows)[3:], strict=True):
+        print(f"{name}: median {np.median(values):.4g}, largest {values.max():.4g}")
+
+
+def outliers(asked: argparse.Namespace) -> None:
+    """Wrong measurements, found and proved."""
+    print(" q found proved   of  median: certificates  kB  seconds (largest)")
+    for q in map(int, asked.outliers.split(",")):
+        found = proved = 0
+        figures = []
+        for seed in range(1, 1 + asked.campaigns):
+            good = simulate(seed=seed, joint_error=0.1, noise=0.1, truncate=3.0)
+            rng = np.random.default_rng([seed, q])
+            wrong = rng.choice(len(good), q, replace=False)
+            length = good.length.copy()
+            length[wrong, 0] += rng.choice([-1.0, 1.0], q) * rng.uniform(1.0, 10.0, q)
+            arrays = (good.robot, good.position, good.quaternion, length)
+            campaign = cpcal.Campaign.of(*arrays, pose=good.pose, run=good.run, uncertainty=good.uncertainty)
+            with tempfile.TemporaryDirectory() as name:
+                began = time.process_time()
+                (leg,) = certify_robust(campaign, outliers=q, legs=(1,), certificates=name).legs
+                seconds = time.process_time() - began
+                (checked,) = check_robust(Path(name))
+                size = sum(path.stat().st_size for path in Path(name).glob("*.cert.jsonl"))
+            found += set(leg.left_out) == {campaign.measurement_ids[k] for k in wrong}
+            proved += leg.complete and checked.refused is None and checked.lo is not None and checked.hi is not None
+            figures.append((len(leg.proofs), size / 1000.0, seconds))
+        files, kilobytes, cpu = np.median(np.array(figures), axis=0)
+        worst = max(row[2] for row in figures)
+        print(f"{q:2} {found:5} {proved:6} {asked.campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    studies = parser.add_subparsers(dest="study", required=True)
+    options: dict[str, dict[str, Any]] = {
+        "accuracy": {"poses": 100, "studies": len(STUDIES)},
+        "hand-eye": {"seeds": 200, "first": 0, "images": 20, "corners": "8,6", "within": "any,2000", "pixel-error": 0.2}
+        | {"position-error": 0.0, "rotation-error": 0.0},
+        "outliers": {"campaigns": 50, "outliers": "1,2,3"},
+    }
+    for name, given in options.items():
+        study = studies.add_parser(name)
+        for option, default in given.items():
+            study.add_argument(f"--{option}", type=type(default), default=default)
+    asked = parser.parse_args()
+    {"accuracy": accuracy, "hand-eye": hand_eye, "outliers": outliers}[asked.study](asked)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,229 @@
+"""What a page is made of: sections of sentences, tables and figures. A terminal prints the same, but for figures.
+
+Text is text: it is escaped, and hidden characters are shown. Markup is ours alone: figures.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, TypeVar
+
+from markupsafe import Markup, escape
+
+from cpcal.common.errors import printable
+from cpcal.common.version import __version__
+from cpcal.report.svg import Svg
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+Row = TypeVar("Row")
+_PACKAGES = ("numpy", "scipy", "python-flint")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Words that look otherwise (`style`, of report.css), lead somewhere, or that the page checks (`data`)."""
+
+    words: Words
+    style: str = ""
+    link: str = ""
+    data: Mapping[str, str] = field(default_factory=dict)
+
+
+Words = str | Mark | Sequence["Words"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """`head` names the columns. `columns`: styles of the first ones; `style`: of the whole."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[Words, ...], ...]
+    columns: tuple[str, ...] = ()
+    style: str = ""
+
+    def cells(self, row: Sequence[Words]) -> list[tuple[Words, str, str]]:
+        """Each with the style and the name of its column."""
+        styles = [*self.columns, *("" for _ in self.head)]
+        return list(zip(row, styles, self.head, strict=False))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image; `jpeg` in base64. Raises ValueError for what is no JPEG."""
+
+    caption: str
+    width: int
+    height: int
+    jpeg: str
+
+    def __post_init__(self) -> None:
+        if not base64.b64decode(self.jpeg, validate=True).startswith(b"\xff\xd8"):
+            raise ValueError("a picture is no JPEG")
+
+
+def picture(caption: str, jpeg: bytes, size: tuple[int, int]) -> Picture:
+    return Picture(caption, *size, base64.b64encode(jpeg).decode("ascii"))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Figures, or pictures, each with its words, under one caption. `legend`: signs (see `key`), and what they mean."""
+
+    figures: tuple[Svg, ...] = ()
+    legend: tuple[tuple[Markup, Words], ...] = ()
+    caption: Words = ""
+    style: str = "scroll"
+    pictures: tuple[tuple[Picture, Words], ...] = ()
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the figures alone, in light colours."""
+        return "".join(figure.document() for figure in self.figures)
+
+
+@dataclass(frozen=True)
+class Section:
+    """In this order: sentences, a list of `items`, figures, tables, `data` by name, small `notes`, and further `parts`.
+
+    `title` begins with words alone. `beside`: figures at the right of all that. `folded`: the title alone is seen at
+    first, and on paper nothing.
+    """
+
+    title: str | Sequence[Words] = ""
+    sentences: Sequence[Words] = ()
+    items: Sequence[Words] = ()
+    figures: Sequence[Drawing] = ()
+    tables: Sequence[Table] = ()
+    data: Mapping[str, Words] = field(default_factory=dict)
+    notes: Sequence[Words] = ()
+    parts: Sequence[Section] = ()
+    beside: Sequence[Drawing] = ()
+    name: str = ""
+    style: str = ""
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a page holds so that it can check itself; made by us, or base64.
+
+    data     JSON: the campaign and the certificates, deflated
+    checker  the certificate checker; it runs in a worker only
+    script   the page's own script; source  its name in a content security policy
+    compared what is compared with the certificates, and what is not
+    """
+
+    data: Markup
+    checker: Markup
+    script: Markup
+    source: str
+    compared: str
+
+
+def page_text(
+    title: str,
+    kicker: str,
+    heading: str,
+    sections: Sequence[Section],
+    *,
+    notices: Sequence[Words] = (),
+    lead: Words = "",
+    proof: Proof | None = None,
+) -> str:
+    """The page: one file of HTML that loads nothing. The same sections give the same text."""
+    return _template().render(
+        title=title,
+        kicker=kicker,
+        heading=heading,
+        sections=sections,
+        notices=[words for words in notices if words],
+        lead=lead,
+        proof=proof,
+        pictures=any(map(_pictured, sections)),
+        contents=[(s.name, s.title if isinstance(s.title, str) else s.title[0]) for s in sections if s.name],
+    )
+
+
+def _pictured(section: Section) -> bool:
+    return any(drawing.pictures for drawing in section.figures) or any(map(_pictured, section.parts))
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("cpcal.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["html"] = html
+    return environment.get_template("page.html.j2")
+
+
+def html(words: Words) -> Markup:
+    if isinstance(words, Markup):
+        return words
+    if isinstance(words, str):  # hidden characters as escapes; line breaks stay, HTML shows them as spaces
+        return escape("\n".join(printable(line) for line in words.expandtabs().split("\n")))
+    if not isinstance(words, Mark):
+        return Markup("").join(map(html, words))
+    given = {"class": words.style, "href": words.link, **{f"data-{name}": value for name, value in words.data.items()}}
+    attributes = Markup("").join(
+        Markup(' {}="{}"').format(name, value) for name, value in given.items() if value or name.startswith("data-")
+    )
+    tag = Markup("a" if words.link else "span")
+    return Markup("<{0}{1}>{2}</{0}>").format(tag, attributes, html(words.words))
+
+
+def plain(words: Words) -> str:
+    """Without the looks."""
+    if isinstance(words, str):
+        return words
+    return plain(words.words) if isinstance(words, Mark) else "".join(map(plain, words))
+
+
+def verdict(word: Words, kind: str, **data: str) -> Mark:
+    """A badge in the colour of a kind of verdict."""
+    return Mark(word, f"verdict {kind}", data=data)
+
+
+def key(style: str) -> Markup:
+    """The sign of a legend, as report.css draws it."""
+    if style == "cross":
+        return Markup(
+            '<svg class="key cross" viewBox="0 0 10 10" aria-hidden="true"><path d="M1 1 9 9M9 1 1 9"/></svg>'
+        )
+    return Markup('<i class="key {}"></i>').format(style)
+
+
+def origin(**data: Words) -> Section:
+    """The last section: where a page comes from."""
+    return Section("Where it comes from", data={**{k.replace("_", " "): v for k, v in data.items()}}, name="origin")
+
+
+def versions() -> str:
+    """Of cpcal and of what it computes and draws with, here and now."""
+
+    def of(name: str) -> str:
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            return "of unknown version"
+
+    return ", ".join([f"cpcal {__version__}", *(f"{name} {of(name)}" for name in _PACKAGES)])
+
+
+def most(
+    rows: Sequence[tuple[Words, ...]], count: int, where: str
+) -> tuple[tuple[tuple[Words, ...], ...], tuple[str, ...]]:
+    """The first rows of many, and a note on the others."""
+    return tuple(rows[:count]), (f"And {len(rows) - count:,} more, in {where}.",) if len(rows) > count else ()
