@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
@@ -137,7 +137,7 @@ class Structures:
         constraint, element = structure.system.origin.T
         apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
         rows = np.flatnonzero(~apart | np.isin(element // width[constraint], elements))
-        return structure.part(rows, np.zeros(len(structure.used), np.bool_))
+        return structure.part(rows)
 
     def _most(self, box: Box) -> int:
         """Elements for each side of a constraint."""
@@ -234,7 +234,6 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights]
 
-_FEWER = 0.5  # of the rows: with less the boxes within begin
 _WORTH = 2  # columns for each variable, from which on fewer are worth a try
 _BENDS = 2.0  # beyond which what is not linear in a row, per half-width of the objective, makes a try vain
 _BEYOND = 2.0  # how far linear parts may reach beyond the box, in its half-widths
@@ -260,7 +259,6 @@ class Lifted(Composable):
         arithmetic: str = "float64",
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
         self._structures: Structures | RestrictedStructures = Structures(network, self._arithmetic, self._objective)
@@ -278,7 +276,7 @@ class Lifted(Composable):
         """See `cpcal.solver.contract.Restrictable`."""
         assert isinstance(self._structures, Structures)
         other = copy(self)
-        other._structures, other._within = self._structures.restricted_to(elements), None
+        other._structures = self._structures.restricted_to(elements)
         return other
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
@@ -301,20 +299,9 @@ class Lifted(Composable):
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
     def _programs(self, box: Box, deadline: float, objective: int | None = None) -> _Programs | None:
-        """None where no row has a polynomial form.
-
-        Within the box before, the rows that no point of that one violates are left out from the start.
-        """
+        """None where no row has a polynomial form."""
         whole = self._structures.on(box, deadline)
-        if not whole.positions:
-            return None
-        known = self._within
-        structure = known[2] if known is not None and known[0] is whole and box.subset(known[1]) else whole
-        programs = _Programs(structure, self._arithmetic, box, objective)
-        kept, occurring = programs.rows
-        if len(kept) < _FEWER * len(structure.system.origin):
-            self._within = whole, box, structure.part(kept, occurring)
-        return programs
+        return _Programs(whole, self._arithmetic, box, objective) if whole.positions else None
 
 
 class _Programs:
@@ -370,11 +357,6 @@ class _Programs:
         lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
         upper[place] = highest
         self._engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
-
-    @property
-    def rows(self) -> tuple[Indices, Bools]:
-        """The rows of the structure that some point of the box may violate, and the monomials that occur in any."""
-        return self._relaxation.kept, self._relaxation.occurring
 
     @property
     def variables(self) -> Collection[int]:
