@@ -163,24 +163,6 @@ def test_a_measurement_decides_at_neither_end_across_a_pole_or_a_missing_root() 
     assert 0.05 in Lifted(net).contract(net.domain).box["x"]  # m = 1, where the root begins
 
 
-def test_rows_left_out_within_the_box_before_change_nothing() -> None:
-    campaign = exact_readings(simulate(seed=4, runs=3, joint_error=1.0))
-    center = least_squares(campaign, 1)
-    net = leg_network(campaign, 1, leg_box(center, 0.02), engine=get_arithmetic("float64"), eps=(0.0, 2.0))
-    known = Lifted(net, objective="eps")
-    box, count = net.domain, []
-    for _ in range(4):
-        left = known.contract(box)
-        again = Lifted(net, objective="eps").contract(box)
-        np.testing.assert_allclose(left.box.lo, again.box.lo, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(left.box.hi, again.box.hi, rtol=0.0, atol=1e-9)
-        whole, within, part = known._within or (None, None, None)
-        count.append(0 if part is None else len(part.system.origin))
-        assert part is None or (whole is known._structures.on(net.domain, np.inf) and within is not None)
-        box = left.box
-    assert 0 < count[-1] < len(campaign)  # rows were left out
-
-
 def test_proves_emptiness_and_says_which_rows_did() -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
