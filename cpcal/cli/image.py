@@ -31,7 +31,7 @@ from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
 from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
-from cpcal.vision.calibration import calibrate_from_images
+from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import (
     SCALE,
