@@ -13,7 +13,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import minimize
-from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
 from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
 from cpcal.solver.optimize.witness import Prepared, Witness
 
@@ -251,6 +251,16 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     assert said[0] is verdict
     assert words in said[1]
     assert ("closed" in said[1]) == (verdict is Verdict.PROVED)
+
+
+def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
+    net = Network()
+    net.variable("e", (), (0, 10))
+    incumbent = Incumbent(Prepared(net, "e", get_arithmetic("float64")), Limits())
+    for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0), (1.0, 1.0)):
+        incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
+        assert incumbent.hi == kept
+    assert incumbent.calls == 4
 
 
 def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
