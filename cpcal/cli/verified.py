@@ -425,7 +425,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
 
 def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
-    from cpcal.vision.pose_sets.pose_certificate import SUFFIX
+    from cpcal.vision.pose_sets import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
     said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})
