@@ -432,10 +432,8 @@ def _table(rows: Sequence[Enclosed]) -> str:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(_COLUMNS)
     for one in rows:
-        numbers, verdict, reason = [""] * 13, "unknown", one.reason or one.not_certified
-        if one.not_certified:  # then no number stands here: nothing that a checker can look at holds it
-            verdict = "not certified"
-        elif one.found is not None:
+        numbers, verdict, reason = [""] * 13, "unknown", one.reason
+        if one.found is not None:
             found, verdict = one.found, one.found.verdict.value
             reason = reason or found.reason
             if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:
@@ -456,8 +454,8 @@ def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> int:
         f"{len(rows)} images: {len(proved)} poses enclosed, {len(refuted)} refuted (no pose shows the dots "
         f"so), both proved; {len(unknown)} unknown, {len(rows) - len(sets)} not measured."
     )
-    for one in [one for one in rows if one.reason or one.not_certified][:_TOLD]:
-        talk.say(f"  {one.file}: {one.reason or f'NOT CERTIFIED, {one.not_certified}'}")
+    for one in [one for one in rows if one.reason][:_TOLD]:
+        talk.say(f"  {one.file}: {one.reason}")
     if proved:
         position = np.median([one.position_radius for one in proved], axis=0)
         turn = np.degrees(np.median([one.rotation_radius for one in proved], axis=0))

@@ -376,20 +376,19 @@ class _Search:
         """Raises Refused where nothing bounded is proved."""
         now = self._started()
         # the bias of images' centres is bounded over the box where a certificate begins: a few dots make that small
-        few = self.sight.of_images
-        for _ in range(_ROUNDS):
+        rounds = 2 if self.sight.of_images else 0
+        for k in range(_ROUNDS):
             if now.left is None:
                 return now
-            wrong = self._wrong(now)
+            wrong, few = self._wrong(now), k < rounds - 1
             if len(wrong) > self.outliers:
                 return _Ended(now.turn, None, wrong, now.after)
             after = self._narrowed(now, wrong, few)
             if after is None and not few:
                 return _Ended(now.turn, now.left, wrong, now.after)
-            settled, now = wrong == now.wrong and not few, after or now
+            settled, now = wrong == now.wrong and k >= rounds, after or now
             if settled:
                 break
-            few = False
         return now
 
     def _started(self) -> _Ended:

@@ -102,7 +102,7 @@ def test_a_dot_in_the_wrong_place_refutes() -> None:
 def test_where_nothing_bounded_is_known_it_says_so() -> None:
     pixels = shown()
     line = list(DELTALAB_TARGET.lines[0])
-    for chosen, half_width in ((line, 0.1), ([0, 6], 0.1), ([0, 6, 12], 0.1), (list(ALL), 40.0)):
+    for chosen, half_width in ((line, 0.1), ([0, 6], 0.1), ([0, 6, 12], 0.1)):
         boxes = PixelBoxes.around(chosen, pixels[chosen], half_width)
         found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA)
         assert found.verdict is Verdict.UNKNOWN

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from cpcal.common.errors import InputError, ModelError
+from cpcal.common.errors import InputError
 from cpcal.vision.batch.detect import ImageSource
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.measure import NotMeasured, measure_pose
@@ -18,12 +18,11 @@ from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, en
 
 @dataclass(frozen=True)
 class Enclosed:
-    """Of one image: its pose set, or the reason why there is none; and why it has no certificate, "" if it has one."""
+    """Of one image: its pose set, or the reason why there is none."""
 
     file: str
     found: PoseSet | None = None
     reason: str = ""
-    not_certified: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,22 +55,14 @@ class Enclosing:
         except InputError as error:
             return Enclosed(name, reason="; ".join(problem.what for problem in error.problems))
         boxes = PixelBoxes.around(measured.numbers, measured.centers, self.half_width, of_images=True)
-        sources = {**self.sources, name: np.ascontiguousarray(image).tobytes()}
-        return self._enclosed(name, boxes, sources)
-
-    def _enclosed(self, name: str, boxes: PixelBoxes, sources: Mapping[str, bytes]) -> Enclosed:
+        sources, stem = {**self.sources, name: np.ascontiguousarray(image).tobytes()}, self.folder / stem_of(name)
         try:
-            try:
-                stem = self.folder / stem_of(name)
-                found = enclose_pose(
-                    boxes, self.target, self.camera, outliers=self.outliers, certificate=stem, sources=sources
-                )
-                return Enclosed(name, found)
-            except ModelError as reason:  # the proof in exact numbers is a little weaker
-                found = enclose_pose(boxes, self.target, self.camera, outliers=self.outliers)
-                return Enclosed(name, found, not_certified=str(reason))
+            found = enclose_pose(
+                boxes, self.target, self.camera, outliers=self.outliers, certificate=stem, sources=sources
+            )
         except InputError as error:
             return Enclosed(name, reason="; ".join(problem.what for problem in error.problems))
+        return Enclosed(name, found)
 
 
 def stem_of(name: str) -> str:
