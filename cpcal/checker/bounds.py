@@ -143,10 +143,6 @@ def minus(x: Vector, y: Vector) -> list[Bounds]:
     return [a - b for a, b in zip(x, y, strict=True)]
 
 
-def cross(x: Vector, y: Vector) -> list[Bounds]:
-    return [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
-
-
 def rotation(q: Vector) -> list[list[Bounds]]:
     """The rotation of a quaternion, scalar first, divided by its square."""
     w, x, y, z = q

@@ -77,14 +77,7 @@ def _leg(
 
 
 def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
-    problem, root, _ = stated_problem(header, lines)
-    return problem, root
-
-
-def stated_problem(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box, list[Constraint]]:
-    """The problem of the lines that follow, its box, and its constraints."""
-    if header.get("format") != FORMAT:
-        raise Refused(f"the format is not {FORMAT}: certify again with this version of cpcal")
+    """The problem of the lines that follow, and its box."""
     _, about, names, objective, count, lo, hi = _STATED(header)
     of_a_leg, n = _OF_A_LEG.fullmatch(about), len(names)
     if of_a_leg is not None and of_a_leg[1] in EXTRA:
@@ -106,7 +99,7 @@ def stated_problem(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box, 
         factor = constant(F(1), lines.spend) if rooted else None
         items.append(Constraint(polynomial(parts[0], lines.spend), low, high, factor))
     problem = Problem(names, objective, count, tuple(range(count)), lambda k, x, *_: items[k].on(x.images))
-    return problem, root, items
+    return problem, root
 
 
 def polynomial(given: tuple[tuple[tuple[int, ...], F], ...], spend: Spend) -> Polynomial:

@@ -43,7 +43,7 @@ SETS = {
 def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind: str) -> None:
     rng = np.random.default_rng(list(SETS).index(kind))
     targets = TargetSet.within(FEW, PLATE)
-    for _ in range(4):
+    for _ in range(2):
         pose, boxes = seen(rng, SETS[kind], targets)
         found = enclose_pose(boxes, targets, SETS[kind])
         assert found.verdict is Verdict.PROVED
@@ -135,7 +135,7 @@ def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
 
 def test_nothing_is_written_of_nothing(tmp_path: Path) -> None:
     pixels = DELTALAB_CAMERA.project(transformed(drawn_pose(np.random.default_rng(1)), FEW.points))
-    boxes = PixelBoxes.around([0, 6, 12], pixels[[0, 6, 12]], 0.1)
+    boxes = PixelBoxes.around([0, 6], pixels[[0, 6]], 0.1)
     found = enclose_pose(boxes, FEW, DELTALAB_CAMERA, certificate=tmp_path / "few")
     assert found.verdict is Verdict.UNKNOWN
     assert not list(tmp_path.iterdir())
