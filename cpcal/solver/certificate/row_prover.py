@@ -51,11 +51,18 @@ class TaggedRows(Protocol):
 class System:
     """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
 
-    `lifted` says which products may be columns; `asked`: the unknowns that are bounded.
+    `lifted` says which products may be columns; `asked`: the unknowns that are bounded; `derived`: those that are once,
+    at the end, and that say nothing of the others.
     """
 
-    def __init__(self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int]) -> None:
-        self.problem, self.asked = rows.problem(free), asked
+    def __init__(
+        self,
+        rows: TaggedRows,
+        lifted: Callable[[int, int], bool],
+        asked: Sequence[int],
+        derived: Sequence[int] = (),
+    ) -> None:
+        self.problem, self.asked, self.derived = rows.problem(free), asked, derived
         self.tags: list[tuple[str, int]] = list(rows.tags())
         names = rows.unknowns
         place: dict[tuple[int, int], int] = {}
@@ -79,6 +86,8 @@ class System:
         self.products = np.zeros((len(self.tags), len(place)))
         for n, p, value in entries:
             self.products[n, p] = value
+        own = np.isin(self.pairs, list(derived)).any(axis=1)
+        self.main = ~(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
         self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
@@ -101,11 +110,12 @@ class System:
 class _Programs:
     """The linear programs of a system on one box."""
 
-    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools) -> None:
+    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools, rows: Bools) -> None:
         self.system, self.count = system, 0
         self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         constant, linear, products = system.centred(self.center, self.radius)
         constant = constant - system.rounding(self.center)
+        products[~rows], linear[~rows] = 0.0, 0.0
         chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
         beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
         beside[:, chosen] = 0.0
@@ -218,17 +228,15 @@ def contracted(
     *,
     narrow: Callable[[Floats], bool],
     gain: float,
-    derived: Sequence[int] = (),
     splits: Sequence[int] = (),
     most_boxes: int = 1,
     end: float = math.inf,
     tell: Callable[[Box | None], None] = lambda box: None,
 ) -> Contracted:
-    """Contract until nothing is left or a pass gains less than a share `gain` of every width; then halve the widest of
-    the unknowns `splits`, in at most so many boxes.
+    """Contract until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
+    then halve the widest of the unknowns `splits`, in at most so many boxes.
 
     narrow   of half-widths: whether programs without columns are worth a try
-    derived  unknowns that are bounded once, at the end
     """
     found = Contracted(None)
     open_, left, fresh = [(0, root)], list[Box](), 1
@@ -239,8 +247,8 @@ def contracted(
         if box_left is None:
             continue
         if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
-            if derived and found.steps:
-                descent.bound(derived)
+            if system.derived and found.steps:
+                descent.bound(system.derived)
             if descent.result is not None:
                 left.append(descent.result)
             continue
@@ -273,7 +281,9 @@ class _Descent:
                 break
             self._best_pass(before)
             tell(self.result)
-            if self.result is None or _shares(before, self.result, system.asked).min() > 1.0 - gain:
+            if self.result is None:
+                break
+            if np.exp(np.log(_shares(before, self.result, system.asked) + 1e-9).mean()) > 1.0 - gain:
                 break
 
     def _best_pass(self, box: Box) -> None:
@@ -299,7 +309,8 @@ class _Descent:
         """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        programs, prover = _Programs(system, lo, hi, columns), _Prover(system, box)
+        rows = system.main | (asked is system.derived)
+        programs, prover = _Programs(system, lo, hi, columns, rows), _Prover(system, box)
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
         proposed: list[tuple[int, str, float, _Proposed]] = []
         ends = {(i, sign): -1.0 for i in asked for sign in (1.0, -1.0)}
