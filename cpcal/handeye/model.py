@@ -40,7 +40,7 @@ _NARROW = 0.15  # half-width of a rotation's entries below which programs withou
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
 _BOXES = 64
-_GAIN = {"image": 0.1, "links": 0.1, "frames": 0.03}  # share of some width that a pass must take away
+_GAIN = {"image": 0.05, "links": 0.1, "frames": 0.05}  # share of the widths that a pass must take away
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class Prover:
             return bool(radius[places].max() < _NARROW)
 
         return contracted(
-            System(rows, lifted, asked), rows.root(frames), narrow=narrow, gain=_GAIN[stage], derived=derived,
+            System(rows, lifted, asked, tuple(derived)), rows.root(frames), narrow=narrow, gain=_GAIN[stage],
             splits=places, most_boxes=boxes, end=end, tell=self._told(stage),
         )  # fmt: skip
 

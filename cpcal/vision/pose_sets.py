@@ -349,7 +349,7 @@ _IN_GROUP, _LEAST_GROUP = 16, 5  # dots of one of several
 _ROUNDS = 4
 _FAMILIES = 2  # wrong dots for which families of weights are looked for
 _NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
-_FIRST_GAIN, _GAIN = 0.5, 0.05  # share of some width that a pass must take away
+_FIRST_GAIN, _GAIN = 0.5, 0.02  # share of some width that a pass must take away
 _FIRST_LOSS, _LOSS = 0.02, 0.001  # share of what is left of a width, given away for shorter numbers
 
 

@@ -176,6 +176,14 @@ def test_errors_of_the_truth_are_what_rounding_left_of_its_pixels(in_hand, wide)
     assert all(F(99, 100) < e <= 1 + F(1, 2**29) for e in errors_at(off, truth, readings)[:4])
 
 
+def test_points_behind_the_camera_have_no_error():
+    study, (x_turn, x_place, *target), readings, _ = truth_of(np.random.default_rng(7), True, wide=False)
+    back = [[a, -b, -c] for a, b, c in x_turn]  # the camera looks the other way
+    found = errors_at(study, (back, x_place, *target), readings)
+    assert found[0] is None
+    assert largest(found) is None
+
+
 @pytest.mark.parametrize("in_hand", SETUPS)
 def test_rows_fail_for_a_pixel_beyond_the_tolerance_and_a_reading_beyond_its_half_width(in_hand):
     random = np.random.default_rng(3)

@@ -261,6 +261,7 @@ NUMBERS = {
     "a larger upper end of an unknown": (put("ranges", "hi", 9, to=plus(1e-9)), "ranges", "another box of the unkn"),
     "a wider search": (put("asked", "reach", to=200.0), "ranges", BOX),
     "a narrower search": (put("asked", "reach", to=49.0), "lower end", BOX),
+    "a box without the point": (put("asked", "reach", to=1e-9), "upper end", "a point that is not in the box"),
     "a smaller angle": (put("asked", "angle", to=1.0), "ranges", BOX),
     "a centre elsewhere": (put("asked", "center", "camera_position", 0, to=plus(1e-3)), "centre", "not the least-sq"),
     "a centre of another box": (put("asked", "center", "camera_position", 0, to=plus(1e-9)), "ranges", BOX),
@@ -415,7 +416,7 @@ def weightless(lines):
 
 CERTIFICATES = {
     "a smaller eps": (put(0, "eps", to="0x1p-4"), "at another tolerance"),
-    "fewer images": (put(0, "images", to=[0, 1, 2, 3, 4]), "rests on poses of other images|there is no row|about some"),
+    "fewer images": (put(0, "images", to=[0, 1, 2, 3, 4]), "about something else"),
     "another stage": (put(0, "stage", to="links"), "there is no row|about something else"),
     "an image that is none": (put(0, "images", to=[0, 99]), "there are no such images"),
     "no predecessor": (put(0, "after", to=None), "no such|less than the bound|do not exclude|about something"),
@@ -437,6 +438,14 @@ CERTIFICATES = {
 def test_a_forged_certificate_is_refused(exact_run, refused, name):
     change, reason = CERTIFICATES[name]
     refused(exact_run.folder, "lower.cert.jsonl", lines_changed(change), "lower end", reason)
+
+
+def test_a_lower_end_that_rests_on_ranges_at_a_smaller_tolerance_is_refused(exact_run, refused, tmp_path):
+    shutil.copytree(exact_run.folder, tmp_path / "larger")
+    data = json.loads((tmp_path / "larger" / "handeye.json").read_text())
+    (tmp_path / "larger" / "handeye.json").write_text(json.dumps(data | {"eps_lo": 1.0}))
+    change = lines_changed(put(0, "eps", to="0x1p+0"))
+    refused(tmp_path / "larger", "lower.cert.jsonl", change, "lower end", "about something else")
 
 
 def test_a_narrower_pose_of_an_image_than_is_proved_is_refused(exact_run, refused):

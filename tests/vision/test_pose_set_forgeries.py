@@ -163,7 +163,8 @@ EDITS = {
 }  # fmt: skip
 CLAIMS = {
     _scale: "prove a wider box", _narrower: "prove a wider box", _wider: "states a wider box",
-    _moved: "a wider box", _refuted: "a pose is not excluded", _outliers: "so many wrong dots could spoil all of its certificates",
+    _moved: "a wider box", _refuted: "a pose is not excluded",
+    _outliers: "so many wrong dots could spoil all of its certificates",
     _nothing: "give no box together", _twice: "give no box together", _elsewhere: "names no certificate of its folder",
     _wrong: "not proved that dot 3 is wrong", _no_such_dot: "a dot that is not there",
 }  # fmt: skip

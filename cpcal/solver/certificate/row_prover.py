@@ -50,15 +50,16 @@ class TaggedRows(Protocol):
 class System:
     """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
 
-    `lifted` says which products may be columns; `asked`: the unknowns that are bounded. So many of what rows are of may
-    be `wrong`, as `owner` says by side and number.
+    `lifted` says which products may be columns; `asked`: the unknowns that are bounded; `derived`: those that are once,
+    at the end, and that say nothing of the others. So many of what rows are of may be `wrong`, as `owner` says by side
+    and number.
     """
 
     def __init__(
-        self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int], *, wrong: int = 0,
-        owner: Callable[[str, int], int | None] = lambda side, k: None,
+        self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int], derived: Sequence[int] = (),
+        *, wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
-        self.problem, self.asked, self.wrong = rows.problem(free), asked, wrong
+        self.problem, self.asked, self.derived, self.wrong = rows.problem(free), asked, derived, wrong
         self.tags: list[tuple[str, int]] = list(rows.tags())
         self.owner = [owner(*tag) for tag in self.tags]
         names = rows.unknowns
@@ -83,6 +84,8 @@ class System:
         self.products = np.zeros((len(self.tags), len(place)))
         for n, p, value in entries:
             self.products[n, p] = value
+        own = np.isin(self.pairs, list(derived)).any(axis=1)
+        self.main = ~(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
         self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
@@ -105,13 +108,12 @@ class System:
 class _Programs:
     """The linear programs of a system on one box."""
 
-    def __init__(
-        self, system: System, lo: Floats, hi: Floats, columns: Bools, without: frozenset[int] = frozenset()
-    ) -> None:
+    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools, rows: Bools) -> None:
         self.system, self.count = system, 0
         self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         constant, linear, products = system.centred(self.center, self.radius)
         constant = constant - system.rounding(self.center)
+        products[~rows], linear[~rows] = 0.0, 0.0
         chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
         beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
         beside[:, chosen] = 0.0
@@ -119,10 +121,7 @@ class _Programs:
         matrix = np.concatenate([linear, products[:, chosen]], axis=1)
         rhs = given_away - constant
         scale = np.abs(matrix).max(axis=1)
-        useful = (scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs)
-        if without:
-            useful &= [owner not in without for owner in system.owner]
-        kept = np.flatnonzero(useful)
+        kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
         self._tags, self._scale = kept.tolist(), scale[kept]
         self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
         size = linear.shape[1]
@@ -229,18 +228,16 @@ def contracted(
     *,
     narrow: Callable[[Floats], bool],
     gain: float,
-    derived: Sequence[int] = (),
     splits: Sequence[int] = (),
     most_boxes: int = 1,
     loss: float = 0.02,
     end: float = math.inf,
     tell: Callable[[Box | None], None] = lambda box: None,
 ) -> Contracted:
-    """Contract until nothing is left or a pass gains less than a share `gain` of every width; then halve the widest of
-    the unknowns `splits`, in at most so many boxes.
+    """Contract until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
+    then halve the widest of the unknowns `splits`, in at most so many boxes.
 
     narrow   of half-widths: whether programs without columns are worth a try
-    derived  unknowns that are bounded once, at the end
     loss     share of what is left of a width, given away for shorter numbers
     """
     found = Contracted(None)
@@ -252,8 +249,8 @@ def contracted(
         if box_left is None:
             continue
         if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
-            if derived and found.steps:
-                descent.bound(derived)
+            if system.derived and found.steps:
+                descent.bound(system.derived)
             if descent.result is not None:
                 left.append(descent.result)
             continue
@@ -273,8 +270,7 @@ class _Descent:
 
     def __init__(
         self, system: System, name: int, box: Box, narrow: Callable[[Floats], bool], gain: float, loss: float,
-        end: float,
-        found: Contracted, tell: Callable[[Box | None], None],
+        end: float, found: Contracted, tell: Callable[[Box | None], None],
     ) -> None:  # fmt: skip
         self.system, self.name, self.found, self.narrow, self.loss = system, name, found, narrow, loss
         self.result: Box | None = box
@@ -287,7 +283,9 @@ class _Descent:
                 break
             self._best_pass(before)
             tell(self.result)
-            if self.result is None or _shares(before, self.result, system.asked).min() > 1.0 - gain:
+            if self.result is None:
+                break
+            if np.exp(np.log(_shares(before, self.result, system.asked) + 1e-9).mean()) > 1.0 - gain:
                 break
 
     def _best_pass(self, box: Box) -> None:
@@ -313,11 +311,13 @@ class _Descent:
         """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
+        rows = system.main | (asked is system.derived)
         known: dict[frozenset[int], _Programs] = {}
 
         def programs(without: frozenset[int]) -> _Programs:
             if without not in known:
-                known[without] = _Programs(system, lo, hi, columns, without)
+                right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
+                known[without] = _Programs(system, lo, hi, columns, rows & right)
             return known[without]
 
         every, prover = programs(frozenset()), _Prover(system, box)
