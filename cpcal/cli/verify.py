@@ -25,7 +25,7 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
-from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, RUN, unfinished
 from cpcal.solver.execution.forked import side_by_side
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:
     return True, f"The checker accepted all {of} (exact arithmetic, no solver): {steps:,} steps."
 
 
-KINDS = (RUN, ROBUST, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
+KINDS = (RUN, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
 def verify(
@@ -303,8 +303,6 @@ def _verified(folder: Path, talk: Talk) -> bool:
             return run_verified(folder, legs, talk)
     from cpcal.cli import verified
 
-    if heads == [ROBUST.head]:
-        return verified.robust_verified(folder, talk)
     if not heads and any(folder.glob(f"*/{RUN.head}")):
         return verified.campaigns_verified(folder, lambda run: _verified(run, talk), talk)
     claimed = {path.name: _certificate(path, talk) for path in _certificates(folder, heads)}
