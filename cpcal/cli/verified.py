@@ -246,7 +246,7 @@ def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, talk: 
     """The same of compare.json: of legs of a campaign, or of the user's networks."""
     campaign, options, entries = None, None, []
     if stated.options is not None:
-        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None)
+        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None, outliers=0)
         legs = [f"leg {leg}" for leg in options.legs or range(1, campaign.legs + 1)]
         there = list(dict.fromkeys(entry.subject for entry in stated.entries))
         if there != (legs[: len(there)] if stated.interrupted else legs):
