@@ -34,7 +34,7 @@ from cpcal.checker.pose_claim import check_pose_set
 from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose, transformed
 from cpcal.solver.contract import Verdict
-from cpcal.vision.calibration import calibrate_camera
+from cpcal.vision.calibrate import calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.projection import predicted_centers

@@ -33,7 +33,7 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
+from cpcal.vision.calibrate import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.identify import Unidentified, identify

@@ -43,11 +43,17 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def accepted_changes(file: Path, verified: Callable[[], bool], but: str = "") -> Iterator[str]:
-    """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change."""
+def accepted_changes(
+    file: Path, verified: Callable[[], bool], but: str = "", *, every_place: bool = False
+) -> Iterator[str]:
+    """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change.
+
+    A key is changed in the last place that has it, or in `every_place`.
+    """
     text = file.read_text(encoding="utf-8")
+    places = [path for path in _places(json.loads(text)) if path[0] != but]
     try:
-        for path in (path for path in _places(json.loads(text)) if path[0] != but):
+        for path in places if every_place else {key_of(path): path for path in places}.values():
             for other in _changes(_at(json.loads(text), path)):
                 data = json.loads(text)
                 _at(data, path[:-1])[path[-1]] = other

@@ -16,7 +16,8 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHORT = {  # added to a command so that it ends soon, which changes nothing of how it is understood
     "simulate": ["--factor", "0"],
-    "certify": ["--legs", "1", "--time-limit", "10"],
+    "certify": ["--legs", "1", "--time-limit", "2"],
+    "handeye certify": ["--time-limit", "3"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "image": "tests/vision, tests/cli/test_images.py, tests/cli/test_pose_sets.py",
@@ -72,8 +73,8 @@ def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
         understood(words)
         if any(" ".join(words).startswith(key) for key in ELSEWHERE):
             continue
-        added = [] if "--study" in words else SHORT.get(words[0], [])
-        added = [] if "--legs" in words else added
+        added = next((more for key, more in SHORT.items() if " ".join(words).startswith(key)), [])
+        added = [] if "--study" in words else added[2:] if "--legs" in words else added
         outcome = CliRunner().invoke(app, [*words, *added], prog_name="cpcal")
         assert outcome.exit_code in (0, 1), (words, outcome.output[-500:])
 

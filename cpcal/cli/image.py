@@ -15,7 +15,7 @@ import typer
 
 from cpcal.cli.options import Status, Talk, check_target, check_writable, made, output, record, terminal
 from cpcal.cli.progress import counted
-from cpcal.cli.verified import NUMBERS, TABLE, say_assumptions
+from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, unwritable, write_file
 from cpcal.common.numbers import at_most
@@ -31,7 +31,7 @@ from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
 from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
-from cpcal.vision.calibration import calibrate_from_images
+from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import (
     SCALE,
@@ -373,7 +373,7 @@ def sets(
     work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources)
     found = enclosed(work, names, talk, workers)
     proved = _say(found, folder, talk)
-    say_assumptions(folder, talk)
+    talk.say(*assumptions(folder))
     record("enclosed", images=len(found), proved=proved, output=str(folder))
     return Status.ANSWERED if proved else Status.UNKNOWN
 

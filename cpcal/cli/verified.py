@@ -23,8 +23,7 @@ from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_
 from cpcal.checker import Accepted, ExactCampaign, RobustChecked, Unusable
 from cpcal.checker.leg import EXTRA
 from cpcal.checker.run import all_of_it
-from cpcal.cli.options import Talk
-from cpcal.cli.verify import Legs, result_of, tell
+from cpcal.cli.verify import Legs, Statement, of_folder, result_of, told
 from cpcal.common.errors import InputError, PluginError, Problem, Problems, printable
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.common.values import Floats
@@ -71,45 +70,41 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 # a run ----------------------------------------------------------------------------------------------------------------
 
 
-def run_verified(run: Path, checked: Callable[[], Legs], talk: Talk) -> bool:
-    """Whether all of a run is accepted, and what is said of it; `checked` gives its legs. Raises InputError."""
+def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
+    """What is accepted of a run; `checked` gives its legs. Raises InputError."""
     if unfinished(run):
-        talk.say("Another run into this folder is at work, or was killed: these are the answers before it.")
+        yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
     result = result_of(run)
     legs = result if isinstance(result, str) else checked()
     if isinstance(legs, str) or isinstance(result, str):
-        talk.say(f"{RESULT_NAME}: REFUSED, {legs}")
-        return False
+        yield False, f"{RESULT_NAME}: REFUSED, {legs}"
+        return
     campaign = load_campaign_json(run)
-    wrong = list(stated_otherwise(campaign, result))
-    for sentence in wrong:
-        talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
-    missing = notices(result, campaign.legs)
-    if missing is not None:
-        talk.say(missing)
+    for sentence in stated_otherwise(campaign, result):
+        yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
+    if (missing := notices(result, campaign.legs)) is not None:
+        yield True, missing
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:
-            talk.say(f"leg {leg.leg}: REFUSED, {leg.refused}")
+            yield False, f"leg {leg.leg}: REFUSED, {leg.refused}"
         elif leg.robust is not None and leg.robust.certified:
-            talk.say(f"leg {leg.leg}, at most {leg.robust.outliers} wrong: {'; '.join(_outliers(leg.robust))}")
+            yield True, f"leg {leg.leg}, at most {leg.robust.outliers} wrong: {'; '.join(_outliers(leg.robust))}"
         elif leg.accepted is None:
-            talk.say(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}")
+            yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
         ranges = None if found.ranges is None else found.ranges.certificate
         support = None if found.support.proof is None else found.support.proof.certificate
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
-                tell(talk, name, accepted)
+                yield from told(name, accepted)
         if found.ranges is not None and ranges is None:
-            talk.say(f"leg {leg.leg}: its ranges are NOT CERTIFIED")
-        for sentence in information(result.options, found):
-            talk.say(f"leg {leg.leg}: {sentence}")
-    talk.say(INFORMATION)
+            yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
+        yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in information(result.options, found))
+    yield True, INFORMATION
     if (run / REPORT_NAME).exists():
-        talk.say(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
+        yield True, f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again."
     if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
-    return not wrong and all(leg.refused is None for leg in legs)
 
 
 def _outliers(leg: RobustChecked) -> Iterator[str]:
@@ -172,26 +167,26 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
 # compare.json, fits.json, accuracy.json -------------------------------------------------------------------------------
 
 
-def others_verified(folder: Path, claimed: Claimed, talk: Talk) -> bool:
+def of_others(folder: Path, claimed: Claimed) -> Iterator[Statement]:
     """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
     from cpcal.questions.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
 
     name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
+    said: list[str] = []
     try:
         if name == COMPARISON_NAME:
-            wrong = list(_other_comparison(folder, load_comparison(folder), claimed, talk))
+            wrong = list(_other_comparison(folder, load_comparison(folder), claimed, said))
         elif name == ACCURACY_NAME:
-            wrong = list(_other_sets(folder, load_accuracy(folder), claimed, talk))
+            wrong = list(_other_sets(folder, load_accuracy(folder), claimed, said))
         else:
             wrong = [] if name is None else list(other_fits(folder, load_fits(folder), claimed))
     except InputError as error:
         if not (folder / CAMPAIGN_NAME).is_file():
             raise
-        talk.say(f"{name}: REFUSED, {error.problems[0].what}")
-        return False
-    for key in wrong:
-        talk.say(f"{name}: REFUSED, {key} is not what is proved")
-    return not wrong
+        yield False, f"{name}: REFUSED, {error.problems[0].what}"
+        return
+    yield from ((True, sentence) for sentence in said)
+    yield from ((False, f"{name}: REFUSED, {key} is not what is proved") for key in wrong)
 
 
 def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterator[str]:
@@ -214,8 +209,8 @@ def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterato
     yield from differing(stated, replace(stated, campaign_sha256=digest, **both))
 
 
-def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, talk: Talk) -> Iterator[str]:
-    """The same of accuracy.json: of the sets of parameters on which all of it rests."""
+def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, said: list[str]) -> Iterator[str]:
+    """The same of accuracy.json: of the sets of parameters. What else is to be said is `said`."""
     campaign = load_campaign_json(folder)
     digest, assumed = campaign_sha256(campaign), {error.leg: error.eps for error in stated.assumed}
 
@@ -237,12 +232,12 @@ def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, talk: Talk) ->
     yield from differing(stated, replace(stated, campaign=note, boxes=tuple(map(proved, stated.boxes))))
     for box in stated.boxes:
         if box.certificate is None:
-            talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
-    said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
-    talk.say(f"{ACCURACY_NAME}: {said}")
+            said.append(f"set of leg {box.leg}: NOT CERTIFIED")
+    proofs = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
+    said.append(f"{ACCURACY_NAME}: {proofs}")
 
 
-def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, talk: Talk) -> Iterator[str]:
+def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: list[str]) -> Iterator[str]:
     """The same of compare.json: of legs of a campaign, or of the user's networks."""
     campaign, options, entries = None, None, []
     if stated.options is not None:
@@ -258,10 +253,10 @@ def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, talk: 
     exact = None if campaign is None else ExactCampaign(folder / CAMPAIGN_NAME)
     for note in map(ModelNote, () if campaign is None else stated.models):
         if not note.is_ours:
-            talk.say(note.not_compared)
+            said.append(note.not_compared)
     for k, entry in enumerate(stated.entries):
         if entry.certificate is None:
-            talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
+            said.append(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
         accepted = claimed.get(entry.certificate or "")
         entries.append(replace(entry, certificate=None) if accepted is None else _proved(entry, accepted, exact))
         model = None if campaign is None or options is None else _known(entry.model)
@@ -339,7 +334,7 @@ def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
 # many campaigns -------------------------------------------------------------------------------------------
 
 
-def campaigns_verified(runs: Path, verified: Callable[[Path], bool], talk: Talk) -> bool:
+def of_campaigns(runs: Path) -> Iterator[Statement]:
     """Each run of a folder, and the table of them all. Raises InputError."""
     from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
         SUMMARY_TABLE,
@@ -353,16 +348,14 @@ def campaigns_verified(runs: Path, verified: Callable[[Path], bool], talk: Talk)
         raise InputError(
             [Problem(str(runs / SUMMARY_TABLE), f"cannot be read: {error.strerror}", "certify again")]
         ) from None
-    good, rows = True, []
+    rows = []
     for run in sorted(path.parent for path in runs.glob(f"*/{RESULT_NAME}")):
-        talk.say(f"{run.name}:")
-        good = verified(run) and good
+        yield True, f"{run.name}:"
+        yield from of_folder(run)
         found = result_of(run)
         rows += [] if isinstance(found, str) else [row_of(run.name, found)]
     if text != summary_table(rows).encode():
-        talk.say(f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs")
-        return False
-    return good
+        yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -372,25 +365,22 @@ TABLE = "sets.csv"
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
 
 
-def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
-    """Check one claim or a folder of them, say what is proved. Raises InputError where there is nothing to check."""
+def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
+    """What is accepted of one claim or a folder of them. Raises InputError where there is nothing to check."""
     from cpcal.checker.pose_claim import check_pose_set, check_pose_sets  # the other kinds start sooner without
 
     try:
         found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
     except Unusable as reason:
         raise InputError([Problem(str(target), str(reason), "name what `cpcal image sets` wrote")]) from None
+    yield from ((one.refused is None, f"{one.name}: {_set_proved(one)}") for one in found)
     good = all(one.refused is None for one in found)
-    for one in found:
-        talk.say(f"{one.name}: {_set_proved(one)}")
     if (target / TABLE).is_file() and (wrong := _table_problem(target / TABLE, found)):
         good = False
-        talk.say(f"{TABLE}: REFUSED, {wrong}")
+        yield False, f"{TABLE}: REFUSED, {wrong}"
     if good:
-        say_assumptions(target, talk)
-    for path in sources:
-        good = _same_source(path, found, talk) and good
-    return good
+        yield from ((True, sentence) for sentence in assumptions(target))
+    yield from (_same_source(path, found) for path in sources)
 
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
@@ -421,13 +411,13 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     return f"it leaves out {min(claims)}" if claims else ""
 
 
-def say_assumptions(target: Path, talk: Talk) -> None:
+def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
     from cpcal.vision.pose_sets.pose_certificate import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
-    for sentence in sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files}):
-        talk.say(f"Assumed, not proved: {sentence}")
+    said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})
+    return [f"Assumed, not proved: {sentence}" for sentence in said]
 
 
 def _assumed(claim: dict[str, Any]) -> str:
@@ -467,7 +457,7 @@ def _set_proved(one: PoseSetChecked) -> str:
     return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
 
 
-def _same_source(path: Path, found: Sequence[PoseSetChecked], talk: Talk) -> bool:
+def _same_source(path: Path, found: Sequence[PoseSetChecked]) -> Statement:
     """Whether a file is the one that all pose sets name, byte for byte."""
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -475,8 +465,6 @@ def _same_source(path: Path, found: Sequence[PoseSetChecked], talk: Talk) -> boo
         raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
     stated = {sha for one in found for name, sha in one.files if name == path.name}
     if stated == {digest}:
-        talk.say(f"{path.name}: the file that the pose sets name, by its SHA-256")
-        return True
+        return True, f"{path.name}: the file that the pose sets name, by its SHA-256"
     what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
-    talk.say(f"{path.name}: REFUSED, {what}")
-    return False
+    return False, f"{path.name}: REFUSED, {what}"

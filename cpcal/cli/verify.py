@@ -16,7 +16,6 @@ from cpcal.checker import (
     RESULT_NAME,
     Accepted,
     LegChecked,
-    Point,
     Refused,
     Unusable,
     check,
@@ -31,140 +30,90 @@ from cpcal.solver.execution.forked import side_by_side
 if TYPE_CHECKING:
     from cpcal.questions import Result
 
+Statement = tuple[bool, str]  # whether it is accepted, and a sentence
+
 # ------------------------------------------------------------------------------------------------------------------
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
 
-Hull = tuple[tuple[F, ...], tuple[F, ...]]
 
-
-def tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = None) -> None:
-    """Say what a certificate proves, and how much work the check was."""
+def told(name: str, accepted: Accepted, seconds: float | None = None) -> Iterator[Statement]:
+    """What a certificate proves, and how much work the check was."""
     work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
-    for sentence in sentences(accepted):
-        talk.say(f"{name}: {sentence}: PROVED, {work}")
+    yield from ((True, f"{name}: {sentence}: PROVED, {work}") for sentence in sentences(accepted))
 
 
 def sentences(accepted: Accepted) -> list[str]:
-    """One for each claim."""
-    claims = accepted.claims
-    words = _LegWords(accepted) if accepted.leg is not None else _NetworkWords(accepted)
+    """One for each claim: absence is stated of a part of the box at most, existence of all of it."""
+    claims, cap = accepted.claims, accepted.claims.cap
+    if accepted.leg is not None:
+        name, unit = "|g|", " mm"
+        for_any = " for any readings in their sets, with legs longer than that"
+        for_some, longer = " for some readings in their sets", ", with legs longer than that,"
+        every = "x of the certificate's box"
+        thing, of_all = _inside(accepted) or every, _equations(accepted)
+    else:
+        name = "" if accepted.objective is None else printable(accepted.unknowns[accepted.objective])
+        unit = for_any = for_some = longer = ""
+        thing = every = "point of the box"
+        of_all = f"all {accepted.count} constraints"
+
+    def goal(sign: str, value: F | None) -> str:
+        """What none reaches, with the digits of the bracket; or, "attained", what is reached."""
+        if value is None or not name:
+            return ""
+        if sign == "attained":
+            return f" with {name} <= {bracket_text(value, value)[1]}{unit}"
+        hi = claims.eps_hi
+        text = short(bracket_text(value, value)[0]) if hi is None else bracket_text(value, hi)[0]
+        return f" with {name} {sign} {text}{unit}"
+
     out = []
     if claims.infeasible:
-        out.append(words.infeasible(claims.cap))
+        out.append(f"No {thing} satisfies {of_all}{goal('<=', cap)}{for_any}")
     elif claims.eps_lo is not None:
-        out.append(words.none_below(claims.eps_lo))
+        out.append(f"No {thing} satisfies {of_all}{goal('<', claims.eps_lo)}{for_any}")
     if claims.eps_hi is not None:
-        out.append(words.attained(claims.eps_hi))
-    elif claims.point is not None:
-        out.append(words.verified(claims.point))
+        out.append(f"Some {every} satisfies {of_all}{goal('attained', claims.eps_hi)}{for_some}")
+    elif (point := claims.point) is not None:
+        eps = None if accepted.objective is None else point.at[accepted.objective]
+        holds = f"satisfies {len(point.holds)}{goal('attained', eps)}{for_some}"
+        out.append(
+            f"The point given satisfies {of_all}{goal('attained', eps)}{for_some}"
+            if point.holds == accepted.chosen
+            else f"Of {of_all} the point given {holds}, and it fails {len(point.fails)}{goal('<=', eps)}{for_any}"
+        )
     if claims.enclosure is not None:
-        out.append(words.enclosed(claims.cap, claims.enclosure))
+        reached = " as well as that one" if cap is not None and cap == claims.eps_hi else goal("<=", cap)
+        sides = [side for k, side in enumerate(zip(*claims.enclosure, strict=True)) if k != accepted.objective]
+        lengths = sides if accepted.leg is None else sides[:7]
+        lo, hi = max(lengths, key=lambda side: side[1] - side[0], default=(F(0), F(0)))
+        others = (
+            zip(map(printable, accepted.unknowns[7:-1]), sides[7:], strict=True) if accepted.leg is not None else ()
+        )
+        out.append(
+            f"Every {every} that satisfies them{reached}{for_some}{longer} lies in the enclosure, whose sides are at "
+            f"most {plain_gap(lo, hi)}{unit} long"
+            + "".join(f", {name} in {_range(bracket_text(*side))}" for name, side in others)
+        )
     return out
 
 
-class _NetworkWords:
-    """Absence is stated of a part of the box at most, existence of all of it, whatever the rounding."""
-
-    thing = every = "point of the box"
-    for_any = for_some = longer = ""
-
-    def __init__(self, accepted: Accepted) -> None:
-        self.accepted = accepted
-        self.all = f"all {accepted.count} constraints"
-        objective = accepted.objective
-        self.name = "" if objective is None else printable(accepted.unknowns[objective])
-        self.unit = ""
-
-    def down(self, sign: str, value: F | None) -> str:
-        """A goal that none reaches, or that all who reach it share something."""
-        if value is None:
-            return ""
-        hi = self.accepted.claims.eps_hi  # the digits are those of the bracket, as in the table of a result
-        text = short(bracket_text(value, value)[0]) if hi is None else bracket_text(value, hi)[0]
-        return self._goal(sign, text)
-
-    def up(self, value: F | None) -> str:
-        """A goal that is reached."""
-        return "" if value is None else self._goal("<=", bracket_text(value, value)[1])
-
-    def _goal(self, sign: str, text: str) -> str:
-        return f" with {self.name} {sign} {text}{self.unit}" if self.name else ""
-
-    def infeasible(self, cap: F | None) -> str:
-        return f"No {self.thing} satisfies {self.all}{self.down('<=', cap)}{self.for_any}"
-
-    def none_below(self, lo: F) -> str:
-        return f"No {self.thing} satisfies {self.all}{self.down('<', lo)}{self.for_any}"
-
-    def attained(self, hi: F) -> str:
-        return f"Some {self.every} satisfies {self.all}{self.up(hi)}{self.for_some}"
-
-    def verified(self, point: Point) -> str:
-        objective = self.accepted.objective
-        eps = None if objective is None else point.at[objective]
-        if point.holds == self.accepted.chosen:
-            return f"The point given satisfies {self.all}{self.up(eps)}{self.for_some}"
-        return (
-            f"Of {self.all} the point given satisfies {len(point.holds)}{self.up(eps)}{self.for_some}, "
-            f"and it fails {len(point.fails)}{self.down('<=', eps)}{self.for_any}"
-        )
-
-    def enclosed(self, cap: F | None, hull: Hull) -> str:
-        shared = cap is not None and cap == self.accepted.claims.eps_hi
-        goal = " as well as that one" if shared else self.down("<=", cap)
-        lo, hi = max(self.sides(hull), key=lambda side: side[1] - side[0], default=(F(0), F(0)))
-        return (
-            f"Every {self.every} that satisfies them{goal}{self.for_some}{self.longer} lies in the enclosure, "
-            f"whose sides are at most {plain_gap(lo, hi)}{self.unit} long{self.others(hull)}"
-        )
-
-    def sides(self, hull: Hull) -> list[tuple[F, F]]:
-        """Of the enclosure, but for the objective."""
-        return [side for k, side in enumerate(zip(*hull, strict=True)) if k != self.accepted.objective]
-
-    def others(self, hull: Hull) -> str:
-        """The ranges of unknowns that are no lengths."""
-        return ""
+def _equations(accepted: Accepted) -> str:
+    leg = f"of leg {accepted.leg}"
+    if accepted.model not in (None, "plain"):
+        leg += f" in the {printable(str(accepted.model))} model"
+    if len(accepted.chosen) == accepted.count:
+        return f"all {accepted.count} equations {leg}"
+    return f"the equations {leg} for measurements {', '.join(map(str, accepted.chosen))} (from 0)"
 
 
-class _LegWords(_NetworkWords):
-    for_any = " for any readings in their sets, with legs longer than that"
-    for_some = " for some readings in their sets"
-    longer = ", with legs longer than that,"
-    every = "x of the certificate's box"
-
-    def __init__(self, accepted: Accepted) -> None:
-        super().__init__(accepted)
-        self.name, self.unit = "|g|", " mm"
-        count, chosen = accepted.count, accepted.chosen
-        leg = f"of leg {accepted.leg}"
-        if accepted.model not in (None, "plain"):
-            leg += f" in the {printable(str(accepted.model))} model"
-        self.all = (
-            f"all {count} equations {leg}"
-            if len(chosen) == count
-            else f"the equations {leg} for measurements {', '.join(map(str, chosen))} (from 0)"
-        )
-        self.thing = self._ranges() or self.every
-
-    def _ranges(self) -> str | None:
-        """The box of all unknowns but the objective, rounded inward; None where nothing would be left of a side."""
-        of = self.accepted
-        inner = [inner_text(lo, hi) for lo, hi in zip(of.lo[:-1], of.hi[:-1], strict=True)]
-        if any(F(lo) > F(hi) for lo, hi in inner):
-            return None
-        names = map(printable, of.unknowns[:-1])
-        return f"x with {', '.join(f'{name} in {_range(side)}' for name, side in zip(names, inner, strict=True))}"
-
-    def sides(self, hull: Hull) -> list[tuple[F, F]]:
-        return super().sides(hull)[:7]
-
-    def others(self, hull: Hull) -> str:
-        extra = [printable(name) for name in self.accepted.unknowns[7:-1]]
-        return "".join(
-            f", {name} in {_range(bracket_text(*side))}"
-            for name, side in zip(extra, super().sides(hull)[7:], strict=True)
-        )
+def _inside(accepted: Accepted) -> str | None:
+    """The box of all unknowns but the objective, rounded inward; None where nothing would be left of a side."""
+    inner = [inner_text(lo, hi) for lo, hi in zip(accepted.lo[:-1], accepted.hi[:-1], strict=True)]
+    if any(F(lo) > F(hi) for lo, hi in inner):
+        return None
+    names = map(printable, accepted.unknowns[:-1])
+    return f"x with {', '.join(f'{name} in {_range(side)}' for name, side in zip(names, inner, strict=True))}"
 
 
 def _range(texts: tuple[str, str]) -> str:
@@ -244,6 +193,9 @@ def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:
     return True, f"The checker accepted all {of} (exact arithmetic, no solver): {steps:,} steps."
 
 
+# ------------------------------------------------------------------------------------------------------------------
+# The verb.
+
 KINDS = (RUN, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
@@ -269,63 +221,70 @@ def verify(
     numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
-    same = campaign is None or _same_campaign(target, campaign, talk)
+    good = True
+    for accepted, sentence in _statements(target, campaign, source or []):
+        talk.say(sentence)
+        good = good and accepted
+    record("verified", target=str(target), accepted=good)
+    return Status.ANSWERED if good else Status.UNKNOWN
+
+
+def _statements(target: Path, campaign: Path | None, sources: list[Path]) -> Iterator[Statement]:
+    if campaign is not None:
+        yield from _other_campaign(target, campaign)
     if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
-        from cpcal.cli.verified import verify_pose_sets
+        from cpcal.cli.verified import of_pose_sets
 
-        accepted = verify_pose_sets(target, source or [], talk)
+        yield from of_pose_sets(target, sources)
+    elif target.is_dir():
+        yield from of_folder(target)
     else:
-        accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk) is not None
-    record("verified", target=str(target), accepted=bool(accepted and same))
-    return Status.ANSWERED if accepted and same else Status.UNKNOWN
+        yield from _of_certificate(target)[0]
 
 
-def _verified(folder: Path, talk: Talk) -> bool:
-    """A folder, by what it holds; what other verbs write is loaded where it is found."""
+def of_folder(folder: Path) -> Iterator[Statement]:
+    """What is accepted of a folder, by what it holds; what other verbs write is loaded where it is found."""
     heads = [kind.head for kind in KINDS if (folder / kind.head).exists()]
     if len(heads) > 1:
-        talk.say(
-            f"{folder.name}: REFUSED, {' and '.join(heads)} are the answers of two commands, which share no folder"
-        )
-        return False
-    if heads == [HANDEYE.head]:
-        from cpcal.handeye.verify import verify_hand_eye
+        what = f"{' and '.join(heads)} are the answers of two commands, which share no folder"
+        yield False, f"{folder.name}: REFUSED, {what}"
+    elif heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
+        from cpcal.handeye.verify import verify_hand_eye, verify_wrong_images
 
-        return _all_accepted(verify_hand_eye(folder), talk)
-    if heads == [HANDEYE_WRONG.head]:
-        from cpcal.handeye.verify import verify_wrong_images
-
-        return _all_accepted(verify_wrong_images(folder), talk)
-    if heads == [RUN.head]:
+        yield from verify_hand_eye(folder) if heads == [HANDEYE.head] else verify_wrong_images(folder)
+    elif heads == [RUN.head]:
         with legs_beside(folder) as legs:
-            from cpcal.cli.verified import run_verified  # while the legs are being checked
+            from cpcal.cli.verified import of_run  # while the legs are being checked
 
-            return run_verified(folder, legs, talk)
-    from cpcal.cli import verified
+            yield from of_run(folder, legs)
+    else:
+        from cpcal.cli import verified
 
-    if not heads and any(folder.glob(f"*/{RUN.head}")):
-        return verified.campaigns_verified(folder, lambda run: _verified(run, talk), talk)
-    claimed = {path.name: _certificate(path, talk) for path in _certificates(folder, heads)}
-    proved = {name: accepted for name, accepted in claimed.items() if accepted is not None}
-    return verified.others_verified(folder, proved, talk) and len(proved) == len(claimed)
+        if not heads and any(folder.glob(f"*/{RUN.head}")):
+            yield from verified.of_campaigns(folder)
+        else:
+            proved = {}
+            for path in _certificates(folder, heads):
+                said, accepted = _of_certificate(path)
+                yield from said
+                if accepted is not None:
+                    proved[path.name] = accepted
+            yield from verified.of_others(folder, proved)
 
 
-def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
-    """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
+def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
+    """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
         from cpcal.handeye.files import load_hand_eye
 
-        if load_hand_eye(target) == load_hand_eye(campaign):
-            return True
-        talk.say("study: REFUSED, the hand-eye study is another one")
-        return False
+        if load_hand_eye(target) != load_hand_eye(campaign):
+            yield False, "study: REFUSED, the hand-eye study is another one"
+        return
     from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 
     kept = load_campaign_json(target if target.is_dir() else target.parent)
-    if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
-        return True
-    talk.say("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
-    return False
+    if campaign_sha256(kept) != campaign_sha256(load_campaign(campaign)):
+        yield False, "campaign.json: REFUSED, the campaign is another one: its SHA-256 differs"
 
 
 def _certificates(folder: Path, heads: list[str]) -> list[Path]:
@@ -340,19 +299,10 @@ def _certificates(folder: Path, heads: list[str]) -> list[Path]:
     return found
 
 
-def _certificate(path: Path, talk: Talk) -> Accepted | None:
-    """What one certificate proves by itself; None where it is refused. Raises InputError where it cannot be read."""
+def _of_certificate(path: Path) -> tuple[list[Statement], Accepted | None]:
+    """What one certificate proves by itself. Raises InputError where it cannot be read."""
     began = time.monotonic()
     accepted = checked_certificate(path)
     if isinstance(accepted, str):
-        talk.say(f"{path.name}: REFUSED, {accepted}")
-        return None
-    tell(talk, path.name, accepted, time.monotonic() - began)
-    return accepted
-
-
-def _all_accepted(found: list[tuple[bool, str]], talk: Talk) -> bool:
-    """Whether all statements are; says each."""
-    for _, sentence in found:
-        talk.say(sentence)
-    return all(accepted for accepted, _ in found)
+        return [(False, f"{path.name}: REFUSED, {accepted}")], None
+    return list(told(path.name, accepted, time.monotonic() - began)), accepted

@@ -13,7 +13,7 @@ from typing import Any
 def printable(text: str | os.PathLike[str]) -> str:
     """The text, or a path, on one line: what is not printable becomes an escape.
 
-    A name can then forge no line of output and command no terminal.
+    So a name can neither forge a line of output nor send commands to a terminal.
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in os.fspath(text))
 
@@ -40,7 +40,7 @@ class Problem:
 
 
 class InputError(CpcalError):
-    """Unusable input. Carries every problem found, in order, so that a user mends them in one go.
+    """Unusable input, with every problem found, in order.
 
     `see` names the page of the documentation that explains the input.
     """
@@ -54,7 +54,7 @@ class InputError(CpcalError):
         super().__init__(self.problems, omitted)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Its arguments go by keyword, which the pickle of an exception knows nothing of."""
+        """An exception pickles its positional arguments only."""
         return partial(type(self), omitted=self.omitted, see=self.see), (self.problems,)
 
     def __str__(self) -> str:
@@ -69,21 +69,21 @@ class InputError(CpcalError):
 
 
 class OutputError(InputError):
-    """What cannot be written: a full disk, say. For whoever mends problems it is one of them, but none of the input."""
+    """Output that cannot be written: a full disk, say."""
 
     about = "with the output"
 
 
 class ModelError(CpcalError):
-    """A constraint network was put together in a way that has no meaning (shapes, names, comparisons)."""
+    """A constraint network has no meaning (shapes, names, comparisons)."""
 
 
 class RoundingError(CpcalError):
-    """The processor does not round as IEEE 754 has it by default: another library has changed that in this thread."""
+    """Another library has changed the rounding of the processor in this thread from the default of IEEE 754."""
 
 
 class PluginError(CpcalError):
-    """A contractor was asked for that is not installed, or that breaks its contract."""
+    """A contractor is not installed, or breaks its contract."""
 
 
 class ClashError(PluginError):
@@ -105,7 +105,7 @@ class Problems:
         return len(self.listed) + self.omitted
 
     def add(self, problem: Problem, *, always: bool = False) -> None:
-        """Take note of a problem; `always` lists it however many there are already."""
+        """Add a problem; `always` lists it however many there are already."""
         if always or len(self.listed) < LISTED:
             self.listed.append(problem)
         else:
@@ -114,7 +114,7 @@ class Problems:
     def add_unknown(
         self, where: str, what: str, name: str, known: Iterable[str], otherwise: str, line: int | None
     ) -> None:
-        """Take note of a name that means nothing, with the nearest known one as remedy, or `otherwise`."""
+        """Add an unknown name, with the nearest known one as remedy, or `otherwise`."""
         near: list[str] = []
         if len(self.listed) < LISTED:  # the search is slow, and a file of rubbish holds many names
             near = difflib.get_close_matches(name[:100], list(known), n=1)
@@ -127,7 +127,7 @@ class Problems:
 
 
 def shown(text: object) -> str:
-    """The repr of `text`, cut to a length that a message can bear."""
+    """The repr of `text`, cut to a length that fits into a message."""
     short = text[: _SHOWN + 1] if isinstance(text, str) else text
     result = repr(short)
     return result if len(result) <= _SHOWN + 2 else result[:_SHOWN] + "..."

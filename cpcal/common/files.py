@@ -1,6 +1,7 @@
-"""The one way to write files: they appear complete or not at all, and a link planted under a draft's name is harmless.
+"""The one way to write files: they appear complete or not at all.
 
-Drafts have names that cannot be guessed, are opened exclusively, and stand beside what they become.
+A draft stands beside the file that it becomes. Its name cannot be guessed and it is opened exclusively, so that a link
+planted under that name is harmless.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
 
 
 def draft_name() -> str:
-    """A hidden name that nobody can foresee."""
+    """A hidden name that cannot be guessed."""
     return f".{secrets.token_hex(12)}.draft"
 
 
@@ -188,7 +189,7 @@ def is_name(value: object) -> bool:
 
 
 def is_text(value: object) -> bool:
-    """Whether it can be said in a provenance."""
+    """Whether it can stand in a provenance."""
     return isinstance(value, str) and value.isprintable() and len(value) <= TEXT_MAX
 
 

@@ -1,4 +1,4 @@
-"""Numbers in print. Every bound that a person reads is formatted here, rounded to the side on which it stays true.
+"""Numbers in print. Every bound that a person reads is rounded here to the side on which it stays true.
 
 Bounds: `bracket_text`, `inner_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`, `plain_gap`. What
 the user stated is repeated by `stated`. Estimates, of which nothing is proved: `nearest`, `about`.
@@ -29,7 +29,7 @@ def bracket_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, st
 
 
 def inner_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, str]:
-    """`lo` rounded up and `hi` rounded down: a range of which something is said that holds in all of [lo, hi]."""
+    """`lo` rounded up and `hi` rounded down: for what holds in all of [lo, hi]."""
     exponent = _common(lo, hi)
     return _scaled(lo, exponent, digits, math.ceil), _scaled(hi, exponent, digits, math.floor)
 
@@ -75,12 +75,12 @@ def stated(value: float) -> str:
 
 
 def nearest(value: Number, decimals: int) -> str:
-    """With so many decimals, for what is no bound."""
+    """With so many decimals: an estimate."""
     return _fixed(value, decimals, round)
 
 
 def about(value: Number, digits: int = 3) -> str:
-    """With so many significant digits at most, for what is no bound."""
+    """With so many significant digits at most: an estimate."""
     return short(_scaled(value, _exponent(value), digits, round))
 
 

@@ -33,7 +33,7 @@ _REAL = "fiuSUO"  # kinds of numpy arrays that a user's real numbers come in; te
 def as_floats(values: npt.ArrayLike) -> Floats:
     """What a user gives as real numbers. Raises TypeError or ValueError for anything else.
 
-    numpy would take what stands under a mask, a complex number without its imaginary part, and true as 1.
+    numpy itself would take masked values, drop imaginary parts, and read true as 1.
     """
     parts = (values, *values) if isinstance(values, list | tuple) else (values,)
     if any(np.ma.is_masked(part) for part in parts):
@@ -105,7 +105,7 @@ def same(one: object, other: object) -> bool:
 
 
 def _hashable(value: object) -> object:
-    """Of equal values the same: arrays by their shape, for 0.0 and -0.0 have other bytes."""
+    """The same for equal values: arrays by their shape, because 0.0 and -0.0 have other bytes."""
     if isinstance(value, np.ndarray):
         return value.shape
     return len(value) if isinstance(value, Mapping) else value

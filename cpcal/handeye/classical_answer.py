@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from cpcal.calibration import calibrate_frames
+from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, frozen_array
@@ -27,8 +28,15 @@ from cpcal.handeye.study import (
     by_images,
     moved,
 )
-from cpcal.robot import Pose, inverse, quaternion_from_matrix
-from cpcal.vision.pose import NoPose, fit, plain_model
+from cpcal.robot import (
+    Pose,
+    inverse,
+    normalised,
+    quaternion_from_matrix,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+)
+from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # The loop of Levenberg and Marquardt, whatever it moves: steps that lower a cost, damped more where they do not.
@@ -237,19 +245,18 @@ def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose]:
         if len(mine) < _LEAST_POINTS:
             continue
         try:
-            poses.append(_pose(study.points[mine], directions[mine], float(camera.focal.mean())))
-        except (NoPose, np.linalg.LinAlgError):
+            poses.append(_pose(study.points[mine], directions[mine]))
+        except np.linalg.LinAlgError:
             continue
         kept.append(k)
     stacked = np.array([[*p.position, *p.quaternion] for p in poses]).reshape(-1, 7)
     return kept, Pose(stacked[:, :3], stacked[:, 3:])
 
 
-def _pose(points: Floats, directions: Floats, sharpness: float) -> Pose:
+def _pose(points: Floats, directions: Floats) -> Pose:
     """Of one image: by the homography of a plane, else by the direct linear transform."""
     if not points[:, 2].any():
-        model, start = plain_model(points[:, :2], directions, sharpness)
-        return fit(model, start).pose
+        return _plane_pose(points[:, :2], directions)
     middle = points.mean(axis=0)
     size = float(np.abs(points - middle).max())
     p = np.concatenate([(points - middle) / size, np.ones((len(points), 1))], axis=1)
@@ -262,6 +269,40 @@ def _pose(points: Floats, directions: Floats, sharpness: float) -> Pose:
     left, _, right = np.linalg.svd(h[:, :3])
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     return Pose(h[:, 3] * size - turn @ middle, quaternion_from_matrix(turn))
+
+
+def _plane_pose(points: Floats, directions: Floats) -> Pose:
+    """Of points (n, 2) of a plane: X - u Z = 0 and Y - v Z = 0, linear in h = (r_1, r_2, t), by least squares from the
+    homography. The triangular factor of the equations says as much as they do."""
+    size = float(np.sqrt((points * points).mean()))
+    rows = np.zeros((len(points), 2, 9))
+    for k, factor in enumerate((*points.T / size, np.ones(len(points)))):
+        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
+        rows[:, :, 3 * k + 2] = -directions * factor[:, None]
+    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
+    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
+    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
+    left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    matrix = triangle * (np.repeat([size, size, 1.0], 3) / h[2, 2])
+
+    def values(at: Pose) -> Floats:
+        r = at.rotation
+        return np.asarray(matrix @ np.concatenate([r[:, 0], r[:, 1], at.position]))
+
+    def jacobian(at: Pose) -> Floats:
+        by = np.zeros((9, 6))
+        by[6:, :3] = np.eye(3)
+        by[:3, 3:], by[3:6, 3:] = (-cross_matrix(at.rotation[:, k]) for k in (0, 1))
+        return np.asarray(matrix @ by)
+
+    def moved_pose(at: Pose, step: Floats) -> Pose:
+        turned = quaternion_product(quaternion_from_rotation_vector(step[3:]), at.quaternion)
+        return Pose(at.position + step[:3], turned)
+
+    start = Pose(h[2], quaternion_from_matrix(turn))
+    found = least_squares(values, jacobian, start, tolerance=1e-12, moved=moved_pose).at
+    return Pose(found.position, normalised(found.quaternion))
 
 
 def _fitted(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, Floats]:

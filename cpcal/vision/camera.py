@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,111 +13,28 @@ from cpcal.common.values import Floats, Value, frozen_array
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
-# The lens as polynomials: the distortion d(x, y) with its first three derivatives, also by its coefficients.
+# The lenses that cameras have, compiled: how a direction (x, y) = (X / Z, Y / Z) is bent, with derivatives, and back.
 #
-# d is a sum of fixed vector polynomials of degree up to 7, one for the straight ray and one for each of k1, k2, p1, p2,
-# k3. So every derivative is a table of numbers times the monomials of (x, y), exact and one matrix product.
-
-_DEGREE = 7
-_POWERS = [(a, b) for a in range(_DEGREE + 1) for b in range(_DEGREE + 1 - a)]  # of x and y in each monomial
-_ORDERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]  # of the derivatives by x, y
-# where the derivatives of each order stand in _ORDERS, as full tensors
-_FIRST = np.array([1, 2])
-_SECOND = np.array([[3, 4], [4, 5]])
-_THIRD = np.array([[[6, 7], [7, 8]], [[7, 8], [8, 9]]])
-
-Polynomial = dict[tuple[int, int], float]  # powers of x and y -> coefficient
-
-
-def _fields() -> list[tuple[Polynomial, Polynomial]]:
-    """The vector polynomials that 1, k1, k2, p1, p2, k3 stand before: x and y components."""
-    r2: Polynomial = {(2, 0): 1.0, (0, 2): 1.0}
-    r4: Polynomial = {(4, 0): 1.0, (2, 2): 2.0, (0, 4): 1.0}
-    r6: Polynomial = {(6, 0): 1.0, (4, 2): 3.0, (2, 4): 3.0, (0, 6): 1.0}
-
-    def ray_times(radial: Polynomial) -> tuple[Polynomial, Polynomial]:
-        return {(a + 1, b): c for (a, b), c in radial.items()}, {(a, b + 1): c for (a, b), c in radial.items()}
-
-    p1: tuple[Polynomial, Polynomial] = {(1, 1): 2.0}, {(2, 0): 1.0, (0, 2): 3.0}
-    p2: tuple[Polynomial, Polynomial] = {(2, 0): 3.0, (0, 2): 1.0}, {(1, 1): 2.0}
-    return [ray_times({(0, 0): 1.0}), ray_times(r2), ray_times(r4), p1, p2, ray_times(r6)]
-
-
-def _derivative(polynomial: Polynomial, orders: tuple[int, int]) -> Polynomial:
-    for axis, times in enumerate(orders):
-        for _ in range(times):
-            polynomial = {
-                (p[0] - (axis == 0), p[1] - (axis == 1)): c * p[axis] for p, c in polynomial.items() if p[axis] > 0
-            }
-    return polynomial
-
-
-def _table() -> Floats:
-    """(monomials, derivatives, 2 components, 6 fields)."""
-    table = np.zeros((len(_POWERS), len(_ORDERS), 2, 6))
-    for k, field in enumerate(_fields()):
-        for i, component in enumerate(field):
-            for j, orders in enumerate(_ORDERS):
-                for powers, coefficient in _derivative(component, orders).items():
-                    table[_POWERS.index(powers), j, i, k] = coefficient
-    return table
-
-
-_TABLE = _table()
-_OF_X, _OF_Y = np.array(_POWERS).T
-
-
-@dataclass(frozen=True, eq=False)
-class Jet:
-    """d at points (..., 2) with its derivatives; the trailing axes of the derivatives count x and y.
-
-    value (..., 2), first (..., 2, 2), second (..., 2, 2, 2), third (..., 2, 2, 2, 2)
-    """
-
-    value: Floats
-    first: Floats
-    second: Floats
-    third: Floats
-
-
-def jet(normalised: Floats, distortion: Floats) -> Jet:
-    """The lens of `distortion` (k1, k2, p1, p2, k3) at points (..., 2)."""
-    table = _TABLE @ np.concatenate([[1.0], distortion])
-    return _jet(_monomials(normalised), table)
-
-
-def jets_by_coefficient(normalised: Floats) -> Jet:
-    """The derivatives of `jet` by k1, k2, p1, p2, k3: the same fields with an axis of 5 after those of the points."""
-    table = np.moveaxis(_TABLE[..., 1:], -1, 1)
-    return _jet(_monomials(normalised), table)
-
-
-def _monomials(normalised: Floats) -> Floats:
-    powers = np.ones((_DEGREE + 1, *normalised.shape))
-    np.multiply.accumulate(np.broadcast_to(normalised, (_DEGREE, *normalised.shape)), axis=0, out=powers[1:])
-    return np.moveaxis(powers[_OF_X, ..., 0] * powers[_OF_Y, ..., 1], 0, -1)
-
-
-def _jet(monomials: Floats, table: Floats) -> Jet:
-    """table (monomials, ..., derivatives, 2)."""
-    product = monomials @ table.reshape(len(_POWERS), -1)
-    all_of_it = product.reshape(*monomials.shape[:-1], *table.shape[1:])
-    components_first = np.swapaxes(all_of_it, -1, -2)
-    return Jet(
-        all_of_it[..., 0, :],
-        components_first[..., _FIRST],
-        components_first[..., _SECOND],
-        components_first[..., _THIRD],
-    )
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# How a lens bends a direction, compiled: the radial factor with its derivatives, the lens, and its inverse.
+# With r^2 = x^2 + y^2 and the numbers in OpenCV's order
+#
+#     brown     k1, k2, p1, p2, k3              d = (x, y) c(k1, k2, k3) + t
+#     rational  k1, k2, p1, p2, k3, k4, k5, k6  d = (x, y) c(k1, k2, k3) / c(k4, k5, k6) + t
+#     fisheye   k1, k2, k3, k4                  d = (x, y) (a / r) (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8),  a = atan r
+#
+# where c(k, l, m) = 1 + k r^2 + l r^4 + m r^6 and
+# t = (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y).
+# Each is (x, y) g(r^2) + t with a radial factor g, and the gradient of a function: all its derivatives are symmetric.
 #
 # A lens is packed as (9,) numbers: 1 for a fisheye and 0 otherwise; p1, p2; k1 to k6 (k4 to k6 are zero for "brown", k5
-# and k6 for "fisheye"). `cpcal.vision.camera` says what they stand for.
+# and k6 for "fisheye").
 
-PACKED = 9
+LENSES = {
+    "brown": ("k1", "k2", "p1", "p2", "k3"),
+    "rational": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "fisheye": ("k1", "k2", "k3", "k4"),
+}
+PACKED = ("fisheye", "p1", "p2", "k1", "k2", "k3", "k4", "k5", "k6")
+JET = 14  # numbers of `jet`
 _NEAR = 1e-2  # below this r^2 the series of atan(r) / r has all digits
 _TERMS = 12
 _NEWTON_STEPS = 50
@@ -192,13 +108,6 @@ def _angle_by_radius(s: float) -> Four:
 
 
 @compiled
-def radials(lens: Floats, s: Floats, out: Floats) -> None:
-    """`radial` of s (n,), into (4, n)."""
-    for i in range(len(s)):
-        out[0, i], out[1, i], out[2, i], out[3, i] = radial(lens, s[i])
-
-
-@compiled
 def bent(lens: Floats, x: float, y: float) -> tuple[float, float, float, float, float]:
     """d(x, y), and the derivatives of the first component by x, of it by y (and of the other by x), of the other by
     y."""
@@ -215,10 +124,28 @@ def bent(lens: Floats, x: float, y: float) -> tuple[float, float, float, float, 
 
 
 @compiled
-def all_bent(lens: Floats, points: Floats, out: Floats) -> None:
-    """`bent` of points (n, 2), into (n, 5)."""
+def jet(lens: Floats, x: float, y: float, out: Floats) -> None:
+    """d (2), and its derivatives of the first (3: xx, xy, yy), second (4) and third (5) order at (x, y)."""
+    out[0], out[1], out[2], out[3], out[4] = bent(lens, x, y)
+    _, g1, g2, g3 = radial(lens, x * x + y * y)
+    p1, p2 = lens[1], lens[2]
+    out[5] = 6.0 * g1 * x + 4.0 * g2 * x * x * x + 6.0 * p2
+    out[6] = 2.0 * g1 * y + 4.0 * g2 * x * x * y + 2.0 * p1
+    out[7] = 2.0 * g1 * x + 4.0 * g2 * x * y * y + 2.0 * p2
+    out[8] = 6.0 * g1 * y + 4.0 * g2 * y * y * y + 6.0 * p1
+    xx, xy, yy = x * x, x * y, y * y
+    out[9] = 6.0 * g1 + 24.0 * g2 * xx + 8.0 * g3 * xx * xx
+    out[10] = 12.0 * g2 * xy + 8.0 * g3 * xx * xy
+    out[11] = 2.0 * g1 + 4.0 * g2 * (xx + yy) + 8.0 * g3 * xx * yy
+    out[12] = 12.0 * g2 * xy + 8.0 * g3 * xy * yy
+    out[13] = 6.0 * g1 + 24.0 * g2 * yy + 8.0 * g3 * yy * yy
+
+
+@compiled
+def jets(lens: Floats, points: Floats, out: Floats) -> None:
+    """`jet` of points (n, 2), into (n, JET)."""
     for i in range(len(points)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = bent(lens, points[i, 0], points[i, 1])
+        jet(lens, points[i, 0], points[i, 1], out[i])
 
 
 @compiled
@@ -240,95 +167,8 @@ def unbent(lens: Floats, wanted: Floats, out: Floats) -> None:
         out[i, 0], out[i, 1] = (x, y) if near else (np.nan, np.nan)
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# The lenses that cameras have: how a direction (x, y) = (X / Z, Y / Z) is bent, with derivatives up to the third.
-#
-# With r^2 = x^2 + y^2 and the numbers in OpenCV's order
-#
-#     brown     k1, k2, p1, p2, k3              d = (x, y) c(k1, k2, k3) + t
-#     rational  k1, k2, p1, p2, k3, k4, k5, k6  d = (x, y) c(k1, k2, k3) / c(k4, k5, k6) + t
-#     fisheye   k1, k2, k3, k4                  d = (x, y) (a / r) (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8),  a = atan r
-#
-# where c(k, l, m) = 1 + k r^2 + l r^4 + m r^6 and
-# t = (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y).
-# Each is (x, y) g(r^2) + t with a radial factor g.
-
-Series = tuple[Floats, Floats, Floats, Floats]  # a function of s = r^2 and its first three derivatives
-
-
-class Lens(ABC):
-    """names: of the lens's numbers, in order. Arrays x, y of any shape; numbers (n,)."""
-
-    name: str
-    names: tuple[str, ...]
-
-    @abstractmethod
-    def packed(self, numbers: Floats) -> Floats:
-        """(9,) as compiled code takes them (`cpcal.vision.camera`)."""
-
-    def radial(self, s: Floats, numbers: Floats) -> Series:
-        """g with its derivatives by s = r^2."""
-        flat = np.ascontiguousarray(s, dtype=np.float64).ravel()
-        out = np.empty((4, len(flat)))
-        radials(self.packed(numbers), flat, out)
-        g, g1, g2, g3 = out.reshape(4, *np.shape(s))
-        return g, g1, g2, g3
-
-    def jet(self, points: Floats, numbers: Floats) -> Jet:
-        """d at points (..., 2) with its derivatives: those of (x, y) g, and of t as the polynomial lens has them."""
-        p1, p2 = self.packed(numbers)[1:3].tolist()
-        t = jet(points, np.array([0.0, 0.0, p1, p2, 0.0]))  # (x, y) + t
-        one = np.eye(2)
-        g, g1, g2, g3 = (d[..., None, None, None, None] for d in self.radial((points * points).sum(axis=-1), numbers))
-        p = points
-        pp = p[..., :, None] * p[..., None, :]
-        ppp = pp[..., None] * p[..., None, None, :]
-        mixed = one[:, :, None] * p[..., None, None, :] + one[:, None, :] * p[..., None, :, None]
-        mixed = mixed + one * p[..., :, None, None]
-        squares = np.einsum("ij,kl->ijkl", one, one) + np.einsum("ik,jl->ijkl", one, one)
-        squares = squares + np.einsum("il,jk->ijkl", one, one)
-        pairs = one[:, :, None, None] * pp[..., None, None, :, :] + one * pp[..., :, :, None, None]
-        pairs = pairs + np.einsum("ik,...jl->...ijkl", one, pp) + np.einsum("jl,...ik->...ijkl", one, pp)
-        pairs = pairs + np.einsum("il,...jk->...ijkl", one, pp) + np.einsum("jk,...il->...ijkl", one, pp)
-        return Jet(
-            t.value + p * (g[..., 0, 0, 0] - 1.0),
-            t.first + one * (g[..., 0, 0] - 1.0) + 2.0 * g1[..., 0, 0] * pp,
-            t.second + 2.0 * g1[..., 0] * mixed + 4.0 * g2[..., 0] * ppp,
-            t.third + 2.0 * g1 * squares + 4.0 * g2 * pairs + 8.0 * g3 * ppp[..., None] * p[..., None, None, None, :],
-        )
-
-
-class Brown(Lens):
-    name, names = "brown", ("k1", "k2", "p1", "p2", "k3")
-
-    def packed(self, numbers: Floats) -> Floats:
-        k1, k2, p1, p2, k3 = numbers.tolist()
-        return np.array([0.0, p1, p2, k1, k2, k3, 0.0, 0.0, 0.0])
-
-    def jet(self, points: Floats, numbers: Floats) -> Jet:
-        return jet(points, numbers)  # a polynomial throughout: one product of tables
-
-
-class Rational(Lens):
-    name, names = "rational", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-
-    def packed(self, numbers: Floats) -> Floats:
-        k1, k2, p1, p2, *others = numbers.tolist()
-        return np.array([0.0, p1, p2, k1, k2, *others])
-
-
-class Fisheye(Lens):
-    name, names = "fisheye", ("k1", "k2", "k3", "k4")
-
-    def packed(self, numbers: Floats) -> Floats:
-        return np.array([1.0, 0.0, 0.0, *numbers.tolist(), 0.0, 0.0])
-
-
-LENSES: dict[str, Lens] = {lens.name: lens for lens in (Brown(), Rational(), Fisheye())}
-
-
 BROWN = "brown"  # the model that cameras are calibrated with; only it has a covariance
-CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", *LENSES[BROWN].names)
+CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", *LENSES[BROWN])
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,17 +196,13 @@ class Camera(Value):
     def __post_init__(self) -> None:
         if self.model not in LENSES:
             raise InputError([Problem("camera model", f"is {shown(self.model)}", f"give one of {', '.join(LENSES)}")])
-        for name, size in (("focal", 2), ("center", 2), ("distortion", len(self.lens.names))):
+        for name, size in (("focal", 2), ("center", 2), ("distortion", len(LENSES[self.model]))):
             array = frozen_array(getattr(self, name))
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
             object.__setattr__(self, name, array)
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
-
-    @property
-    def lens(self) -> Lens:
-        return LENSES[self.model]
 
     @property
     def numbers(self) -> Floats:
@@ -376,7 +212,8 @@ class Camera(Value):
     @cached_property
     def packed(self) -> Floats:
         """(13,) as compiled code takes them: fx, fy, cx, cy and the lens (`cpcal.vision.camera`)."""
-        return np.concatenate([self.focal, self.center, self.lens.packed(self.distortion)])
+        given = dict(zip(LENSES[self.model], self.distortion.tolist(), strict=True), fisheye=self.model == "fisheye")
+        return np.array([*self.focal, *self.center, *(given.get(name, 0.0) for name in PACKED)])
 
     def with_numbers(self, numbers: Floats) -> Camera:
         """The same image size and model, other numbers. Raises InputError when they make no camera."""
@@ -393,17 +230,17 @@ class Camera(Value):
 
     def distorted(self, normalised: npt.ArrayLike) -> Floats:
         """d(x, y), (..., 2) -> (..., 2)."""
-        return self._bent(normalised)[..., :2]
+        return self.jets(normalised)[..., :2]
 
     def distortion_jacobian(self, normalised: npt.ArrayLike) -> Floats:
         """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
-        return self._bent(normalised)[..., [[2, 3], [3, 4]]]
+        return self.jets(normalised)[..., [[2, 3], [3, 4]]]
 
-    def _bent(self, normalised: npt.ArrayLike) -> Floats:
-        """d (2) and the three parts of its symmetric derivative, (..., 5)."""
+    def jets(self, normalised: npt.ArrayLike) -> Floats:
+        """d with its derivatives up to the third, (..., 2) -> (..., JET), see `jet`."""
         points = np.array(normalised, dtype=np.float64, order="C")
-        out = np.empty((*points.shape[:-1], 5))
-        all_bent(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, 5))
+        out = np.empty((*points.shape[:-1], JET))
+        jets(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, JET))
         return out
 
     def normalised(self, pixels: npt.ArrayLike) -> Floats:

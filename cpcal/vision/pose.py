@@ -1,9 +1,8 @@
 """The pose of a target from its identified dots: least squares on pixels with the dots' covariances.
 
-The start comes from the homography of the dots' directions, so no library is needed; a Levenberg-Marquardt fit of the
-plain pinhole model to the directions improves it, and one of the dot model (`cpcal.vision.projection`) to the pixels
-ends it. A plane has a second pose that looks nearly the same, its depth turned over along the line of sight; it is
-fitted as well, and when it fits about as well the answer is a refusal.
+A plane has two poses that look nearly the same, one with its depth turned over along the line of sight. OpenCV has both
+(IPPE); the dot model (`cpcal.vision.projection`) is fitted to the pixels from each, and when both fit about as well the
+answer is a refusal.
 """
 
 from __future__ import annotations
@@ -18,9 +17,10 @@ from scipy.special import chdtrc
 
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.robot import Pose, normalised, quaternion_from_matrix
+from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
+from cpcal.vision.opencv import opencv
 from cpcal.vision.projection import Prediction, centers_of, determinants, eigenvalues, median, placed_centers, predict
 from cpcal.vision.target import Target
 
@@ -85,7 +85,7 @@ def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Fl
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Levenberg-Marquardt fits of a pose, compiled: of the pinhole model's equations, and of the dot model to pixels.
+# The Levenberg-Marquardt fit of a pose to the pixels of dots, compiled.
 #
 # A pose is packed as (7,): position (mm) and unit quaternion, scalar first. A step is (6,): of the position, and a
 # rotation vector in the camera frame.
@@ -98,7 +98,6 @@ _ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals 
 
 @compiled
 def fit_pose(
-    matrix: Floats,
     dots: Floats,
     seen: Floats,
     factors: Floats,
@@ -108,15 +107,15 @@ def fit_pose(
     residuals: Floats,
     normal: Floats,
 ) -> tuple[int, float]:
-    """Fits `pose` in place, and fills in residuals (k,) and normal matrix (6, 6); returns how it ended and chi-square.
+    """Fits `pose` in place, fills in residuals (2 n,) and normal matrix (6, 6); returns how it ended and chi-square.
 
-    With a matrix (9, 9) the residuals are minus it times (r_1, r_2, t). With none (0, 9) they are those of dots (n, 2)
-    mm seen at (n, 2) pixels, in standard deviations by lower triangular factors (n, 2, 2) of the covariances.
+    Residuals are of dots (n, 2) mm seen at (n, 2) pixels, in standard deviations by lower triangular factors (n, 2, 2)
+    of the covariances.
     """
     size = len(residuals)
     slope, trial, trial_slope = np.empty((size, 6)), np.empty(size), np.empty((size, 6))
     moved, right, step = np.empty(7), np.empty(6), np.empty(6)
-    _evaluate(matrix, dots, seen, factors, radius, camera, pose, residuals, slope)
+    _evaluate(dots, seen, factors, radius, camera, pose, residuals, slope)
     chi_square, damping = _square(residuals), 0.0
     if not np.isfinite(chi_square):
         return NOWHERE, np.inf
@@ -135,7 +134,7 @@ def fit_pose(
                 for j in range(6):
                     residuals[i] -= slope[i, j] * step[j]
             return DONE, _square(residuals)
-        _evaluate(matrix, dots, seen, factors, radius, camera, moved, trial, trial_slope)
+        _evaluate(dots, seen, factors, radius, camera, moved, trial, trial_slope)
         square = _square(trial)
         if square <= chi_square:
             pose[:], residuals[:], slope[:] = moved, trial, trial_slope
@@ -147,7 +146,6 @@ def fit_pose(
 
 @compiled
 def _evaluate(
-    matrix: Floats,
     dots: Floats,
     seen: Floats,
     factors: Floats,
@@ -157,14 +155,10 @@ def _evaluate(
     residuals: Floats,
     slope: Floats,
 ) -> None:
-    """Residuals (k,), and minus their derivatives (k, 6)."""
-    turn = _rotation(pose)
-    if len(matrix):
-        _equations(matrix, turn, pose, residuals, slope)
-        return
+    """Residuals (2 n,), and minus their derivatives (2 n, 6)."""
     count = len(dots)
     centers, by_pose = np.empty((count, 2)), np.empty((count, 2, 6))
-    placed_centers(dots, radius, camera, turn, pose[:3], True, centers, by_pose)
+    placed_centers(dots, radius, camera, _rotation(pose), pose[:3], True, centers, by_pose)
     for i in range(count):
         a, b, c = factors[i, 0, 0], factors[i, 1, 0], factors[i, 1, 1]
         residuals[2 * i] = (seen[i, 0] - centers[i, 0]) / a
@@ -172,30 +166,6 @@ def _evaluate(
         for j in range(6):
             slope[2 * i, j] = by_pose[i, 0, j] / a
             slope[2 * i + 1, j] = (by_pose[i, 1, j] - b * slope[2 * i, j]) / c
-
-
-@compiled
-def _equations(matrix: Floats, turn: Floats, pose: Floats, residuals: Floats, slope: Floats) -> None:
-    """Those of X - u Z = 0 and Y - v Z = 0, linear in (r_1, r_2, t)."""
-    h, by = np.empty(9), np.zeros((9, 6))
-    for k in range(3):
-        h[k], h[3 + k], h[6 + k] = turn[k, 0], turn[k, 1], pose[k]
-        by[6 + k, k] = 1.0
-    for m in range(2):  # w x r
-        x, y, z = turn[0, m], turn[1, m], turn[2, m]
-        by[3 * m, 4], by[3 * m, 5] = z, -y
-        by[3 * m + 1, 3], by[3 * m + 1, 5] = -z, x
-        by[3 * m + 2, 3], by[3 * m + 2, 4] = y, -x
-    for i in range(len(matrix)):
-        total = 0.0
-        for k in range(9):
-            total += matrix[i, k] * h[k]
-        residuals[i] = -total
-        for j in range(6):
-            total = 0.0
-            for k in range(9):
-                total += matrix[i, k] * by[k, j]
-            slope[i, j] = total
 
 
 @compiled
@@ -270,18 +240,11 @@ def pose_distance(pose: Floats, other: Floats, normal: Floats) -> float:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Fits of a pose, and the two models that are fitted: the plain pinhole, which starts, and the dots' pixels.
+# What a pose is fitted to, and the fit.
 
 
 class NoPose(CpcalError):
     """The dots determine no pose, or more than one. Its text is the reason."""
-
-
-@dataclass(frozen=True, eq=False)
-class PinholeEquations:
-    """The pinhole model of points: matrix (9, 9); its residuals are minus it times (r_1, r_2, t)."""
-
-    matrix: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,9 +275,6 @@ class Pixels:
         return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-Model = PinholeEquations | Pixels
-
-
 @dataclass(frozen=True, eq=False)
 class PoseFit:
     pose: Pose
@@ -323,17 +283,11 @@ class PoseFit:
     residuals: Floats  # in standard deviations
 
 
-def fit(model: Model, pose: Pose) -> PoseFit:
+def fit(model: Pixels, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
-    packed, normal = _packed(pose), np.eye(6)
-    if isinstance(model, PinholeEquations):
-        residuals = np.empty(9)
-        none, camera, flat = np.empty((0, 2)), np.empty(13), np.empty((0, 2, 2))
-        ended, square = fit_pose(model.matrix, none, none, flat, 0.0, camera, packed, residuals, normal)
-    else:
-        residuals = np.empty(2 * len(model.dots))
-        seen = model.dots, model.seen, model.factors, model.radius, model.camera.packed
-        ended, square = fit_pose(np.empty((0, 9)), *seen, packed, residuals, normal)
+    packed, normal, residuals = _packed(pose), np.eye(6), np.empty(2 * len(model.dots))
+    given = model.dots, model.seen, model.factors, model.radius, model.camera.packed
+    ended, square = fit_pose(*given, packed, residuals, normal)
     if ended == SINGULAR:
         raise NoPose("the dots do not determine the pose")
     if ended == ENDLESS:
@@ -346,41 +300,13 @@ def _packed(pose: Pose) -> Floats:
     return np.concatenate([pose.position, pose.quaternion])
 
 
-def same_pose(pose: Pose, other: PoseFit) -> bool:
-    """Whether a pose is the fit's to within a standard deviation."""
-    return bool(pose_distance(_packed(pose), _packed(other.pose), other.normal) < 1.0)
-
-
-def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEquations, Pose]:
-    """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
-
-    A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
-    h = (r_1, r_2, t). The triangular factor (9, 9) of all these equations says as much as they do, so that a step of a
-    fit costs next to nothing. Divided by the mean depth the equations are errors of directions, to within the dots'
-    relative depths; `sharpness` is one by the standard deviation of a direction.
-    """
-    size = float(np.sqrt((dots * dots).mean()))
-    rows = np.zeros((len(dots), 2, 9))
-    for k, factor in enumerate((dots[:, 0] / size, dots[:, 1] / size, np.ones(len(dots)))):
-        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
-        rows[:, :, 3 * k + 2] = -rays * factor[:, None]
-    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
-    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
-    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
-    (a, b, c), (d, e, f) = h[0].tolist(), h[1].tolist()
-    left, _, right = np.linalg.svd(np.array([[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]))
-    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    start = Pose(h[2], quaternion_from_matrix(turn))
-    return PinholeEquations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
-
-
-def turned_over(pose: Pose, dots: Floats) -> Pose:
-    """The plane's other pose: depths along the line of sight to the dots' middle change their sign."""
-    x, y = dots.mean(axis=0)
-    rotation = pose.rotation
-    center = pose.position + rotation @ [x, y, 0.0]
-    turn = (rotation - center[:, None] * (2.0 / (center @ center) * (center @ rotation))) * [1.0, 1.0, -1.0]
-    return Pose(center - turn @ [x, y, 0.0], quaternion_from_matrix(turn))
+def plane_poses(dots: Floats, rays: Floats) -> list[Pose]:
+    """Both poses of a plane with dots (n, 2) mm seen along (x, y, 1) for the `rays` (n, 2), the likelier first."""
+    cv2 = opencv()
+    points = np.concatenate([dots, np.zeros((len(dots), 1))], axis=1)
+    _, turns, places, _ = cv2.solvePnPGeneric(points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    both = zip(turns, places, strict=True)
+    return [Pose(place.ravel(), quaternion_from_rotation_vector(turn.ravel())) for turn, place in both]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -466,7 +392,7 @@ class PoseEstimate:
     scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are
                 larger than the covariances say. The camera or the target is not as stated; that moves all dots
                 together, and the error may be far larger than the scaled covariance says
-    rival       by how much at least the chi-square of the plane's second pose is larger, over `scale`; inf: none is
+    rival       by how much the chi-square of the plane's second pose is larger, over `scale`; inf: there is none
     """
 
     pose: Pose
@@ -505,21 +431,20 @@ def estimate_pose(
     dots = target.dots[which]
     _check_spread(dots)
     factors: Floats = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
-    plain, start = plain_model(
-        dots, rays, float(camera.focal.mean() / np.sqrt(median(spread[:, [0, 1], [0, 1]].ravel())))
-    )
-    first = fit(plain, start)
-    second = fit(plain, turned_over(first.pose, dots))
-    if second.chi_square < first.chi_square:
-        first, second = second, first
     pixels = Pixels(dots, seen, factors, target.radius, camera)
-    used, final, residuals = _screened(pixels, first.pose)
+    first, *others = plane_poses(dots, rays)
+    used, final, residuals = _screened(pixels, first)
+    second = _other(pixels.only(used), final, others)
+    if second is not None and second.chi_square < final.chi_square:
+        first = final.pose
+        used, final, residuals = _screened(pixels, second.pose)
+        second = _other(pixels.only(used), final, [first])
     degrees = 2 * int(used.sum()) - 6
     kept = pixels.only(used)
     part, chi_square = shared_part(final, kept.dots, target, camera, camera_covariance, kept.whitened)
     p_value = float(chdtrc(degrees, chi_square))
     scale = chi_square / degrees if p_value < POOR else 1.0
-    rival = _rival(first, second, final, pixels, used, scale)
+    rival = np.inf if second is None else float((second.chi_square - final.chi_square) / scale)
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
@@ -551,18 +476,13 @@ def _common(dots: Floats, residuals: Floats, degrees: int) -> float:
     return 1.0 + alike * (degrees / 6.0 - 1.0) if alike > _ALIKE else 1.0
 
 
-def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: Pixels, used: Bools, scale: float) -> float:
-    """By how much at least the plane's second pose fits worse than the final one, over `scale`; inf: it is the same."""
-    if same_pose(second.pose, first):
-        return np.inf
-    # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
-    # the dots' relative depths, surely less than a factor of 2.
-    least = 0.5 * np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
-    rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
-    if rival < AMBIGUOUS:
-        second = fit(pixels.only(used), second.pose)
-        rival = np.inf if same_pose(second.pose, final) else (second.chi_square - final.chi_square) / scale
-    return float(rival)
+def _other(pixels: Pixels, final: PoseFit, starts: list[Pose]) -> PoseFit | None:
+    """The fit of the plane's other pose; None where it is the same, to within a standard deviation."""
+    for start in starts:
+        found = fit(pixels, start)
+        if not pose_distance(_packed(found.pose), _packed(final.pose), final.normal) < 1.0:
+            return found
+    return None
 
 
 def _checked(

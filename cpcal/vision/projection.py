@@ -1,4 +1,4 @@
-"""The median without numpy's generality, which takes five times as long for the hundred numbers of an image's dots."""
+"""Where dots are seen, with derivatives; plane homographies; small closed forms for the hundred dots of an image."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy.typing as npt
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
-from cpcal.vision.camera import Camera, Jet, bent, jets_by_coefficient, radial
+from cpcal.vision.camera import JET, LENSES, PACKED, Camera, jet
+from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
 
 def median(values: npt.NDArray[np.floating]) -> float:
-    """Of (n,), n at least 1; nan where one is."""
+    """Of (n,), n at least 1; nan where one is. Numpy's general one takes five times as long."""
     rising = np.sort(values)  # with any nan at the end
     if np.isnan(rising[-1]):
         return float("nan")
@@ -51,10 +52,41 @@ def inverses(matrices: Floats) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Where dots' centres are seen, and how they move with the pose, compiled: the formulas of `cpcal.vision.projection`.
+# Where a dot's centre is seen: the centre of the conic through the image of its circle, and its derivatives; compiled.
 #
-# A camera is packed as (13,): fx, fy, cx, cy and its lens (`cpcal.vision.camera`). All tensors of a lens are
-# symmetric, because d is the gradient of a function: J has the parts xx, xy, yy, its derivative xxx, xxy, xyy, yyy.
+# Under perspective the circle becomes an ellipse whose centre is not the image of the circle's centre. With the dot's
+# centre P = (X, Y, Z) and the plate's normal n in the camera frame the dual conic of the ellipse is
+#
+#     D = rho^2 (I - n n') - P P',    centre c = D[:2, 2] / D[2, 2],    shape S = c c' - D[:2, :2] / D[2, 2],
+#
+# so that the ellipse is (u - c)' S^-1 (u - c) = 1 (normalised coordinates; exact).
+#
+# Distortion d bends the ellipse. With e on the ellipse about c, d(c + e) = d + J e + H[e, e] / 2 + ..., where the
+# linear part keeps an ellipse an ellipse. The quadratic part moves the contour by the field J^-1 H[e, e] / 2; on the
+# unit circle that the ellipse is after an affine map, a conic follows the harmonics 0, 1 and 2 of the radial
+# displacement, and its centre follows the first harmonic alone. Mapped back, the centre of the conic fitted to the
+# contour is
+#
+#     d(c) + (H : S + 2 J S g) / 8,    g = grad log det J.
+#
+# (To this order it is the centroid of the area too, but not the mean of the contour.) What is left out is of the fourth
+# order in the dot's size, some 1e-6 pixels for an ordinary lens.
+#
+# A camera is packed as (13,): fx, fy, cx, cy and its lens (`cpcal.vision.camera`).
+
+_BROWN = np.array([PACKED.index(name) for name in LENSES["brown"]])  # where a lens of that model has its numbers
+
+
+@compiled
+def _dual(square: float, x: float, y: float, z: float, turn: Floats) -> tuple[float, float, float, float, float, float]:
+    """D[2, 2], D[:2, :2] (xx, xy, yy) and the centre of a dot at (x, y, z); D[2, 2] is 0 where it is not wholly before
+    the camera: it touches the plane Z = 0 where Z <= rho sqrt(1 - n_z^2)."""
+    nx, ny, nz = turn[0, 2], turn[1, 2], turn[2, 2]
+    w = square * (1.0 - nz * nz) - z * z
+    if not (z > 0.0 and w < 0.0):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    xx, xy, yy = square * (1.0 - nx * nx) - x * x, -square * nx * ny - x * y, square * (1.0 - ny * ny) - y * y
+    return w, xx, xy, yy, (-square * nx * nz - x * z) / w, (-square * ny * nz - y * z) / w
 
 
 @compiled
@@ -65,26 +97,24 @@ def placed_centers(
     their derivatives (n, 2, 6) by position and rotation vector. nan where a dot is not wholly before the camera."""
     square = radius * radius
     nx, ny, nz = turn[0, 2], turn[1, 2], turn[2, 2]
-    jet, shape, by = np.empty(14), np.empty(3), np.empty((2, 6))
+    bend, shape, by = np.empty(JET), np.empty(5), np.empty((2, 5))
     for i in range(len(dots)):
         arm_x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1]
         arm_y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1]
         arm_z = turn[2, 0] * dots[i, 0] + turn[2, 1] * dots[i, 1]
         x, y, z = arm_x + at[0], arm_y + at[1], arm_z + at[2]
-        w = square * (1.0 - nz * nz) - z * z
-        if not (z > 0.0 and w < 0.0):  # Z <= rho sqrt(1 - n_z^2): the dot touches the plane Z = 0
+        w, bxx, bxy, byy, cx, cy = _dual(square, x, y, z, turn)
+        if w == 0.0:
             centers[i] = np.nan
             if slope:
                 by_pose[i] = np.nan
             continue
-        bxx, bxy = square * (1.0 - nx * nx) - x * x, -square * nx * ny - x * y
-        byy = square * (1.0 - ny * ny) - y * y
-        cx, cy = (-square * nx * nz - x * z) / w, (-square * ny * nz - y * z) / w
         shape[0], shape[1], shape[2] = cx * cx - bxx / w, cx * cy - bxy / w, cy * cy - byy / w
-        _jet(camera[4:], cx, cy, jet)
-        u, v = _center(jet, shape, slope, by)
+        jet(camera[4:], cx, cy, bend)
+        u, v = _center(bend, shape)
         centers[i, 0], centers[i, 1] = camera[2] + camera[0] * u, camera[3] + camera[1] * v
         if slope:
+            _center_slopes(bend, shape, by)
             for k in range(2):
                 # how the centre moves with the dual conic D: M : dD; with the point -2 M P, with the normal -2 r^2 M n
                 sxx, sxy, syy = by[k, 2], by[k, 3], by[k, 4]
@@ -113,81 +143,79 @@ def all_placed_centers(
 
 
 @compiled
-def _jet(lens: Floats, x: float, y: float, out: Floats) -> None:
-    """d (2), and its derivatives of the first (3), second (4) and third (5) order at (x, y)."""
-    out[0], out[1], out[2], out[3], out[4] = bent(lens, x, y)
-    _, g1, g2, g3 = radial(lens, x * x + y * y)
-    p1, p2 = lens[1], lens[2]
-    out[5] = 6.0 * g1 * x + 4.0 * g2 * x * x * x + 6.0 * p2
-    out[6] = 2.0 * g1 * y + 4.0 * g2 * x * x * y + 2.0 * p1
-    out[7] = 2.0 * g1 * x + 4.0 * g2 * x * y * y + 2.0 * p2
-    out[8] = 6.0 * g1 * y + 4.0 * g2 * y * y * y + 6.0 * p1
-    xx, xy, yy = x * x, x * y, y * y
-    out[9] = 6.0 * g1 + 24.0 * g2 * xx + 8.0 * g3 * xx * xx
-    out[10] = 12.0 * g2 * xy + 8.0 * g3 * xx * xy
-    out[11] = 2.0 * g1 + 4.0 * g2 * (xx + yy) + 8.0 * g3 * xx * yy
-    out[12] = 12.0 * g2 * xy + 8.0 * g3 * xy * yy
-    out[13] = 6.0 * g1 + 24.0 * g2 * yy + 8.0 * g3 * yy * yy
+def all_by_lens(dots: Floats, radius: float, camera: Floats, turns: Floats, places: Floats, out: Floats) -> None:
+    """The derivatives (m, n, 2, 5) of such centres by k1, k2, p1, p2, k3 of a lens of the model "brown", of which d is
+    a sum: each moves it as the lens that has this number alone differs from none."""
+    bend, alone, shape, one = np.empty(JET), np.empty(JET), np.empty(5), np.zeros(len(camera) - 4)
+    for m in range(len(places)):
+        turn = turns[m]
+        for i in range(len(dots)):
+            x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1] + places[m, 0]
+            y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1] + places[m, 1]
+            z = turn[2, 0] * dots[i, 0] + turn[2, 1] * dots[i, 1] + places[m, 2]
+            w, xx, xy, yy, cx, cy = _dual(radius * radius, x, y, z, turn)
+            if w == 0.0:
+                out[m, i] = np.nan
+                continue
+            shape[0], shape[1], shape[2] = cx * cx - xx / w, cx * cy - xy / w, cy * cy - yy / w
+            jet(camera[4:], cx, cy, bend)
+            _center(bend, shape)
+            for k in range(5):
+                one[_BROWN[k]] = 1.0
+                jet(one, cx, cy, alone)
+                one[_BROWN[k]] = 0.0
+                u, v = _moved_center(bend, shape, alone[2] - 1.0, alone[3], alone[4] - 1.0, alone[5:9])
+                out[m, i, 0, k], out[m, i, 1, k] = camera[0] * (alone[0] - cx + u), camera[1] * (alone[1] - cy + v)
 
 
 @compiled
-def _center(jet: Floats, shape: Floats, slope: bool, by: Floats) -> tuple[float, float]:
-    """The distorted centre d + (H : S + 2 J S g) / 8 with g = grad log det J; with `slope` its derivatives (2, 5) by
-    the undistorted centre and by the shape's xx, xy (each of the two), yy."""
-    xx, xy, yy = jet[2], jet[3], jet[4]
+def _center(bend: Floats, shape: Floats) -> tuple[float, float]:
+    """The distorted centre, see above, by the jet of d and the shape's xx, xy, yy; g goes into shape[3:]."""
+    xx, xy, yy = bend[2], bend[3], bend[4]
     sxx, sxy, syy = shape[0], shape[1], shape[2]
     det = xx * yy - xy * xy
-    gx = (yy * jet[5] - 2.0 * xy * jet[6] + xx * jet[7]) / det
-    gy = (yy * jet[6] - 2.0 * xy * jet[7] + xx * jet[8]) / det
+    gx = (yy * bend[5] - 2.0 * xy * bend[6] + xx * bend[7]) / det
+    gy = (yy * bend[6] - 2.0 * xy * bend[7] + xx * bend[8]) / det
+    shape[3], shape[4] = gx, gy
     ax, ay = sxx * gx + sxy * gy, sxy * gx + syy * gy  # S g
-    u = jet[0] + 0.125 * (jet[5] * sxx + 2.0 * jet[6] * sxy + jet[7] * syy + 2.0 * (xx * ax + xy * ay))
-    v = jet[1] + 0.125 * (jet[6] * sxx + 2.0 * jet[7] * sxy + jet[8] * syy + 2.0 * (xy * ax + yy * ay))
-    if slope:
-        for m in range(2):  # as the centre moves along x or y
-            hxx, hxy, hyy = jet[5 + m], jet[6 + m], jet[7 + m]
-            # how g changes: tr J^-1 dH - tr J^-1 dJ J^-1 H, with T = J^-1 dJ J^-1
-            txx = (yy * yy * hxx - 2.0 * yy * xy * hxy + xy * xy * hyy) / (det * det)
-            txy = (-yy * xy * hxx + (yy * xx + xy * xy) * hxy - xy * xx * hyy) / (det * det)
-            tyy = (xy * xy * hxx - 2.0 * xy * xx * hxy + xx * xx * hyy) / (det * det)
-            dgx = (yy * jet[9 + m] - 2.0 * xy * jet[10 + m] + xx * jet[11 + m]) / det
-            dgx -= txx * jet[5] + 2.0 * txy * jet[6] + tyy * jet[7]
-            dgy = (yy * jet[10 + m] - 2.0 * xy * jet[11 + m] + xx * jet[12 + m]) / det
-            dgy -= txx * jet[6] + 2.0 * txy * jet[7] + tyy * jet[8]
-            bx, by_ = sxx * dgx + sxy * dgy, sxy * dgx + syy * dgy
-            second_u = jet[9 + m] * sxx + 2.0 * jet[10 + m] * sxy + jet[11 + m] * syy
-            second_v = jet[10 + m] * sxx + 2.0 * jet[11 + m] * sxy + jet[12 + m] * syy
-            first_u = hxx * ax + hxy * ay + xx * bx + xy * by_
-            first_v = hxy * ax + hyy * ay + xy * bx + yy * by_
-            by[0, m] = (xx if m == 0 else xy) + 0.125 * (second_u + 2.0 * first_u)
-            by[1, m] = (xy if m == 0 else yy) + 0.125 * (second_v + 2.0 * first_v)
-        by[0, 2], by[0, 3] = 0.125 * (jet[5] + 2.0 * xx * gx), 0.125 * (jet[6] + xx * gy + xy * gx)
-        by[0, 4] = 0.125 * (jet[7] + 2.0 * xy * gy)
-        by[1, 2], by[1, 3] = 0.125 * (jet[6] + 2.0 * xy * gx), 0.125 * (jet[7] + xy * gy + yy * gx)
-        by[1, 4] = 0.125 * (jet[8] + 2.0 * yy * gy)
+    u = bend[0] + 0.125 * (bend[5] * sxx + 2.0 * bend[6] * sxy + bend[7] * syy + 2.0 * (xx * ax + xy * ay))
+    v = bend[1] + 0.125 * (bend[6] * sxx + 2.0 * bend[7] * sxy + bend[8] * syy + 2.0 * (xy * ax + yy * ay))
     return u, v
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Where a dot's centre is seen: the centre of the conic through the image of its circle, and its derivatives.
-#
-# Under perspective the circle becomes an ellipse whose centre is not the image of the circle's centre. With the dot's
-# centre P = (X, Y, Z) and the plate's normal n in the camera frame the dual conic of the ellipse is
-#
-#     D = rho^2 (I - n n') - P P',    centre c = D[:2, 2] / D[2, 2],    shape S = c c' - D[:2, :2] / D[2, 2],
-#
-# so that the ellipse is (u - c)' S^-1 (u - c) = 1 (normalised coordinates; exact).
-#
-# Distortion d bends the ellipse. With e on the ellipse about c, d(c + e) = d + J e + H[e, e] / 2 + ..., where the
-# linear
-# part keeps an ellipse an ellipse. The quadratic part moves the contour by the field J^-1 H[e, e] / 2; on the unit
-# circle
-# that the ellipse is after an affine map, a conic follows the harmonics 0, 1 and 2 of the radial displacement, and its
-# centre follows the first harmonic alone. Mapped back, the centre of the conic fitted to the contour is
-#
-#     d(c) + (H : S + 2 J S grad log det J) / 8.
-#
-# (To this order it is the centroid of the area too, but not the mean of the contour.) What is left out is of the fourth
-# order in the dot's size, some 1e-6 pixels for an ordinary lens.
+@compiled
+def _moved_center(
+    bend: Floats, shape: Floats, jxx: float, jxy: float, jyy: float, second: Floats
+) -> tuple[float, float]:
+    """How (H : S + 2 J S g) / 8 changes as J and H (4) do; g by tr J^-1 dH - tr J^-1 dJ J^-1 H."""
+    xx, xy, yy = bend[2], bend[3], bend[4]
+    sxx, sxy, syy, gx, gy = shape[0], shape[1], shape[2], shape[3], shape[4]
+    det = xx * yy - xy * xy
+    ax, ay = sxx * gx + sxy * gy, sxy * gx + syy * gy
+    txx = (yy * yy * jxx - 2.0 * yy * xy * jxy + xy * xy * jyy) / (det * det)  # T = J^-1 dJ J^-1
+    txy = (-yy * xy * jxx + (yy * xx + xy * xy) * jxy - xy * xx * jyy) / (det * det)
+    tyy = (xy * xy * jxx - 2.0 * xy * xx * jxy + xx * xx * jyy) / (det * det)
+    dgx = (yy * second[0] - 2.0 * xy * second[1] + xx * second[2]) / det
+    dgx -= txx * bend[5] + 2.0 * txy * bend[6] + tyy * bend[7]
+    dgy = (yy * second[1] - 2.0 * xy * second[2] + xx * second[3]) / det
+    dgy -= txx * bend[6] + 2.0 * txy * bend[7] + tyy * bend[8]
+    bx, by = sxx * dgx + sxy * dgy, sxy * dgx + syy * dgy
+    u = second[0] * sxx + 2.0 * second[1] * sxy + second[2] * syy + 2.0 * (jxx * ax + jxy * ay + xx * bx + xy * by)
+    v = second[1] * sxx + 2.0 * second[2] * sxy + second[3] * syy + 2.0 * (jxy * ax + jyy * ay + xy * bx + yy * by)
+    return 0.125 * u, 0.125 * v
+
+
+@compiled
+def _center_slopes(bend: Floats, shape: Floats, by: Floats) -> None:
+    """The derivatives (2, 5) of the distorted centre by the undistorted one and by the shape's xx, xy (of both), yy."""
+    xx, xy, yy, gx, gy = bend[2], bend[3], bend[4], shape[3], shape[4]
+    for m in range(2):  # as the centre moves along x or y
+        u, v = _moved_center(bend, shape, bend[5 + m], bend[6 + m], bend[7 + m], bend[9 + m : 13 + m])
+        by[0, m], by[1, m] = bend[2 + m] + u, bend[3 + m] + v
+    by[0, 2], by[0, 3] = 0.125 * (bend[5] + 2.0 * xx * gx), 0.125 * (bend[6] + xx * gy + xy * gx)
+    by[0, 4] = 0.125 * (bend[7] + 2.0 * xy * gy)
+    by[1, 2], by[1, 3] = 0.125 * (bend[6] + 2.0 * xy * gx), 0.125 * (bend[7] + xy * gy + yy * gx)
+    by[1, 4] = 0.125 * (bend[8] + 2.0 * yy * gy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,85 +250,33 @@ def predict(
 ) -> Prediction:
     """The centres of dots (n, 2) mm with their derivatives by the pose and, on request, by camera and dots."""
     centers, by_pose = _placed_centers(dots, radius, camera, pose, True)
+    numbers = None
+    if by_camera:
+        numbers = np.zeros((*centers.shape, 9))
+        numbers[..., [0, 1], [0, 1]] = (centers - camera.center) / camera.focal
+        numbers[..., [0, 1], [2, 3]] = 1.0
+        by_lens = np.empty((pose.position.size // 3, len(dots), 2, 5))
+        all_by_lens(*_arguments(dots, radius, camera, pose), by_lens)
+        numbers[..., 4:] = by_lens.reshape(*centers.shape, 5)
     return Prediction(
-        centers,
-        by_pose,
-        _by_camera(dots, radius, camera, pose, (centers - camera.center) / camera.focal) if by_camera else None,
-        by_pose[..., :3] @ pose.rotation[..., None, :, :2] if by_dots else None,
+        centers, by_pose, numbers, by_pose[..., :3] @ pose.rotation[..., None, :, :2] if by_dots else None
     )
 
 
 def _placed_centers(dots: Floats, radius: float, camera: Camera, pose: Pose, slope: bool) -> tuple[Floats, Floats]:
     """Centres (..., n, 2), and derivatives (..., n, 2, 6) when they are asked for, by compiled code."""
-    given = np.array(dots, dtype=np.float64)  # not read-only, which would be compiled once more
-    shape = (*np.shape(pose.position)[:-1], len(given))
-    turns, places = pose.rotation.reshape(-1, 3, 3), np.array(pose.position).reshape(-1, 3)
-    centers = np.empty((len(places), len(given), 2))
-    by_pose = np.empty((len(places), len(given) if slope else 1, 2, 6))
-    all_placed_centers(given, radius, camera.packed, turns, places, slope, centers, by_pose)
+    given = _arguments(dots, radius, camera, pose)
+    count, shape = len(given[0]), (*np.shape(pose.position)[:-1], len(given[0]))
+    centers = np.empty((len(given[4]), count, 2))
+    by_pose = np.empty((len(given[4]), count if slope else 1, 2, 6))
+    all_placed_centers(*given, slope, centers, by_pose)
     return centers.reshape(*shape, 2), by_pose.reshape(*shape, 2, 6) if slope else by_pose
 
 
-def _placed(dots: Floats, pose: Pose) -> tuple[Floats, Floats]:
-    """Dots' centres (..., n, 3) and the plate's normal (..., 1, 3) in the camera frame."""
-    turn = pose.rotation
-    points = dots @ np.swapaxes(turn[..., :, :2], -1, -2) + pose.position[..., None, :]
-    return points, np.asarray(turn[..., None, :, 2])
-
-
-def _dual(points: Floats, normal: Floats, radius: float) -> Floats:
-    """The dual conics D (..., n, 3, 3); nan for a dot that reaches behind the camera."""
-    square = radius * radius
-    dual = square * (np.eye(3) - _outer(normal, normal)) - _outer(points, points)
-    hidden = (points[..., 2] <= 0.0) | (dual[..., 2, 2] >= 0.0)  # Z <= rho sqrt(1 - n_z^2): it touches the plane Z = 0
-    return np.where(hidden[..., None, None], np.nan, dual)
-
-
-def _ellipse(dual: Floats) -> tuple[Floats, Floats]:
-    center = np.asarray(dual[..., :2, 2] / dual[..., 2:, 2])
-    return center, _outer(center, center) - dual[..., :2, :2] / dual[..., 2:, 2:]
-
-
-def _outer(left: Floats, right: Floats) -> Floats:
-    return left[..., :, None] * right[..., None, :]
-
-
-def _growth(lens: Jet) -> tuple[Floats, Floats]:
-    """J^-1 (..., 2, 2) and g = grad log det J (..., 2)."""
-    j = lens.first
-    adjugate = np.stack([np.stack([j[..., 1, 1], -j[..., 0, 1]], -1), np.stack([-j[..., 1, 0], j[..., 0, 0]], -1)], -2)
-    determinant = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
-    inverse = np.asarray(adjugate / determinant[..., None, None])
-    return inverse, np.einsum("...ba,...abc->...c", inverse, lens.second)
-
-
-def _bent_direction(lens: Jet, shape: Floats, moved: Jet, growing: tuple[Floats, Floats]) -> Floats:
-    """How the distorted centre moves as the jet does in m ways, (..., m, 2); the shape stays.
-
-    The change of g = tr J^-1 dJ is tr J^-1 dH - tr J^-1 dJ J^-1 H.
-    """
-    inverse, growth = growing
-    turned = inverse[..., None, :, :] @ moved.first @ inverse[..., None, :, :]
-    d_growth = np.einsum("...ba,...mabc->...mc", inverse, moved.second) - np.einsum(
-        "...mba,...abc->...mc", turned, lens.second
-    )
-    second = np.einsum("...mabc,...bc->...ma", moved.second, shape)
-    first = np.einsum("...mab,...b->...ma", moved.first, (shape @ growth[..., None])[..., 0])
-    last = d_growth @ np.swapaxes(lens.first @ shape, -1, -2)
-    return np.asarray(moved.value + 0.125 * (second + 2.0 * (first + last)))
-
-
-def _by_camera(dots: Floats, radius: float, camera: Camera, pose: Pose, bent: Floats) -> Floats:
-    """(..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3, at dots whose distorted centres are `bent` (..., n, 2)."""
-    center, shape = _ellipse(_dual(*_placed(dots, pose), radius))
-    lens = camera.lens.jet(center, camera.distortion)
-    out = np.zeros((*bent.shape, 9))
-    for axis in range(2):
-        out[..., axis, axis] = bent[..., axis]
-        out[..., axis, 2 + axis] = 1.0
-    by_lens = _bent_direction(lens, shape, jets_by_coefficient(center), _growth(lens))
-    out[..., 4:] = np.swapaxes(by_lens * camera.focal, -1, -2)
-    return out
+def _arguments(dots: Floats, radius: float, camera: Camera, pose: Pose) -> tuple[Floats, float, Floats, Floats, Floats]:
+    """Not read-only, for which would be compiled once more."""
+    places = np.array(pose.position).reshape(-1, 3)
+    return np.array(dots, dtype=np.float64), radius, camera.packed, pose.rotation.reshape(-1, 3, 3), places
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -315,51 +291,13 @@ def mapped(homography: Floats, points: Floats) -> Floats:
 
 
 def fitted(points: Floats, images: Floats) -> Floats:
-    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, by the normalised direct linear transform.
-
-    Its sign makes the third coordinates of most points positive, and H has the norm 1.
-    """
-    normal, into, out = np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 3))
-    transform_equations(np.array(points), np.array(images), normal, into, out)
-    homography = np.linalg.eigh(normal)[1][:, 0].reshape(3, 3)
-    homography = np.linalg.solve(out, homography @ into)
+    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, of norm 1 and with a sign that makes the third
+    coordinates of most points positive; nan where they determine none."""
+    homography = opencv().findHomography(points, images, 0)[0]
+    if homography is None:
+        return np.full((3, 3), np.nan)
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
-
-
-@compiled
-def transform_equations(points: Floats, images: Floats, normal: Floats, into: Floats, out: Floats) -> None:
-    """The normal matrix (9, 9) of the direct linear transform of points about their mean at a mean distance of sqrt 2
-    to images likewise, into zeros; and the matrices (3, 3) that bring points and images there."""
-    _normalisation(points, into)
-    _normalisation(images, out)
-    row = np.zeros((2, 9))
-    for i in range(len(points)):
-        x, y = points[i, 0] * into[0, 0] + into[0, 2], points[i, 1] * into[1, 1] + into[1, 2]
-        for axis in range(2):
-            seen = images[i, axis] * out[axis, axis] + out[axis, 2]
-            row[axis, 3 * axis], row[axis, 3 * axis + 1], row[axis, 3 * axis + 2] = x, y, 1.0
-            row[axis, 6], row[axis, 7], row[axis, 8] = -seen * x, -seen * y, -seen
-            for j in range(9):
-                for k in range(j + 1):
-                    normal[j, k] += row[axis, j] * row[axis, k]
-    for j in range(9):
-        for k in range(j):
-            normal[k, j] = normal[j, k]
-
-
-@compiled
-def _normalisation(points: Floats, matrix: Floats) -> None:
-    count = len(points)
-    x, y = 0.0, 0.0
-    for i in range(count):
-        x, y = x + points[i, 0] / count, y + points[i, 1] / count
-    square = 0.0
-    for i in range(count):
-        square += ((points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2) / count
-    scale = np.sqrt(2.0 / max(square, 1e-300))
-    matrix[0, 0], matrix[1, 1], matrix[2, 2] = scale, scale, 1.0
-    matrix[0, 2], matrix[1, 2] = -scale * x, -scale * y
 
 
 def orientation(homography: Floats, points: Floats) -> Floats:

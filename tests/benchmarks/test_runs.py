@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import runs
 from benchmarks.commands import SUITES, app, compared, contradictions, page_of, selected
 from benchmarks.problems import problem
 from benchmarks.runs import (
@@ -27,7 +27,9 @@ from benchmarks.runs import (
     execute,
     load,
     machine,
+    perform,
     save,
+    work,
 )
 
 EASY = "leg1-e1-n64-d1"
@@ -41,8 +43,8 @@ RUNS = (
 )
 
 
-def perform(method: str, limit: float = 60.0, **options: float) -> Run:
-    return runs.perform(Job(EASY, MINIMISE, f"tests.benchmarks.fakes:{method}", limit), **options)
+def job(method: str, limit: float = 60.0) -> Job:
+    return Job(EASY, MINIMISE, f"tests.benchmarks.fakes:{method}", limit)
 
 
 @pytest.mark.parametrize(
@@ -52,42 +54,55 @@ def perform(method: str, limit: float = 60.0, **options: float) -> Run:
         ("Absent", SKIPPED, "is not installed"),
         ("Refusing", SKIPPED, "is not written for this"),
         ("Raising", FAILED, "ArithmeticError: a pivot is zero"),
-        ("Crashing", FAILED, "segmentation fault"),
         ("GivingUp", UNDECIDED, "no idea"),
     ],
 )
 def test_whatever_happens_is_a_result(method: str, status: str, note: str) -> None:
-    run = perform(method)
+    run = work(job(method), StringIO())
+    assert run.status == status
+    assert note in run.note
+
+
+@pytest.mark.parametrize(
+    ("method", "status", "note"), [("Good", ANSWERED, ""), ("Crashing", FAILED, "segmentation fault")]
+)
+def test_a_process_tells_its_run_or_how_it_ended(method: str, status: str, note: str) -> None:
+    run = perform(job(method))
     assert run.status == status
     assert note in run.note
 
 
 def test_a_limit_holds_for_who_ignores_it() -> None:
     began = time.monotonic()
-    run = perform("Overrunning", limit=0.2)
+    run = perform(job("Overrunning", limit=0.2))
     assert (run.status, run.seconds) == (TIMEOUT, 0.2)
     assert time.monotonic() - began < 100.0
 
 
 def test_a_process_that_is_never_ready_is_no_timeout_of_the_task() -> None:
-    run = perform("Good", setup=0.01)
+    run = perform(job("Good"), setup=0.01)
     assert run.status == FAILED
     assert "set-up" in run.note
 
 
-def test_cpcal_answers_who_gives_up_is_not_asked_again_and_unknown_names_fail() -> None:
-    entries = [(EASY, "refute-0.5", ("lifted", "tests.benchmarks.fakes:GivingUp"))]
+def test_who_gives_up_is_not_asked_again() -> None:
     told: list[Run] = []
+    entries = [(EASY, MINIMISE, tuple(job(name).method for name in ("Good", "GivingUp")))]
     results = execute("test", entries, limit=60.0, repeat=2, tell=told.append)
     assert [run.status for run in results.runs] == [ANSWERED, UNDECIDED, ANSWERED]
     assert told == list(results.runs)
-    assert results.runs[0].figures["nodes"] >= 1
-    assert 0.0 < results.runs[0].figures["eps"] < 0.5
-    assert 0.0 < results.runs[0].cpu < 60.0
-    missing = runs.perform(Job(EASY, MINIMISE, "hc4,nosuch", 60.0))
+
+
+def test_cpcal_answers_and_unknown_names_fail() -> None:
+    (run,) = execute("test", [(EASY, "refute-0.5", ("lifted",))], limit=60.0, repeat=1).runs
+    assert run.status == ANSWERED
+    assert run.figures["nodes"] >= 1
+    assert 0.0 < run.figures["eps"] < 0.5
+    assert 0.0 < run.cpu < 60.0
+    missing = work(Job(EASY, MINIMISE, "hc4,nosuch", 60.0), StringIO())
     assert (missing.status, missing.note) == (SKIPPED, "no contractor is registered as nosuch")
-    assert runs.perform(Job("leg9", MINIMISE, "lifted", 60.0)).status == FAILED
-    assert runs.perform(Job("cable-a-linear", MINIMISE, "lifted", 60.0)).status == SKIPPED
+    assert work(Job("leg9", MINIMISE, "lifted", 60.0), StringIO()).status == FAILED
+    assert work(Job("cable-a-linear", MINIMISE, "lifted", 60.0), StringIO()).status == SKIPPED
 
 
 def test_what_contradicts_a_proof_is_called_wrong() -> None:

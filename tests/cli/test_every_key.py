@@ -34,19 +34,27 @@ def verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verify:
 ELSEWHERE = ("pose sets", "solve", "campaigns", "hand-eye", "uncertain hand-eye", "wrong images")
 
 
+EXTENT = [False, pytest.param(True, marks=pytest.mark.nightly)]  # a key in one place, or wherever it stands
+
+
+@pytest.mark.parametrize("every_place", EXTENT)
 @pytest.mark.parametrize("kind", [kind for kind in RUNS if kind not in ELSEWHERE])
-def test_every_change_outside_of_the_information_is_refused(kind: str, tmp_path: Path, verified: Verify) -> None:
+def test_every_change_outside_of_the_information_is_refused(
+    kind: str, every_place: bool, tmp_path: Path, verified: Verify
+) -> None:
     RUNS[kind](tmp_path)
     assert verified()
     (file,) = (tmp_path / "run" / name for name in FILES if (tmp_path / "run" / name).exists())
     assert unlisted_keys(file) == []
-    assert list(accepted_changes(file, verified)) == []
+    assert list(accepted_changes(file, verified, every_place=every_place)) == []
 
 
-def test_every_change_of_what_a_pose_set_states_is_refused(tmp_path: Path, verified: Verify) -> None:
+@pytest.mark.parametrize("every_place", EXTENT)
+def test_every_change_of_what_a_pose_set_states_is_refused(every_place: bool, tmp_path: Path, verified: Verify) -> None:
     RUNS["pose sets"](tmp_path)
     assert verified()
-    assert list(accepted_changes(tmp_path / "run" / "one.pose.json", verified, but="chains")) == []
+    file = tmp_path / "run" / "one.pose.json"
+    assert list(accepted_changes(file, verified, but="chains", every_place=every_place)) == []
 
 
 def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(tmp_path: Path, verified: Verify) -> None:

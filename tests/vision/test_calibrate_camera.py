@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.vision_scenes import Setting, aligned, normalised_errors, simulated_views
 from cpcal.common.errors import InputError
-from cpcal.vision.calibration import NotCalibratedError, TargetView, calibrate_camera
+from cpcal.vision.calibrate import NotCalibratedError, TargetView, calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, normalised_errors, one
-from cpcal.vision.calibration import NotCalibratedError, calibrate_from_images
+from cpcal.vision.calibrate import NotCalibratedError, calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET

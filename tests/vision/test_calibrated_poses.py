@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.vision.calibration import Calibration, calibrate_from_images
+from cpcal.vision.calibrate import Calibration, calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.pose import PoseEstimate
@@ -42,6 +42,7 @@ def errors() -> list[tuple[np.ndarray, PoseEstimate]]:
     return out
 
 
+@pytest.mark.nightly
 def test_with_the_shared_part_the_stated_covariance_is_honest(errors: list[tuple[np.ndarray, PoseEstimate]]) -> None:
     counted = np.mean([e @ np.linalg.solve(pose.covariance, e) / 6.0 for e, pose in errors])
     alone = np.mean([e @ np.linalg.solve(pose.covariance - pose.shared_part, e) / 6.0 for e, pose in errors])

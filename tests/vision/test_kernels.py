@@ -53,7 +53,7 @@ def test_a_fit_ends_where_the_gradient_vanishes(camera):
     assert found.chi_square == pytest.approx(float(residuals @ residuals), rel=1e-6)
     np.testing.assert_allclose(found.normal, slope.T @ slope, rtol=1e-2, atol=1e-2 * np.abs(found.normal).max())
     packed = np.concatenate([away.position, away.quaternion])
-    given = np.empty((0, 9)), DOTS, seen, factors, RADIUS, camera.packed
+    given = DOTS, seen, factors, RADIUS, camera.packed
     plain(fit_pose)(*given, packed, np.empty(2 * len(DOTS)), np.empty((6, 6)))
     np.testing.assert_allclose(packed[:3], found.pose.position, atol=1e-9)
 

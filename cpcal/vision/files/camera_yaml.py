@@ -160,8 +160,8 @@ def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> s
     model = _ROS_MODELS[named] if named else "fisheye" if fisheye else "rational" if len(distortion) == 8 else BROWN
     if model == BROWN and len(distortion) == 4:
         distortion.resize(5, refcheck=False)
-    if len(distortion) != len(LENSES[model].names):
-        names = ", ".join(LENSES[model].names)
+    if len(distortion) != len(LENSES[model]):
+        names = ", ".join(LENSES[model])
         wrong(f"distortion_coefficients has {len(distortion)} numbers", f"a lens of the model {model} has {names}")
         return None
     return model

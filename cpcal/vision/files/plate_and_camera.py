@@ -152,7 +152,7 @@ def _record(reader: TomlReader) -> CameraRecord | None:
     if model not in LENSES:
         reader.wrong(("camera", "model"), f"model is {shown(model)}", f"give one of {', '.join(LENSES)}")
         return None
-    names = LENSES[model].names
+    names = LENSES[model]
     distortion = reader.numbers(("camera", "distortion"), table, len(names), ", ".join(names), signed=True)
     if 0.0 in focal:
         reader.wrong(("camera", "focal"), "focal holds 0", "give positive numbers of pixels")
