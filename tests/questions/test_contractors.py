@@ -118,7 +118,7 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     claims = check(tmp_path / leg.bracket.certificate).claims
     assert claims.eps_lo == F(leg.bracket.lo)
     assert claims.eps_hi == F(leg.bracket.hi)
-    assert decoded(cpcal.LegResult, encoded(leg)).found_lo == known
+    assert decoded(cpcal.LegResult, encoded(leg)).found.lo == known
 
 
 OPTIMUM = 4.25 / 19
