@@ -42,7 +42,6 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.executors import Here, Place, executor_for
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
@@ -236,7 +235,7 @@ class _Search:
         """A local minimiser of the others' eps, and the measurements that decide it."""
         network, kept = self._kept(self._whole, without), self._rows(without)
         rows = Rows(network)
-        point = fit(rows, network.names.index("eps"), network.domain, start, Dense())
+        point = fit(rows, network.names.index("eps"), network.domain, start)
         # each one-sided row of a leg has an element for every measurement
         excess = rows.linearize(point).values.reshape(-1, len(kept)).max(axis=0)
         return point, [int(kept[k]) for k in np.flatnonzero(excess >= -_ACTIVE)]

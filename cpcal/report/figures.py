@@ -468,7 +468,7 @@ _LINE = "#ffffff"
 
 
 def paving_svg(paving: Paving, horizontal: str, vertical: str, *, size: float = 4.5) -> Svg:
-    """One SVG document of `size` inches: outside boxes grey, boundary yellow, inside green, single solutions red dots.
+    """A figure of `size` inches: outside boxes grey, boundary yellow, inside green, single solutions red dots.
 
     Of more than two variables it is the projection, without outside boxes, which mean nothing there. The same paving
     gives the same text. Raises ModelError for an unbounded or empty paving, or an unknown variable.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ class Oracle(Composable):
     def __init__(self, least: float, name: str) -> None:
         self.least, self.name = least, name
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.lo[box.index(self.name)] < self.least:
             return Contraction(box)
         return Contraction(box.replace(self.name, lo=self.least), (Step("oracle", self.name, "lo", self.least),))
@@ -43,7 +44,7 @@ class ShortSighted(Composable):
     def __init__(self, network: cpcal.Network, name: str) -> None:
         self.inner = Lifted(network, objective=name)
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         return self.inner.contract(box) if box.width[0] < 25.0 else Contraction(box)
 
 
@@ -169,7 +170,7 @@ def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(
     """A contractor that lies is no reason for the certificate to lie."""
 
     class Liar(Composable):
-        def contract(self, box: Box) -> Contraction:
+        def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
             return Contraction(Box.empty(box.names), (Step("liar", None, "", np.nan),))
 
     net, z = two_anchors()

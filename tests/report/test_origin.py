@@ -65,6 +65,6 @@ def test_versions_and_digest_are_on_the_page(campaign):
     assert versions() in page
     assert f"numpy {np.__version__}" in page
     assert f"python-flint {version('python-flint')}" in page
-    assert f"ortools {version('ortools')}" in page
+    assert f"scipy {version('scipy')}" in page
     assert campaign_sha256(campaign) in page
     assert "cpcal certify CAMPAIGN -o RUN --legs 1" in page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -56,18 +57,21 @@ def test_too_close_doubles_the_delay_and_goes_back_to_the_average() -> None:
 
 @pytest.mark.parametrize("width", [0.05, 0.5, 10.0])
 def test_a_box_that_is_kept_may_hold_the_planted_point_and_is_not_infeasible(width: float) -> None:
-    """(x - 0.3)^2 + (y - 0.3)^2 <= eps up to 1e-6: middles of coarse boxes are no points of it."""
+    """(x - 0.3)^2 + (y - 0.3)^2 <= eps up to 1e-6: middles of coarse boxes are points of a larger eps only."""
     net = ConstraintNetwork()
-    x, eps = net.variable("x", 2, domain=(-1, 1)), net.variable("eps", domain=(0, 1e-6))
+    x, eps = net.variable("x", 2, domain=(-1, 1)), net.variable("eps", domain=(0, 10))
     net.add(sqr(x - 0.3).sum() <= eps)
-    assert [0.3, 0.3, 1e-6] in net.domain
+    domain = net.domain.replace("eps", hi=1e-6)
+    assert [0.3, 0.3, 1e-6] in domain
     prover = WitnessProver(net, 2, get_arithmetic("float64"))
     coarse = LargestFirst(width, skip=("eps",))
-    found = ask(net.domain, Contracting([("nothing", Repeat(Then()))]), coarse, prover, 60.0)
+    found = ask(domain, Contracting([("nothing", Repeat(Then()))]), coarse, prover, 60.0)
     assert found.answer is TimeoutAnswer.TIMEOUT
-    fine = ask(net.domain, Contracting([("hc4", HC4(net))]), LargestFirst(1e-4), prover, 60.0)
+    fine = ask(domain, Contracting([("hc4", HC4(net))]), LargestFirst(1e-4), prover, 60.0)
     assert fine.answer is TimeoutAnswer.FOUND
-    apart = net.domain.replace("x[0]", lo=0.5)
+    assert fine.witness is not None
+    assert fine.witness.value <= 1e-6
+    apart = domain.replace("x[0]", lo=0.5)
     assert ask(apart, Contracting([("hc4", HC4(net))]), coarse, prover, 60.0).answer is TimeoutAnswer.INFEASIBLE
 
 
@@ -160,7 +164,7 @@ class KnowsMore(Composable):
     def __init__(self, least: float) -> None:
         self.least = least
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if not box.is_empty and box["eps"].hi < self.least:
             return Contraction(Box.empty(box.names), (Step("knows", None, "", np.nan),))
         return Contraction(box)
@@ -174,7 +178,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     campaign = cpcal.load_campaign(tmp_path / "campaign")
     least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].bracket.lo
     load = plugins.load
-    monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))  # weights prove nothing
+    monkeypatch.setattr(Lifted, "contract", lambda self, box, deadline: Contraction(box))  # weights prove nothing
     monkeypatch.setattr(
         plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
     )
