@@ -139,7 +139,7 @@ def two_diagonals(
 
 
 def resized(target: Target, factor: float) -> Target:
-    """So many times as large. Rows are told apart at so many times the errors of dots: cross-ratios do not know sizes."""
+    """So many times as large: cross-ratios do not know sizes, so rows are told apart at so many times the errors."""
     across = factor * float(np.ptp(target.dots, axis=0).max())
     name = f"asymmetric dots, {across:.4g} mm across"
     return replace(target, name=name, dots=factor * target.dots, radius=factor * target.radius)
