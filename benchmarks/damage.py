@@ -14,23 +14,8 @@ _HOSTILE_NUMBERS = [
 ]
 _HOSTILE_TEXTS = [
     *(b"\x00", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r", b"\xe2\x80\xae", b"\\u202e", b"\\ud800", b"\x1b[2J", b"=cmd"),
-    *(
-        b"[",
-        b"]",
-        b"{",
-        b"}",
-        b'"',
-        b"'",
-        b",",
-        b".",
-        b"=",
-        b"#",
-        b"/",
-        b"..",
-        b"[" * 5000,
-        b'{"a":' * 2000,
-        b"x" * 70000,
-    ),
+    *(bytes([c]) for c in b"[]{}\"',.=#/"),
+    *(b"..", b"[" * 5000, b'{"a":' * 2000, b"x" * 70000),
 ]
 
 Mutation = Callable[[random.Random, bytes], bytes]

@@ -39,24 +39,7 @@ KERNELS: dict[str, Kernel] = {
     "power -2": (lambda lo, hi: kernels.power(lo, hi, -2), lambda x: 1 / (x * x), 1),
     "root 5": (lambda lo, hi: kernels.root(lo, hi, 5), lambda x: abs(x).root(5) * (1 if x >= 0 else -1), 1),
     "root 4": (lambda lo, hi: kernels.root(lo, hi, 4), lambda x: x.root(4) if x >= 0 else arb("nan"), 1),
-    **{
-        name: (getattr(functions, name), lambda x, name=name: getattr(x, name)(), 1)
-        for name in [
-            "exp",
-            "expm1",
-            "log",
-            "log1p",
-            "sin",
-            "cos",
-            "tan",
-            "asin",
-            "acos",
-            "atan",
-            "sinh",
-            "cosh",
-            "tanh",
-        ]
-    },
+    **{name: (getattr(functions, name), lambda x, name=name: getattr(x, name)(), 1) for name in _NAMES},
     "pow_real": (functions.pow_real, lambda x, p: (x.log() * p).exp() if x > 0 else arb("nan"), 2),
     "atan2": (functions.atan2, lambda y, x: arb.atan2(y, x) if x != 0 or y != 0 else arb("nan"), 2),
 }

@@ -1,16 +1,15 @@
 """What a signal at a random moment leaves of a `certify`: the documented status, every finished leg, no process.
 
     python -m benchmarks.signals [--count 40] [--workers 1] [--kinds SIGINT SIGTERM SIGKILL] [--seed 1] [--legs 2,3]
-        [--resumed 1] [--forked] [--group]
+        [--resumed 1] [--group]
 
 Each time `cpcal certify` of some legs is begun, and gets the signal after a time between 0 and 1.1 times what an
 undisturbed run takes. Then are counted: exit statuses (as a shell shows them: 128 + signal for a process that the
 signal ended before Python could listen; apart those that came while Python itself began); tracebacks; runs whose
 certificates `cpcal verify` refuses; legs that the log says were answered and that neither the result nor the checkpoint
 holds; processes that are left ten seconds later. Every stopped run (with `--resumed K` every Kth) is then gone on with
-by --resume, and its certificates compared with those of the undisturbed run, byte by byte. With --forked runs begin
-with all modules loaded: that saves half of the time, and leaves start-up out. With --group the workers, and those that
-begin, are sent the signal too, as a terminal does. Linux only.
+by --resume, and its certificates compared with those of the undisturbed run, byte by byte. With --group the workers,
+and those that begin, are sent the signal too, as a terminal does. Linux only.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.__main__ import main as run_cpcal
 from cpcal.cli.app import app
 from cpcal.questions.question import FOLDER
 
@@ -47,7 +45,6 @@ class SignalledRun:
     campaign: Path
     legs: str
     workers: int
-    forked: bool
     group: bool
 
     def command(self, run: Path, *more: str) -> list[str]:
@@ -89,29 +86,11 @@ def left(session: int) -> list[int]:
     return found
 
 
-def begun(command: Sequence[str], said: Path, forked: bool) -> int:
-    """The process of a run, whose output goes to a file; forked, it is this one, with all modules loaded."""
+def begun(command: Sequence[str], said: Path) -> int:
+    """The process of a run, whose output goes to a file."""
     with said.open("wb") as out:
-        if not forked:
-            whole = [sys.executable, "-m", "cpcal", *command]
-            return subprocess.Popen(whole, stdout=out, stderr=out, start_new_session=True).pid
-        sys.stdout.flush()
-        pid = os.fork()
-        if pid:
-            return pid
-        status = 3
-        try:
-            os.setsid()
-            os.dup2(out.fileno(), 1)
-            os.dup2(out.fileno(), 2)
-            sys.argv = ["cpcal", *command]
-            run_cpcal()
-            status = 0
-        except SystemExit as ended:
-            status = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
-        finally:
-            sys.stdout.flush()
-            os._exit(status)
+        whole = [sys.executable, "-m", "cpcal", *command]
+        return subprocess.Popen(whole, stdout=out, stderr=out, start_new_session=True).pid
 
 
 def ended(pid: int) -> int:
@@ -123,7 +102,7 @@ def ended(pid: int) -> int:
 def one(asked: SignalledRun, run: Path, kind: signal.Signals, after: float) -> tuple[str, list[str]]:
     """The status of a run that is sent a signal, and what was wrong with it."""
     said = run.with_suffix(".said")
-    pid = begun(asked.command(run), said, asked.forked)
+    pid = begun(asked.command(run), said)
     time.sleep(after)
     (os.killpg if asked.group else os.kill)(pid, kind)
     status = ended(pid)
@@ -150,7 +129,7 @@ def one(asked: SignalledRun, run: Path, kind: signal.Signals, after: float) -> t
 def resumed(asked: SignalledRun, run: Path, whole: dict[str, bytes]) -> list[str]:
     """Go on with a run; what is not as in an undisturbed one."""
     said = run.with_suffix(".again")
-    status = ended(begun(asked.command(run, "--resume"), said, asked.forked))
+    status = ended(begun(asked.command(run, "--resume"), said))
     wrong = [] if status == 0 else [f"resumed with status {status}: {said.read_text(encoding='utf-8')[-300:]}"]
     return wrong if certificates(run) == whole else [*wrong, "other certificates after --resume"]
 
@@ -158,12 +137,10 @@ def resumed(asked: SignalledRun, run: Path, whole: dict[str, bytes]) -> list[str
 def undisturbed(asked: SignalledRun, folder: Path) -> tuple[float, dict[str, bytes]]:
     """How long it takes, once all is compiled, and its certificates."""
     run, took = folder / "whole", 0.0
-    if asked.forked:
-        CliRunner().invoke(app, asked.command(run))
     for _ in range(2):
         shutil.rmtree(run, ignore_errors=True)
         began = time.monotonic()
-        if ended(begun(asked.command(run), folder / "said", asked.forked)):
+        if ended(begun(asked.command(run), folder / "said")):
             raise SystemExit((folder / "said").read_text(encoding="utf-8"))
         took = time.monotonic() - began
     return took, certificates(run)
@@ -177,7 +154,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--legs", default="2,3")
     parser.add_argument("--resumed", type=int, default=1)
-    parser.add_argument("--forked", action="store_true")
     parser.add_argument("--group", action="store_true")
     given = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs, and theirs, ignore it
@@ -186,7 +162,7 @@ def main() -> None:
         folder = Path(name)
         small = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
         cpcal.save_campaign(small, folder / "campaign")
-        asked = SignalledRun(folder / "campaign", given.legs, given.workers, given.forked, given.group)
+        asked = SignalledRun(folder / "campaign", given.legs, given.workers, given.group)
         took, whole = undisturbed(asked, folder)
         print(f"undisturbed: {took:.1f} s, {len(whole)} certificates; {given.workers} workers", flush=True)
         for kind in given.kinds:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from cpcal.robot import PoseTable
+from cpcal.common.values import Floats
+from cpcal.questions import LegBracket, LegResult, Support, Work
+from cpcal.robot import PoseTable, Study, normalised, quaternion_product, small_rotation
+from cpcal.simulate.campaigns import streams
 
 
 def with_gain(campaign, gain):
@@ -28,3 +32,66 @@ def of_poses(study, names):
     values = {name: getattr(table, name) for name in table.__dataclass_fields__}
     chosen = {name: None if v is None else np.array(v)[rows] for name, v in values.items()}
     return replace(study, calibration=PoseTable(**chosen))
+
+
+_OF_BRACKET = {"verdict", "point", "center", "enclosure", "certificate"}
+_OF_WORK = {"nodes", "programs", "seconds", "pending", "floor", "trials", "contractors_used"}
+
+
+def leg_with(leg, /, **changes):
+    """A leg's result (None: a new one) with fields of its groups changed: eps_lo, point, support, nodes and so on."""
+    lo_hi = {name.removeprefix("eps_"): changes.pop(name) for name in ("eps_lo", "eps_hi") if name in changes}
+    bracket = {name: changes.pop(name) for name in _OF_BRACKET & changes.keys()} | lo_hi
+    work = {name: changes.pop(name) for name in _OF_WORK & changes.keys()}
+    if "support" in changes:
+        changes["support"] = Support(changes["support"])
+    if leg is None:
+        return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **changes)
+    return replace(leg, bracket=replace(leg.bracket, **bracket), work=replace(leg.work, **work), **changes)
+
+
+# What spoils a simulated study between truth and table; none of it is known to the calibration.
+
+
+def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
+    """The camera's noise in every row grows by `root` z, (6, m) of position (mm) and rotation vector (rad)."""
+
+    def noisier(table: PoseTable, stream: np.random.Generator) -> PoseTable:
+        step = stream.standard_normal((len(table), root.shape[1])) @ root.T  # mm and rad, in the camera frame
+        turned = normalised(quaternion_product(small_rotation(step[:, 3:]), table.quaternion))
+        return replace(table, position=table.position + step[:, :3], quaternion=turned)
+
+    return _each(study, noisier, seed)
+
+
+def with_drift(study: Study, size: float, *, leg: int = 1) -> Study:
+    """The sensor of a leg (from 1) drifts by `size` mm from the first run to the last, evenly."""
+
+    def drifted(table: PoseTable, _: np.random.Generator) -> PoseTable:
+        runs = {name: k for k, name in enumerate(dict.fromkeys(table.run))}
+        share = np.array([runs[name] for name in table.run]) / max(len(runs) - 1, 1)
+        length = table.length.copy()
+        length[:, leg - 1] += size * share
+        return replace(table, length=length)
+
+    return _each(study, drifted, 0)
+
+
+def with_outliers(study: Study, share: float, size: float, *, seed: int = 0) -> Study:
+    """A share of the rows has one reading, of a leg or of a position, that is off by `size` mm, up or down."""
+
+    def spoiled(table: PoseTable, stream: np.random.Generator) -> PoseTable:
+        position, length = table.position.copy(), table.length.copy()
+        for row in np.flatnonzero(stream.random(len(table)) < share):
+            column, sign = int(stream.integers(3 + table.legs)), float(stream.choice([-1.0, 1.0]))
+            values, k = (position, column) if column < 3 else (length, column - 3)
+            values[row, k] += sign * size
+        return replace(table, position=position, length=length)
+
+    return _each(study, spoiled, seed)
+
+
+def _each(study: Study, change: Callable[[PoseTable, np.random.Generator], PoseTable], seed: int) -> Study:
+    """Both tables, each with a stream of its own."""
+    first, second = streams(seed, 2)
+    return replace(study, calibration=change(study.calibration, first), validation=change(study.validation, second))

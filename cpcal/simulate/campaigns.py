@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
@@ -36,12 +37,83 @@ from cpcal.robot import (
     leg_vectors,
     normalised,
     pose_jacobian,
+    quaternion_from_rotation_vector,
     quaternion_product,
     small_rotation,
 )
 from cpcal.robot.robot import joint_phases
-from cpcal.simulate.option_checks import OptionChecks
-from cpcal.simulate.workspace_poses import corner_count, workspace_poses
+
+# ------------------------------------------------------------------------------------------------------------------
+# Checks the options of simulated measurements: every one without a meaning is named, all at once.
+
+
+class OptionChecks:
+    """Collects problems with named options; `finish` raises them."""
+
+    def __init__(self, options: Mapping[str, object]) -> None:
+        self.options = options
+        self.problems = Problems()
+
+    def demand(self, name: str, good: bool, remedy: str) -> None:
+        if not good:
+            self.problems.add(Problem(f"option {name}", f"has no meaning: {self.options[name]!r}", remedy))
+
+    def whole(self, name: str, least: int, most: float = math.inf) -> None:
+        """A whole number from `least` to `most`."""
+        value = self.options[name]
+        good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+        self.demand(name, good, f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else ""))
+
+    def sizes(self, *names: str) -> None:
+        """Finite numbers >= 0."""
+        for name in names:
+            value = self.options[name]
+            self.demand(name, finite(value) and value >= 0, "give a finite number >= 0")  # type: ignore[operator]
+
+    def six_legs(self, name: str) -> None:
+        robot = self.options[name]
+        self.demand(name, isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs, or a workspace")
+
+    def truncate(self, name: str) -> None:
+        value = self.options[name]
+        good = value is None or (finite(value) and value >= 0.1)  # type: ignore[operator]
+        self.demand(name, good, "give a number >= 0.1")
+
+    def stroke(self, name: str) -> None:
+        value = self.options[name]
+        good = isinstance(value, tuple) and len(value) == 2 and all(map(finite, value)) and value[0] < value[1]
+        self.demand(name, good, "give (shortest, longest) in mm")
+
+    def finish(self) -> None:
+        """InputError that names every option without a meaning."""
+        self.problems.raise_any()
+
+
+def finite(value: object) -> bool:
+    """Whether it is a finite number."""
+    return isinstance(value, (int, float)) and math.isfinite(value)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Poses of a robot that is measured all over a box of poses, whatever the number of its legs.
+
+
+def workspace_poses(
+    workspace: PoseRange, stream: np.random.Generator, *, random_poses: int, extremal: bool
+) -> tuple[list[str], Pose]:
+    """Pose ids (K) and poses: the corners of the box, and poses drawn evenly from it.
+
+    In pose "e05" the coordinate i (x, y, z and the rotation vector's, those that vary) is at its upper end if bit i
+    of 5 is set.
+    """
+    low, high = workspace.bounds
+    ends = [(lo, hi) if free else (lo,) for lo, hi, free in zip(low, high, workspace.free, strict=True)]
+    corners = np.array([row[::-1] for row in product(*ends[::-1])]) if extremal else np.empty((0, 6))
+    drawn = stream.uniform(low, high, (random_poses, 6))
+    rows = np.concatenate([corners, drawn])
+    names = [f"e{k:02d}" for k in range(len(corners))] + [f"r{k:03d}" for k in range(random_poses)]
+    return names, Pose(rows[:, :3], quaternion_from_rotation_vector(rows[:, 3:]))
+
 
 STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
 LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)
@@ -53,15 +125,6 @@ _INSIDE = 1.0 - 1e-6  # truncated noise stays this much inside, clear of roundin
 _MAX_TILT = 60.0  # degrees from upright; the DeltaLab's extremal poses reach 35
 _POSES_MAX = 1_000_000
 MEASUREMENTS_MAX = 10_000_000
-
-
-@dataclass(frozen=True)
-class _Sensors:
-    """Standard deviations: position (3,) mm, rotation (3,) rad, length (n,) mm."""
-
-    position: Floats
-    rotation: Floats
-    length: Floats
 
 
 def simulate(
@@ -102,7 +165,8 @@ def simulate(
     The true robot is in the provenance: see `true_robot`. InputError for senseless options, KinematicsError
     when a configuration cannot be assembled.
     """
-    _check_options(locals())
+    given = dict(locals())
+    _check_options(given)
     shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
     deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
     truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
@@ -113,26 +177,24 @@ def simulate(
         names, poses = workspace_poses(workspace, pose_stream, random_poses=random_poses, extremal=extremal)
     phases = joint_phases(truth.legs, joint_stream)
     lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
-    sensors = _sensors(noise, robot.legs, workspace)
-    position, quaternion, length = _measured(poses, lengths, sensors, runs, truncate, noise_stream)
-    stated = Uncertainty(sensors.position, sensors.rotation, sensors.length, factor) if factor > 0 else None
-    options: dict[str, object] = {
-        "seed": seed,
-        "runs": runs,
-        "random_poses": random_poses,
-        "extremal": extremal,
-    }
-    options |= {"joint_error": joint_error, "factor": factor, "noise": noise, "truncate": truncate}
-    options["deviation"] = deviation
+    free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)  # what a workspace fixes has no noise
+    pose_sigma = noise * free * np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA)])
+    length_sigma = noise * np.resize(LENGTH_SIGMA, robot.legs)
+    # a pose's runs together
+    draw = standard_noise(noise_stream, (len(lengths) * runs, 6 + robot.legs), truncate)
+    turn = small_rotation(draw[:, 3:6] * pose_sigma[3:])
+    stated = Uncertainty(pose_sigma[:3], pose_sigma[3:], length_sigma, factor) if factor > 0 else None
+    known = ("seed", "runs", "random_poses", "extremal", "joint_error", "factor", "noise", "truncate", "deviation")
+    options: dict[str, object] = {name: given[name] for name in known}
     if workspace is None:
         options["stroke"] = list(stroke)
     else:
         options["workspace"] = {name: getattr(workspace, name).tolist() for name in ("low", "high", "turn")}
     return Campaign.of(
         robot,
-        position,
-        quaternion,
-        length,
+        np.repeat(poses.position, runs, axis=0) + draw[:, :3] * pose_sigma[:3],
+        normalised(quaternion_product(turn, np.repeat(poses.quaternion, runs, axis=0))),
+        np.repeat(lengths, runs, axis=0) + draw[:, 6:] * length_sigma,
         pose=[name for name in names for _ in range(runs)],
         run=[str(run) for _ in names for run in range(1, runs + 1)],
         uncertainty=stated,
@@ -209,35 +271,6 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     return np.asarray(0.5 * waves)
 
 
-def _sensors(noise: float, legs: int, workspace: PoseRange | None) -> _Sensors:
-    """The paper's standard deviations, scaled; none for what a workspace fixes."""
-    free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)
-    pose = noise * free * np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA)])
-    return _Sensors(pose[:3], pose[3:], noise * np.resize(LENGTH_SIGMA, legs))
-
-
-def _measured(
-    poses: Pose,
-    lengths: Floats,
-    sensors: _Sensors,
-    runs: int,
-    truncate: float | None,
-    stream: np.random.Generator,
-) -> tuple[Floats, Floats, Floats]:
-    """Noisy positions (K runs, 3), quaternions (K runs, 4), readings (K runs, n); a pose's runs together."""
-    count = len(lengths) * runs
-    position = np.repeat(poses.position, runs, axis=0)
-    quaternion = np.repeat(poses.quaternion, runs, axis=0)
-    length = np.repeat(lengths, runs, axis=0)
-    draw = standard_noise(stream, (count, 6 + lengths.shape[1]), truncate)
-    turned = quaternion_product(small_rotation(draw[:, 3:6] * sensors.rotation), quaternion)
-    return (
-        position + draw[:, :3] * sensors.position,
-        normalised(turned),
-        length + draw[:, 6:] * sensors.length,
-    )
-
-
 def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Floats:
     """Independent standard normal numbers, those beyond +-truncate drawn again."""
     draw = stream.standard_normal(shape)
@@ -264,7 +297,7 @@ def _check_options(options: dict[str, Any]) -> None:
     checks.whole("runs", 1, _POSES_MAX)
     checks.whole("random_poses", 0 if options["extremal"] else 1, _POSES_MAX)
     if not checks.problems:
-        corners = 64 if workspace is None else corner_count(workspace)
+        corners = 64 if workspace is None else 1 << int(workspace.free.sum())
         total = (corners * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
         checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")
     checks.sizes("joint_error", "factor", "noise", "deviation")

@@ -20,10 +20,12 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
@@ -36,6 +38,7 @@ from cpcal.robot import (
     central_pose,
     compose,
     normalised,
+    pose_jacobian,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -48,13 +51,13 @@ from cpcal.simulate.campaigns import (
     MEASUREMENTS_MAX,
     POSITION_SIGMA,
     STROKE,
+    OptionChecks,
     assembled,
     check_branch,
     configurations,
     standard_noise,
     streams,
 )
-from cpcal.simulate.option_checks import OptionChecks
 
 Stream = np.random.Generator
 
@@ -199,6 +202,29 @@ def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     """A quaternion: any turn about z, then a tilt with a standard deviation of `tilt` rad about x and about y."""
     turn = quaternion_from_rotation_vector([0.0, 0.0, stream.uniform(-np.pi, np.pi)])
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
+
+
+def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
+    """A simulated study whose legs come back to within `sigma` mm only (standard deviation).
+
+    Camera and sensors both see where to; nothing of it is known to the calibration. Raises InputError without a truth.
+    """
+    truth = study.truth
+    if truth is None:
+        raise InputError([Problem("study", "was measured: its true poses are not known", "give a simulated one")])
+
+    def moved(table: PoseTable, stream: Stream) -> PoseTable:
+        runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}
+        draw = stream.standard_normal((len(runs), table.legs))  # the same for all images of a run
+        longer = sigma * draw[[runs[key] for key in zip(table.pose, table.run, strict=True)]]
+        poses = truth.mobile_in_base(table)
+        step = np.linalg.solve(pose_jacobian(truth.robot, poses), longer[..., None])[..., 0]
+        turned = normalised(quaternion_product(small_rotation(step[:, 3:]), poses.quaternion))
+        seen = compose(compose(truth.camera, Pose(poses.position + step[:, :3], turned)), truth.target)
+        return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)
+
+    first, second = streams(seed, 2)
+    return replace(study, calibration=moved(study.calibration, first), validation=moved(study.validation, second))
 
 
 def _check_options(options: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from cpcal.calibration import calibrate_study
 from cpcal.calibration.diagnosis import Asked, Poses, corrected, sag_shape
 from cpcal.simulate import simulate_study
-from cpcal.simulate.disturbances import with_drift
+from tests.changed import with_drift
 
 SIZE = {"runs": 4, "validation_runs": 4, "random_poses": 24}
 

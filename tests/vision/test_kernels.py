@@ -15,7 +15,7 @@ from cpcal.vision.dots import observe_dots, segmentation
 from cpcal.vision.dots.segmentation import ellipses, gaps, noise_level
 from cpcal.vision.identify.views import mutually_nearest, nearest_squares
 from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
-from cpcal.vision.projection import placed_centers
+from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
 
@@ -141,3 +141,20 @@ def test_two_poses_are_apart_by_their_step_over_the_deviations():
         moved = np.concatenate([start.position + step[:3], sign * turned])
         found = pose_distance(moved, np.concatenate([start.position, start.quaternion]), root @ root.T)
         assert found == pytest.approx(float(step @ root @ root.T @ step), rel=1e-9)
+
+
+def test_symmetric_matrices_as_lapack_has_them() -> None:
+    half = np.random.default_rng(1).normal(size=(500, 2, 2))
+    matrices = half @ half.transpose(0, 2, 1) + 0.01 * np.eye(2)
+    largest = np.linalg.eigvalsh(matrices)[:, 1:]
+    assert np.abs((eigenvalues(matrices) - np.linalg.eigvalsh(matrices)) / largest).max() < 1e-14
+    np.testing.assert_allclose(determinants(matrices), np.linalg.det(matrices), rtol=1e-11)
+    np.testing.assert_allclose(inverses(matrices) @ matrices, np.broadcast_to(np.eye(2), (500, 2, 2)), atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 133])
+def test_the_median_is_numpys(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert median(values) == np.median(values)
+    values[count // 2] = np.nan
+    assert np.isnan(median(values))

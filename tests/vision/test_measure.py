@@ -15,12 +15,12 @@ from cpcal.vision.target import DELTALAB_TARGET
 
 def test_poses_at_the_nominal_setting() -> None:
     """At most 0.01 mm and 0.003 degrees rms per axis (issue 6), and the stated covariances hold."""
-    errors, squares = measured(25, 7, nominal=True)
-    assert len(errors) == 25
+    errors, squares = measured(8, 7, nominal=True)
+    assert len(errors) == 8
     rms = np.sqrt((errors**2).mean(axis=0))
     assert max(rms[:3]) < 0.01
     assert max(rms[3:]) < 0.003
-    assert abs(np.mean(squares) - 1.0) < 0.35  # standard deviation 0.12
+    assert 0.3 < np.mean(squares) < 1.7  # standard deviation 0.2
 
 
 def test_missing_dots_are_named_and_do_no_harm() -> None:

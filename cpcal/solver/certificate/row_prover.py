@@ -309,7 +309,7 @@ class _Descent:
         """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        rows = system.main | (asked is system.derived)
+        rows = np.ones_like(system.main) if asked is system.derived else system.main
         programs, prover = _Programs(system, lo, hi, columns, rows), _Prover(system, box)
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
         proposed: list[tuple[int, str, float, _Proposed]] = []

@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import matplotlib
 import numpy as np
@@ -22,7 +21,7 @@ from matplotlib.patches import Circle, Rectangle
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
-from cpcal.vision.target import Target
+from cpcal.vision.target import Target, resized
 
 _SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}
 _PAPERS = {**_SIZES, "letter": (215.9, 279.4)}  # mm
@@ -39,6 +38,7 @@ _POINTS_PER_MM = 72.0 / _MM_PER_INCH
 _STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "pdf.compression": 6,
+    "svg.hashsalt": "cpcal",
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans"],
 }
@@ -68,14 +68,8 @@ class Sheet:
 
 def on_paper(target: Target, paper: str) -> Target:
     """The target in the largest size, a multiple of 0.05 of its own, that the paper (one of PAPERS) holds."""
-    fits = [_resized(target, k * _STEP) for k in range(1, 101)]
+    fits = [resized(target, k * _STEP) for k in range(1, 101)]
     return [size for size in fits if _sheet_for(size, (paper,))[0]][-1]
-
-
-def _resized(target: Target, factor: float) -> Target:
-    across = factor * float(np.ptp(target.dots, axis=0).max())
-    kept = target.lines, target.bright, target.scale_sigma, target.dot_sigma
-    return Target(f"asymmetric dots, {across:.4g} mm across", factor * target.dots, factor * target.radius, *kept)
 
 
 def _plate(target: Target) -> tuple[Floats, Floats]:
@@ -116,47 +110,13 @@ def print_target(target: Target, path: str | os.PathLike[str], paper: str | None
     Raises InputError for another kind of file, one that cannot be written, or a target that the paper does not hold.
     """
     file = Path(path)
-    if file.suffix == ".pdf":
-        write_file(file, target_pdf(target, paper))
-    elif file.suffix == ".svg":
-        write_file(file, target_svg(target, paper).encode())
-    else:
+    if file.suffix not in (".pdf", ".svg"):
         raise InputError([Problem(str(file), "is neither a .pdf nor an .svg file", "name it so")])
+    write_file(file, page_bytes(target, file.suffix[1:], paper))
 
 
-def target_svg(target: Target, paper: str | None = None) -> str:
-    """The page as SVG; its unit is the mm."""
-    on = sheet(target, paper)
-    width, height = (_number(side) for side in on.size)
-    ground, ink = ("#000000", "#ffffff") if target.bright else ("#ffffff", "#000000")
-    left, top, across, down = (_number(value) for value in on.plate)
-    x, y = on.bar
-    bar = f"M{_number(x)} {_number(y)}h{_number(_BAR)}" + "".join(
-        f"M{_number(end)} {_number(y - _TICK)}v{_number(2.0 * _TICK)}" for end in (x, x + _BAR)
-    )
-    middle, line = _number(0.5 * on.size[0]), _number(y + _CAPTION)
-    radius = _number(target.radius)
-    dots = (f'<circle cx="{_number(u)}" cy="{_number(v)}" r="{radius}"/>' for u, v in on.placed(target.dots).tolist())
-    return "\n".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
-            f'viewBox="0 0 {width} {height}">',
-            f"<title>{escape(_title(target))}</title>",
-            f'<rect x="{left}" y="{top}" width="{across}" height="{down}" fill="{ground}"/>',
-            f'<g fill="{ink}">',
-            *dots,
-            "</g>",
-            f'<path d="{bar}" stroke="#000000" stroke-width="0.2" fill="none"/>',
-            f'<text x="{middle}" y="{line}" font-family="sans-serif" font-size="{_number(_TEXT)}" '
-            f'text-anchor="middle">{escape(_caption(target))}</text>',
-            "</svg>",
-            "",
-        ]
-    )
-
-
-def target_pdf(target: Target, paper: str | None = None) -> bytes:
-    """The page as PDF."""
+def page_bytes(target: Target, kind: str, paper: str | None = None) -> bytes:
+    """The page as "pdf" or "svg"."""
     on = sheet(target, paper)
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -168,8 +128,8 @@ def target_pdf(target: Target, paper: str | None = None) -> bytes:
         axes.set_ylim(on.size[1], 0.0)
         _draw(axes, target, on)
         buffer = io.BytesIO()
-        none = {"CreationDate": None, "Creator": None, "Producer": None}
-        figure.savefig(buffer, format="pdf", metadata={"Title": _title(target), **none})
+        none = {"CreationDate": None, "Creator": None, "Producer": None} if kind == "pdf" else {"Date": None}
+        figure.savefig(buffer, format=kind, metadata={"Title": _title(target), **none})
     return buffer.getvalue()
 
 
@@ -195,14 +155,9 @@ def _draw(axes: Axes, target: Target, on: Sheet) -> None:
 
 
 def _caption(target: Target) -> str:
-    size = _number(2.0 * target.radius)
+    size = np.format_float_positional(round(2.0 * target.radius, 6), trim="-")
     return f"{_title(target)}: {len(target.dots)} dots of {size} mm; the bar is {_BAR:g} mm: print at 100 %"
 
 
 def _title(target: Target) -> str:
     return "".join(c if c.isprintable() else " " for c in target.name)
-
-
-def _number(value: float) -> str:
-    """Shortest text to a nanometre."""
-    return np.format_float_positional(round(value, 6) + 0.0, trim="-")
