@@ -311,7 +311,7 @@ class _Descent:
         """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        rows = system.main | (asked is system.derived)
+        rows = np.ones_like(system.main) if asked is system.derived else system.main
         known: dict[frozenset[int], _Programs] = {}
 
         def programs(without: frozenset[int]) -> _Programs:
