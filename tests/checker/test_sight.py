@@ -102,7 +102,7 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
         assert not any(map(rows.fails, range(len(dots))))
         if spread == "exact" and not off:  # a box that is met at its edge is told from a hair wider
             for k, met in enumerate(reach):
-                assert not met or max(values[side, k] for side in SIDES[:4]) > -1e-6
+                assert not met or max(values[side, k] for side in SIDES[:4]) > -1e-5
 
 
 def test_a_dot_that_no_pose_shows_fails_and_unknown_rows_are_refused() -> None:
