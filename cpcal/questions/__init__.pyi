@@ -1,11 +1,10 @@
-from .ask import certify
+from .ask import certify, with_ranges
 from .bracket import PointResult, certify_point
 from .compare import COMPARED, compare
 from .compare_networks import compare_networks
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .data_check import DataCheck, Finding, check_data
 from .outliers import certify_robust
-from .ranges import with_ranges
 from .result import (
     ARITHMETICS,
     CENTERS,

@@ -31,6 +31,7 @@ from cpcal.questions import (
     Uncertified,
     VerifiedPoint,
     Work,
+    model_of,
 )
 from cpcal.questions.bracket import (
     Answered,
@@ -322,15 +323,43 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
     return options, model
 
 
-def answered(question: Question, place: Place = HERE) -> Result:
-    """All legs. Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done."""
+def with_ranges(
+    campaign: Campaign,
+    result: Result,
+    *,
+    certificates: str | os.PathLike[str] | None = None,
+    model: LegModel | None = None,
+) -> Result:
+    """The result with `ranges`, and what the page draws, for every leg that has a tolerance to ask them at.
+
+    `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
+    package provides it. Ctrl-C ends it with what is done. Raises InputError without the model.
+    """
+    if result.interrupted:
+        return result
+    question = Question(
+        campaign=campaign,
+        options=replace(result.options, legs=tuple(leg.leg for leg in result.legs)),
+        model=model_of(result, model),
+        certificates=None if certificates is None else Path(certificates),
+        whole=True,
+    )
+    found = answered(question, known=result.legs)
+    return replace(result, legs=found.legs, interrupted=found.interrupted)
+
+
+def answered(question: Question, place: Place = HERE, known: Sequence[LegResult] = ()) -> Result:
+    """All legs; of those that are `known` what is to follow their brackets.
+
+    Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done.
+    """
     campaign, model = question.campaign, question.model
     numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
     beyond = beyond_all_legs(question, numbers)
     if beyond:
         raise InputError(beyond)
     kept = question.checkpoints
-    done = {} if kept is None else _resumed(question, kept, numbers)
+    done = {leg.leg: leg for leg in known} if kept is None else _resumed(question, kept, numbers)
     left = [done.get(leg, leg) for leg in numbers if leg not in done or _begun(question, done[leg])]
     question, place = placed(question, len(left), place)
     here = isinstance(place[0], Here)

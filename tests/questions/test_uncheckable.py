@@ -8,9 +8,8 @@ from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
 from cpcal.cli import app
 from cpcal.common.errors import InputError
-from cpcal.questions import Uncertified, save_result
+from cpcal.questions import Uncertified, save_result, with_ranges
 from cpcal.questions.outliers import certify_robust
-from cpcal.questions.ranges import with_ranges
 from cpcal.report import write_report
 from cpcal.solver.certificate import recording
 
