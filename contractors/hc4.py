@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
+import time
+from functools import partial
 
 import numpy as np
 
@@ -25,14 +28,14 @@ class HC4(Composable):
         self._engine, self._sweeps = get_arithmetic(arithmetic), sweeps
         self._tape = rows_tape(network)
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         narrowed = self.contract_batch(IntervalArray(box.lo[None], box.hi[None]))
         result = box.intersect(box.with_bounds(narrowed.lo[0], narrowed.hi[0]))
         if result.is_empty and not box.is_empty:
             return Contraction(result, (Step("hc4", None, "", np.nan),))
         return Contraction(result, moved_bounds("hc4", box, result))
 
-    def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
+    def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
         return self._tape.contract(self._engine, boxes, self._sweeps)
 
@@ -75,15 +78,15 @@ class BoxConsistency(Composable):
         self._tape = rows_tape(network)
         self._precision, self._most = precision, most
 
-    def contract(self, box: Box) -> Contraction:
-        after = repeated(self._round, box, ratio=0.9, most=self._most).box
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        after = repeated(partial(self._round, deadline), box, ratio=0.9, most=self._most).box
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("box", None, "", np.nan),))
         return Contraction(after, moved_bounds("box", box, after))
 
-    def _round(self, box: Box) -> Contraction:
+    def _round(self, deadline: float, box: Box) -> Contraction:
         for component in range(len(box)):
-            box = box if self.late else self._narrowed(box, component)
+            box = box if time.monotonic() > deadline else self._narrowed(box, component)
         return Contraction(box)
 
     def _narrowed(self, box: Box, component: int) -> Box:

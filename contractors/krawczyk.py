@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +13,7 @@ import numpy.typing as npt
 from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, Step, repeated
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import BoxProgram, Dense, LinearEngine, LinearSolution, tightened
+from cpcal.solver.linear import BoxProgram, LinearSolution, tightened
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -28,10 +30,9 @@ class PolyhedralPrograms:
         origin: Indices,
         box: Box,
         arithmetic: Arithmetic,
-        engine: LinearEngine,
     ) -> None:
         self._name, self._origin, self._box, self._polyhedron = name, origin, box, polyhedron
-        self._program = BoxProgram(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic, engine)
+        self._program = BoxProgram(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic)
 
     def run(self, first: int | None, deadline: float) -> Contraction:
         """Contract every bound, the lower one of variable `first` (the objective) before all others."""
@@ -199,18 +200,16 @@ class Krawczyk(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Dense,
         slopes: bool = False,
         ratio: float = 0.9,
         most: int = 20,
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._engine = engine
         self._system = Linearised(network, self._arithmetic, slopes)
         self._objective = None if objective is None else network.names.index(objective)
         self._ratio, self._most = ratio, most
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
         unit = np.where(box.width > 0.0, box.width, 1.0)
@@ -219,17 +218,16 @@ class Krawczyk(Composable):
             with np.errstate(all="ignore"):  # widths beyond float64 tell nothing
                 return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
 
-        return repeated(self._once, box, ratio=self._ratio, most=self._most, pays=pays)
+        once = partial(self._once, deadline)
+        return repeated(once, box, ratio=self._ratio, most=self._most, pays=pays)
 
-    def _once(self, box: Box) -> Contraction:
+    def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
         parts = [(inequalities(self._arithmetic, rows, box, how), rows.origin) for rows, how in self._rows(box)]
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
-        return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(
-            self._objective, self.deadline
-        )
+        return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic).run(self._objective, deadline)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""

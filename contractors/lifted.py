@@ -7,7 +7,8 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -16,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.network import restricted
@@ -136,7 +137,7 @@ class Structures:
         constraint, element = structure.system.origin.T
         apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
         rows = np.flatnonzero(~apart | np.isin(element // width[constraint], elements))
-        return structure.part(rows, np.zeros(len(structure.used), np.bool_))
+        return structure.part(rows)
 
     def _most(self, box: Box) -> int:
         """Elements for each side of a constraint."""
@@ -233,7 +234,6 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights]
 
-_FEWER = 0.5  # of the rows: with less the boxes within begin
 _WORTH = 2  # columns for each variable, from which on fewer are worth a try
 _BENDS = 2.0  # beyond which what is not linear in a row, per half-width of the objective, makes a try vain
 _BEYOND = 2.0  # how far linear parts may reach beyond the box, in its half-widths
@@ -257,11 +257,8 @@ class Lifted(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Dense,
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._engine = engine
-        self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
         self._structures: Structures | RestrictedStructures = Structures(network, self._arithmetic, self._objective)
@@ -272,23 +269,23 @@ class Lifted(Composable):
         domain = self._network.domain
         if self._structures.by_box and not domain.is_bounded:
             return frozenset()
-        system = self._structures.on(domain, self.deadline).system
+        system = self._structures.on(domain, math.inf).system
         return frozenset(constraint for constraint, _ in system.leftover)
 
     def restricted_to(self, elements: Indices) -> Lifted:
         """See `cpcal.solver.contract.Restrictable`."""
         assert isinstance(self._structures, Structures)
         other = copy(self)
-        other._structures, other._within = self._structures.restricted_to(elements), None
+        other._structures = self._structures.restricted_to(elements)
         return other
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        programs = self._programs(box, self._objective)
-        return Contraction(box) if programs is None else tightened(programs, box, self._objective, self.deadline)
+        programs = self._programs(box, deadline, self._objective)
+        return Contraction(box) if programs is None else tightened(programs, box, self._objective, deadline)
 
-    def support_function(self, box: Box, directions: Floats) -> Floats:
+    def support_function(self, box: Box, directions: Floats, deadline: float = math.inf) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
 
         -inf for all when the box is proved to hold no solution.
@@ -298,24 +295,13 @@ class Lifted(Composable):
         widest = over_box(self._arithmetic, box, directions)
         if not box.is_bounded:
             return widest
-        programs = self._programs(box)
+        programs = self._programs(box, deadline)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
-    def _programs(self, box: Box, objective: int | None = None) -> _Programs | None:
-        """None where no row has a polynomial form.
-
-        Within the box before, the rows that no point of that one violates are left out from the start.
-        """
-        whole = self._structures.on(box, self.deadline)
-        if not whole.positions:
-            return None
-        known = self._within
-        structure = known[2] if known is not None and known[0] is whole and box.subset(known[1]) else whole
-        programs = _Programs(structure, self._arithmetic, self._engine(), box, objective)
-        kept, occurring = programs.rows
-        if len(kept) < _FEWER * len(structure.system.origin):
-            self._within = whole, box, structure.part(kept, occurring)
-        return programs
+    def _programs(self, box: Box, deadline: float, objective: int | None = None) -> _Programs | None:
+        """None where no row has a polynomial form."""
+        whole = self._structures.on(box, deadline)
+        return _Programs(whole, self._arithmetic, box, objective) if whole.positions else None
 
 
 class _Programs:
@@ -325,9 +311,7 @@ class _Programs:
     linear parts alone, a third of the columns. That is no relaxation: their multipliers are proved with all monomials.
     """
 
-    def __init__(
-        self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box, objective: int | None = None
-    ) -> None:
+    def __init__(self, structure: Structure, arithmetic: Arithmetic, box: Box, objective: int | None = None) -> None:
         self._structure = structure
         self._arithmetic = arithmetic
         self._relaxation = Relaxation(structure, arithmetic, box)
@@ -336,11 +320,11 @@ class _Programs:
         self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
         self._variables = np.array(list(self._positions), np.intp)
         self._columns = np.array(list(self._positions.values()), np.intp)
-        self._engine, self.count = engine, 0
+        self._engine, self.count = Dense(), 0
         self._linear: Indices | None = None  # the columns of the programs; None: all
         if objective is None or not self._bends_little(objective):
             self._linear = None
-            self._relaxation.load(engine)
+            self._relaxation.load(self._engine)
 
     def _bends_little(self, objective: int) -> bool:
         """Whether little of the objective's bound is lost to what is not linear. Then the linear programs are loaded.
@@ -373,11 +357,6 @@ class _Programs:
         lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
         upper[place] = highest
         self._engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
-
-    @property
-    def rows(self) -> tuple[Indices, Bools]:
-        """The rows of the structure that some point of the box may violate, and the monomials that occur in any."""
-        return self._relaxation.kept, self._relaxation.occurring
 
     @property
     def variables(self) -> Collection[int]:

@@ -6,6 +6,8 @@ Near a simple zero the widths of a box are squared at every pass. To prove that 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from contractors.hc4 import moved_bounds
@@ -38,19 +40,19 @@ class Newton(Composable):
         self._equalities = Equalities.of(network)
         self.unused_constraints = self._equalities.inequalities
 
-    def contract(self, box: Box) -> Contraction:
-        left = self.contract_batch(box.array[None])
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        left = self.contract_batch(box.array[None], deadline)
         after = box.intersect(box.with_bounds(left.lo[0], left.hi[0]))
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("newton", None, "", np.nan),))
         return Contraction(after, moved_bounds("newton", box, after))
 
-    def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
+    def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
         if not self._equalities.count:
             return boxes
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
-        with stop_flag(self.deadline, boxes.shape[1], len(bounds)) as stop:
+        with stop_flag(deadline, boxes.shape[1], len(bounds)) as stop:
             kernel = square_of(self._engine).newton_all
             kernel(*self._equalities.program, self._operator.value, self._most, stop, bounds)
         return IntervalArray(bounds[..., 0], bounds[..., 1])

@@ -15,6 +15,7 @@ sorted ends; intersecting those sweeps over all dimensions (the usual relaxation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,10 +38,10 @@ class QInter(Composable):
         self._parts, self._q = tuple(parts), q
         self.monotone_tolerance = max(map(monotone_tolerance, parts))
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty:
             return Contraction(box)
-        results = [part.contract(box).box for part in self._parts]
+        results = [part.contract(box, deadline).box for part in self._parts]
         boxes = IntervalArray(np.stack([b.lo for b in results]), np.stack([b.hi for b in results]))
         hull = q_intersection(boxes, self._q)
         if hull is None:

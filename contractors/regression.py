@@ -9,6 +9,7 @@ anew on each box, and a certificate holds them as those of any linear program.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -57,10 +58,10 @@ class Regression(Composable):
         self._structures = Structures(network, self._arithmetic, sought)
         self._known: tuple[bytes, Combined] | None = None  # which coefficients they are of
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        structure = self._structures.on(box, self.deadline)
+        structure = self._structures.on(box, deadline)
         if not structure.positions:
             return Contraction(box)
         relaxation = Relaxation(structure, self._arithmetic, box, whole=True)

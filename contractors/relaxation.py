@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.linear import LinearEngine
+from cpcal.solver.linear import Dense
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
@@ -363,50 +363,39 @@ _COLUMNS = 150  # beyond, linear programs take too long at each node
 
 
 class Structure:
-    """What the relaxations of one system on all boxes have in common.
+    """What the relaxations of one system on all boxes have in common. `used`: the monomials that get a column."""
 
-    `whole`: of which it is a part, and the monomials that occur in rows that it has not.
-    """
-
-    def __init__(self, system: PolynomialSystem, whole: tuple[Structure, Bools] | None = None) -> None:
+    def __init__(self, system: PolynomialSystem, used: Bools | None = None) -> None:
         self.system = system
         shift = _shift(system.monomials, len(system.names))
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
-        paying = (
-            _paying(self._divisors, self.rows.matters[1:], system.monomials[1:]) if whole is None else whole[0].used
+        self.used: Bools = (
+            _paying(self._divisors, self.rows.matters[1:], system.monomials[1:]) if used is None else used
         )
-        self.used: Bools = paying
-        self._beyond = np.zeros(len(self.used), np.bool_) if whole is None else whole[1]
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
         self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
 
-    def part(self, rows: Indices, occurring: Bools) -> Structure:
-        """Of these rows alone, for boxes within one where no point violates the others.
+    def part(self, rows: Indices) -> Structure:
+        """Of these rows alone, with the columns of all."""
+        system, own = self.system, self.system.coefficients[:, rows]
+        some = replace(system, coefficients=own, guarded=system.guarded[rows], guards=system.guards[:, rows],
+                       origin=system.origin[rows], part=system.part[rows])  # fmt: skip
+        return Structure(some, self.used)
 
-        `occurring`: the monomials of u that have a coefficient there. They keep their columns, so that the programs are
-        those of the whole system.
-        """
-        return Structure(_restricted(self.system, rows), (self, occurring | self._beyond))
-
-    def columns(self, highest: Floats, radius: Floats) -> Bools:
+    def columns(self, highest: Floats) -> Bools:
         """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""
-        moving = np.array([all(radius[i] > 0.0 for i in m) for m in self.system.monomials[1:]], dtype=np.bool_)
-        return self.with_divisors(self.used & (self.linear | (highest > 0.0) | (self._beyond & moving)))
+        return np.asarray(self._divisors[self.used & (self.linear | (highest > 0.0))].any(axis=0))
 
     def names(self, rows: Indices) -> list[tuple[int, int, int]]:
         """Constraint, part and element of some rows."""
         origin, part = self.system.origin[rows].tolist(), self.system.part[rows].tolist()
         return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
-
-    def with_divisors(self, monomials: Bools) -> Bools:
-        """Those monomials (without the constant), and all that divide one of them."""
-        return np.asarray(self._divisors[monomials].any(axis=0))
 
 
 def _paying(divisors: Bools, monomials: Bools, degrees: tuple[Monomial, ...]) -> Bools:
@@ -431,18 +420,6 @@ def _guards(system: PolynomialSystem) -> IntervalArray:
     lo, hi = np.zeros((2, *own.shape[:2], len(system.monomials)))
     lo[..., system.guard_monomials], hi[..., system.guard_monomials] = own.lo, own.hi
     return IntervalArray(lo, hi)
-
-
-def _restricted(system: PolynomialSystem, rows: Indices) -> PolynomialSystem:
-    """Some rows of a system."""
-    return replace(
-        system,
-        coefficients=system.coefficients[:, rows],
-        guarded=system.guarded[rows],
-        guards=system.guards[:, rows],
-        origin=system.origin[rows],
-        part=system.part[rows],
-    )
 
 
 # What follows depends on the monomials alone, which the boxes of one system share.
@@ -485,8 +462,7 @@ class Relaxation:
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         rows = rows[1:]
         exponents, highest = scaled(rows, rhs)
-        self.occurring = highest > 0.0
-        has_column = structure.columns(highest, self.radius)
+        has_column = structure.columns(highest)
         self.columns = np.flatnonzero(has_column)
         matters = reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi)
         if whole:
@@ -503,13 +479,13 @@ class Relaxation:
         if structure.guards is None:
             return widening
         rows, error = structure.guards.on(self._engine, self.center, self.radius)
-        lowest = _down(rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows)))
+        lowest = np.asarray(np.nextafter((rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows))), -np.inf))
         lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # a sum that overflowed on its way may be anything
         out = widening.copy()
         out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
         return out
 
-    def load(self, engine: LinearEngine) -> LinearEngine:
+    def load(self, engine: Dense) -> Dense:
         """The engine, with its rows."""
         engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
         return engine
@@ -524,7 +500,3 @@ class Relaxation:
 def _up(values: Floats, count: int) -> Floats:
     """Upper bounds of sums of so many numbers >= 0, computed in any order."""
     return np.asarray(values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST)
-
-
-def _down(values: Floats) -> Floats:
-    return np.asarray(np.nextafter(values, -np.inf))

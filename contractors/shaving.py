@@ -7,6 +7,8 @@ contractor sees more in it than in the whole; the ends of all variables are trie
 from __future__ import annotations
 
 import itertools
+import math
+import time
 from collections.abc import Sequence
 from functools import reduce
 
@@ -33,25 +35,25 @@ def cuts(lo: float, hi: float, pieces: int) -> Floats:
     return np.unique(np.concatenate([[lo], np.clip(inner, lo, hi), [hi]]))
 
 
-def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[Box]:
+def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int, deadline: float = math.inf) -> list[Box]:
     """Each box contracted by `inner`; all at once, `passes` times, where it can do that."""
     if not boxes:
         return []
     if not takes_batches(inner):
-        return [inner.contract(box).box for box in boxes]
+        return [inner.contract(box, deadline).box for box in boxes]
     array = IntervalArray(np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes]))
-    left = contracted(inner, array, passes)
+    left = contracted(inner, array, passes, deadline)
     return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, left.lo, left.hi, strict=True)]
 
 
-def contracted(inner: Contractor, array: IntervalArray, passes: int) -> IntervalArray:
+def contracted(inner: Contractor, array: IntervalArray, passes: int, deadline: float = math.inf) -> IntervalArray:
     """The same for bounds (B, n) of boxes, with a contractor that takes batches; NaN where nothing is left."""
     for _ in range(passes):
         alive = np.flatnonzero(~array.empty.any(axis=1))
         if not alive.size:
             break
         lo, hi = array.lo.copy(), array.hi.copy()
-        narrowed = inner.contract_batch(array[alive])  # type: ignore[attr-defined]
+        narrowed = inner.contract_batch(array[alive], deadline)  # type: ignore[attr-defined]
         lo[alive], hi[alive] = narrowed.lo, narrowed.hi
         with np.errstate(all="ignore"):
             pays = shrunk((array.hi - array.lo)[alive], (hi - lo)[alive], 0.9)
@@ -89,27 +91,27 @@ class Shaving(Composable):
         self._inner, self._fraction, self._least = inner, fraction, least if adaptive else fraction
         self._adaptive, self._most, self._passes = adaptive, most, passes
 
-    def contract(self, box: Box) -> Contraction:
-        after = self._shaved(box) if not box.is_empty else box
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        after = self._shaved(box, deadline) if not box.is_empty else box
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("shaving", None, "", np.nan),))
         return Contraction(after, moved_bounds("shaving", box, after))
 
-    def _shaved(self, box: Box) -> Box:
-        box = self._inner.contract(box).box
+    def _shaved(self, box: Box, deadline: float) -> Box:
+        box = self._inner.contract(box, deadline).box
         share = np.full((len(box), _SIDES), self._fraction)
         for _ in range(self._most):
             ends = [] if box.is_empty else self._open_ends(box, share)
-            if not ends or self.late:
+            if not ends or time.monotonic() > deadline:
                 break
             slices = [_end(box, component, side, share[component, side]) for component, side in ends]
-            results = contract_all(self._inner, slices, self._passes)
+            results = contract_all(self._inner, slices, self._passes, deadline)
             lo, hi = box.lo.copy(), box.hi.copy()
             for (component, side), piece, rest in zip(ends, slices, results, strict=True):
                 _cut_off(lo, hi, component, side, piece, rest)
                 share[component, side] = self._next(share[component, side], rest.is_empty)
             smaller = box.with_bounds(lo, hi)
-            box = self._inner.contract(smaller).box if smaller != box else box
+            box = self._inner.contract(smaller, deadline).box if smaller != box else box
         return box
 
     def _open_ends(self, box: Box, share: Floats) -> list[tuple[int, int]]:
@@ -179,21 +181,21 @@ class Cid(Composable):
         self._inner, self._slices, self._passes = inner, slices, passes
         self._ratio, self._rounds = ratio, rounds if adaptive else 1
 
-    def contract(self, box: Box) -> Contraction:
-        after = self._narrowed(box) if not box.is_empty else box
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        after = self._narrowed(box, deadline) if not box.is_empty else box
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("cid", None, "", np.nan),))
         return Contraction(after, moved_bounds("cid", box, after))
 
-    def _narrowed(self, box: Box) -> Box:
-        box = self._inner.contract(box).box
+    def _narrowed(self, box: Box, deadline: float) -> Box:
+        box = self._inner.contract(box, deadline).box
         active = list(range(len(box)))
         for _ in range(self._rounds):
             paying = []
             for component in active:
-                if self.late:
+                if time.monotonic() > deadline:
                     return box
-                before, box = box, self._turn(box, component)
+                before, box = box, self._turn(box, component, deadline)
                 if box.is_empty:
                     return box
                 if shrunk(before.width, box.width, self._ratio):
@@ -203,17 +205,17 @@ class Cid(Composable):
                 break
         return box
 
-    def _turn(self, box: Box, component: int) -> Box:
+    def _turn(self, box: Box, component: int, deadline: float) -> Box:
         """The hull of what is left of the slices along one component."""
         if box.is_empty or not np.isfinite(box.width[component]) or box.lo[component] == box.hi[component]:
             return box
         ends = cuts(float(box.lo[component]), float(box.hi[component]), self._slices)
         if not takes_batches(self._inner):
             pieces = [slice_of(box, component, lo, hi) for lo, hi in itertools.pairwise(ends.tolist())]
-            return box.intersect(reduce(Box.hull, contract_all(self._inner, pieces, self._passes)))
+            return box.intersect(reduce(Box.hull, contract_all(self._inner, pieces, self._passes, deadline)))
         lo, hi = (np.repeat(bound[None], len(ends) - 1, axis=0) for bound in (box.lo, box.hi))
         lo[:, component], hi[:, component] = ends[:-1], ends[1:]
-        left = contracted(self._inner, IntervalArray(lo, hi), self._passes)
+        left = contracted(self._inner, IntervalArray(lo, hi), self._passes, deadline)
         some = ~left.empty.any(axis=1)
         if not some.any():
             return Box.empty(box.names)

@@ -7,15 +7,13 @@ a variable of the monomial divides it by about four.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from contractors.relaxation import Relaxation, Structure
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Dense
-from cpcal.solver.linear.engine import LinearEngine, LinearStatus
+from cpcal.solver.linear.engine import LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.search import LargestFirst
 
@@ -32,10 +30,9 @@ class MostViolated(LargestFirst):
         width: float = 0.0,
         *,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Dense,
     ) -> None:
         super().__init__(width)
-        self._arithmetic, self._engine = get_arithmetic(arithmetic), engine
+        self._arithmetic = get_arithmetic(arithmetic)
         self._structure = Structure(polynomial_form(network, self._arithmetic))
         used = self._structure.used
         self._products = [(k, m) for k, m in enumerate(self._structure.system.monomials[1:]) if len(m) > 1 and used[k]]
@@ -61,7 +58,7 @@ class MostViolated(LargestFirst):
     def _vertices(self, box: Box) -> list[Floats]:
         """The columns that a product has on the box, at two vertices; where it has none, the product itself."""
         structure, relaxation = self._structure, Relaxation(self._structure, self._arithmetic, box)
-        engine = relaxation.load(self._engine())
+        engine = relaxation.load(Dense())
         places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         vertices = []
         for sign in (1.0, -1.0):

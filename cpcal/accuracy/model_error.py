@@ -17,7 +17,6 @@ from cpcal.common.values import Floats, Indices
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.linear.engine import Glop
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
@@ -112,4 +111,4 @@ def _least_error(network: ConstraintNetwork, rows: Indices, center: Sequence[flo
 
 def _fitted(network: ConstraintNetwork, start: Floats) -> Floats:
     objective = network.names.index("eps")
-    return fit(Rows(network), objective, network.domain, np.append(start, 0.0), Glop())
+    return fit(Rows(network), objective, network.domain, np.append(start, 0.0))

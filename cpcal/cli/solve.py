@@ -99,7 +99,7 @@ def _write(found: Answer, output: Path, picture: Path | None) -> None:
     rows, names = len(network.constraints), network.names
     write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
     if picture is not None and found.paving is not None and found.paving.solutions:
-        write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
+        paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).save(picture)
 
 
 def _show(found: Answer, output: Path, talk: Talk) -> None:

@@ -228,7 +228,7 @@ class _Meaning:
         self.temporary: dict[str, Token] = {}  # names that are set in the constraints
 
     def problem(self) -> StatedProblem:
-        known, network = self.evaluator, Network(_name(self.source.where))
+        known, network = self.evaluator, Network(Path(self.source.where).stem or "problem")
         for symbol in self.file.constants:
             self.new(symbol.token, known.constants)
             known.constants[symbol.token.text] = self.constant(symbol)
@@ -372,7 +372,3 @@ class _Meaning:
 
 def _data(bounds: Interval) -> Interval | Data:
     return bounds if bounds.lo == bounds.hi else Data(bounds)
-
-
-def _name(where: str) -> str:
-    return Path(where).stem or "problem"

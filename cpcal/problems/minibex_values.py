@@ -397,7 +397,9 @@ def _chi(arguments: list[Value]) -> Value:
 
 def _chosen(condition: Value, low: Value, high: Value) -> Any:
     for part in (low, high):
-        if isinstance(part, Expr) and any(_is_partial(node) for node in topological((part,))):
+        if isinstance(part, Expr) and any(
+            (node.op in _PARTIAL or (node.op == "power" and node.parameter < 0)) for node in topological((part,))
+        ):
             raise ModelError("a part of chi may be undefined where the other one counts: move it out of chi")
     above = applied("max", [applied("sign", [condition]), Interval(0.0, 0.0)])  # 1 where a > 0, else 0
     if not isinstance(above, Expr):
@@ -406,10 +408,6 @@ def _chosen(condition: Value, low: Value, high: Value) -> Any:
             raise ModelError("chi of an interval about 0 is neither of its parts")
         return high if found.lo > 0.0 else low
     return as_operand(low) * (1.0 - above) + as_operand(high) * above
-
-
-def _is_partial(node: Expr) -> bool:
-    return node.op in _PARTIAL or (node.op == "power" and node.parameter < 0)
 
 
 def _end(name: str, of: Callable[[Interval], float]) -> Callable[[list[Value]], Value]:

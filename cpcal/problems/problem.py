@@ -14,7 +14,6 @@ from cpcal.common.errors import InputError, ModelError
 from cpcal.common.numbers import at_most, bracket_text
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.interval import Box
 from cpcal.solver.model import Network, Paving
 from cpcal.solver.network import Expr
 from cpcal.solver.optimize.minimum import Bracket, Minimum
@@ -94,7 +93,13 @@ class Answer:
             "status": "complete" if self.verdict is not Verdict.UNKNOWN else "limit reached",
             "verdict": _WORDS[self.verdict],
             "sentence": self.status,
-            "solutions": [{"status": _WORDS[s.verdict], "box": _box(s.box, names)} for s in solutions],
+            "solutions": [
+                {
+                    "status": _WORDS[s.verdict],
+                    "box": ({name: [_number(s.box[name].lo), _number(s.box[name].hi)] for name in names}),
+                }
+                for s in solutions
+            ],
             "objective": None
             if bracket is None
             else {"lo": _number(bracket[0]), "hi": _number(bracket[1]), "point": self.point},
@@ -170,10 +175,6 @@ def _sentence(problem: StatedProblem, best: Minimum) -> str:
         least, most = bracket_text(lo, hi, 10)
         return f"The largest value lies in [{least}, {most}]: proved."
     return f"The largest value is at most {at_most(hi, 10)}; a limit came first."
-
-
-def _box(box: Box, names: tuple[str, ...]) -> dict[str, list[float | None]]:
-    return {name: [_number(box[name].lo), _number(box[name].hi)] for name in names}
 
 
 def _number(value: float) -> float | None:

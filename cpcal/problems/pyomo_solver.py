@@ -187,14 +187,10 @@ def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any
         results.solution_loader = PooledSolutions(model, variables, points)
         proved = found.verdict is not Verdict.UNKNOWN
         system = found.best is None
-        feasible = not system or _first_is_proved(found)
+        feasible = not system or (found.paving is not None and found.paving.solutions[0].verdict is Verdict.PROVED)
         results.solution_status = SolutionStatus.unknown
         if feasible:
             results.solution_status = SolutionStatus.optimal if proved else SolutionStatus.feasible
-
-
-def _first_is_proved(found: Answer) -> bool:
-    return found.paving is not None and found.paving.solutions[0].verdict is Verdict.PROVED
 
 
 def _points(found: Answer, count: int) -> list[dict[int, float]]:

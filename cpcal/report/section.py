@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 Row = TypeVar("Row")
-_PACKAGES = ("numpy", "scipy", "ortools", "python-flint")
+_PACKAGES = ("numpy", "scipy", "python-flint")
 
 
 @dataclass(frozen=True)

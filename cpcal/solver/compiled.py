@@ -101,6 +101,7 @@ def compiled(function: F) -> F:
     Outside of its arithmetic it behaves as in Python, except that division by zero gives infinities and NaN as in
     numpy (plain Python calls it with numpy's numbers), and that it runs without the interpreter's lock.
     """
+    vars(function)["kernel"] = True
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return function
     return Compiled(function)  # type: ignore[return-value]

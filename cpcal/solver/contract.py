@@ -1,8 +1,8 @@
 """Every contract of a plug-in, on one page. Imports nothing of cpcal at run time.
 
 How to write a contractor: a class whose constructor has the signature of `ContractorFactory`, with a method
-`contract(box) -> Contraction`. Derive it from `Composable` for the operators and the declarations' defaults, or write
-the declarations that `Contractor` lists; nothing else is asked of it. Name it under the entry-point group
+`contract(box, deadline) -> Contraction`. Derive it from `Composable` for the operators and the declarations' defaults,
+or write the declarations that `Contractor` lists; nothing else is asked of it. Name it under the entry-point group
 `cpcal.contractors`. `cpcal.solver.testing.check_contractor` tests all that is promised here.
 
 Contractors compose, whoever wrote them: `Then(a, b)` or `a >> b` is a, then b; `Union(a, b)` or `a | b` is the hull of
@@ -104,9 +104,10 @@ class Contraction:
 
 
 class Contractor(Protocol):
-    """Removes from a box points that are no solutions, never a solution. Holds no state between calls; pickles.
+    """Removes from a box points that are no solutions, never a solution. Remembers nothing between calls; pickles.
 
-    What it can do is declared; what is not declared counts as the default, in brackets:
+    A long contraction ends at the `deadline` (of time.monotonic()), with what it has proved. What it can do is
+    declared; what is not declared counts as the default, in brackets:
 
     gives_weights       its steps carry `StepWeights`, so that they can be written into a certificate (False)
     idempotent          a second call on the result changes nothing (False)
@@ -118,7 +119,7 @@ class Contractor(Protocol):
     idempotent: bool
     monotone_tolerance: float
 
-    def contract(self, box: Box) -> Contraction: ...
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction: ...
 
 
 @runtime_checkable
@@ -144,7 +145,7 @@ class Restrictable(Protocol):
 
 
 def takes_batches(contractor: Contractor) -> bool:
-    """Whether it has `contract_batch(boxes) -> boxes`, bounds of shape (B, n), NaN where a box holds no solution."""
+    """Whether it has `contract_batch(boxes, deadline) -> boxes`, bounds (B, n), NaN where a box holds no solution."""
     return callable(getattr(contractor, "contract_batch", None))
 
 
@@ -167,9 +168,9 @@ def monotone_tolerance(contractor: Contractor) -> float:
     return float(getattr(contractor, "monotone_tolerance", ROUNDING))
 
 
-def contracted(contractor: Contractor, box: Box) -> Contraction:
+def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> Contraction:
     """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
-    found = contractor.contract(box)
+    found = contractor.contract(box, deadline)
     if not isinstance(found, Contraction) or getattr(found.box, "names", None) != box.names:
         from cpcal.common.errors import PluginError
 
@@ -186,15 +187,9 @@ class Composable:
     gives_weights: bool = False
     idempotent: bool = False
     monotone_tolerance: float = ROUNDING
-    deadline: float = math.inf  # of time.monotonic(): a long contraction ends there, with what it has proved (`until`)
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         raise NotImplementedError
-
-    @property
-    def late(self) -> bool:
-        """Whether the deadline is over."""
-        return time.monotonic() > self.deadline
 
     def __rshift__(self, other: Contractor) -> Then:
         return Then(self, other)
@@ -216,10 +211,10 @@ class Then(Composable):
         self.parts = parts
         self.monotone_tolerance = sum(map(monotone_tolerance, parts))
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         total = Contraction(box)
         for part in self.parts:
-            total = followed(total, contracted(part, total.box))
+            total = followed(total, contracted(part, total.box, deadline))
             if total.box.is_empty:
                 break
         return total
@@ -232,8 +227,8 @@ class Union(Composable):
         self._first, self._second = first, second
         self.monotone_tolerance = max(monotone_tolerance(first), monotone_tolerance(second))
 
-    def contract(self, box: Box) -> Contraction:
-        one, two = contracted(self._first, box), contracted(self._second, box)
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        one, two = (contracted(part, box, deadline) for part in (self._first, self._second))
         programs = one.programs + two.programs
         return Contraction(one.box.hull(two.box), (), one.point if one.point is not None else two.point, programs)
 
@@ -248,8 +243,9 @@ class Repeat(Composable):
             raise ValueError(f"ratio is in (0, 1], not {ratio}")
         self.inner, self._ratio, self._most = inner, ratio, most
 
-    def contract(self, box: Box) -> Contraction:
-        return repeated(partial(contracted, self.inner), box, ratio=self._ratio, most=self._most)
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
+        once = partial(contracted, self.inner, deadline=deadline)
+        return repeated(once, box, ratio=self._ratio, most=self._most)
 
 
 def in_sequence(parts: Sequence[Contractor]) -> Contractor:
@@ -263,13 +259,6 @@ def elements(contractor: Contractor) -> tuple[Contractor, ...]:
         return elements(contractor.inner)
     parts = contractor.parts if isinstance(contractor, Then) else None
     return (contractor,) if parts is None else tuple(e for part in parts for e in elements(part))
-
-
-def until(contractor: Contractor, deadline: float) -> None:
-    """Tell the elements of a contractor when a search ends: those that can will not go on beyond."""
-    for element in elements(contractor):
-        if isinstance(element, Composable):
-            element.deadline = deadline
 
 
 def followed(one: Contraction, two: Contraction) -> Contraction:

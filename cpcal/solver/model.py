@@ -40,9 +40,8 @@ from cpcal.solver.contract import (
     Verdict,
     contracted,
     in_sequence,
-    until,
 )
-from cpcal.solver.execution.executors import Here, executor_for
+from cpcal.solver.execution.executors import Here, Place, executor_for
 from cpcal.solver.execution.stopping import heard
 from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
@@ -63,13 +62,12 @@ from cpcal.solver.search import (
     Event,
     Paving,
     Priority,
-    Process,
     Race,
+    Rounds,
     Search,
     Solution,
     WholeNumbers,
     conclusion,
-    spread_over,
 )
 from cpcal.solver.search.race import PavingCheckpoint, checkpoint_of, raced
 
@@ -250,14 +248,11 @@ def named_contractors(
     objective: str,
     contractors: Sequence[str | Contractor],
     arithmetic: str,
-    deadline: float,
     *,
     exact: bool,
 ) -> list[tuple[str, Contractor]]:
     """The contractors of a minimisation, of the rows of `stated`, by their names. Raises ModelError."""
     parts = plugins.build_each(stated, contractors, objective=objective, arithmetic=arithmetic)
-    for part in parts:
-        until(part, deadline)
     named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
     if network.whole.any() and exact:
         raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
@@ -412,7 +407,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     basis, _ = first.buchberger_naive(limits=_LIMITS)
     known = {str(p.primitive()[1]) for p in first}
     short = [p for p in basis if 2 <= len(p) <= longest and p.total_degree() <= highest]
-    unknowns = _unknowns(network)
+    unknowns = [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
     return tuple(_expression(p, unknowns) == 0.0 for p in short if str(p.primitive()[1]) not in known)
 
 
@@ -432,11 +427,6 @@ def _whole(terms: Terms, context: Any, size: int) -> Any:
     common = math.lcm(*(c.denominator for c in terms.values()))
     powers = {m: tuple(m.count(k) for k in range(size)) for m in terms}
     return context.from_dict({powers[m]: int(c * common) for m, c in terms.items()})
-
-
-def _unknowns(network: ConstraintNetwork) -> list[Expr]:
-    """The components in the order of `names`."""
-    return [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
 
 
 def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
@@ -564,7 +554,7 @@ class Network(ConstraintNetwork):
         the call, and when it is over no function is compiled any more.
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
-        the answer is the same. It pays where a box takes some tenths of a millisecond or more.
+        the answer is the same. It pays where a box takes a millisecond or more.
 
         `checkpoint` names a file that says every few seconds, and at a stop, where the search stands; with `resume` it
         goes on from there, to the answer that it would have had. The file goes when all is decided. Limits are of each
@@ -591,26 +581,27 @@ class Network(ConstraintNetwork):
             contractor = in_sequence(parts)
             if network.whole.any():
                 contractor = Repeat(Then(contractor, WholeNumbers(network.whole)))  # a point must be looked at again
-            until(contractor, clock.deadline)
             return contractor
 
-        left = partial(_contracted, contracting, choice.methods[0], network.domain)
+        left = partial(_contracted, contracting, choice.methods[0], network.domain, clock.deadline)
         with compiling_until(clock.deadline):
             finest, reach, unit = resolution(network, left, width)
 
-        def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
+        def search(method: SearchMethod, place: Place) -> Search:
             by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
-            process = Divide(contracting(method), by, inside=inside, outside=inner)
-            roots, batch = [network.domain], process.batch
-            return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
+            every = Contracting([("", contracting(method))], deadline=clock.deadline)
+            process = Divide(every, by, inside=inside, outside=inner)
+            here = isinstance(place[0], Here)
+            decides, batch = (process, process.batch) if here else (Rounds(process, place), _ABREAST)
+            return Search([network.domain], decides, priority, outside=inner, abreast=_ABREAST, batch=batch)
 
-        there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
-        with heard(), linear_algebra_on_one_thread(), there as spread, compiling_until(clock.deadline):
+        there = executor_for(workers, scheduler, executor, loads=_LOADS)
+        with heard(), linear_algebra_on_one_thread(), there as place, compiling_until(clock.deadline):
             race = Race(
-                [Contender(m.name, partial(search, m, spread), m.slice, m.turns, m.begins) for m in choice.methods]
+                [Contender(m.name, partial(search, m, place), m.slice, m.turns, m.begins) for m in choice.methods]
             )
             nodes = raced(race, keeper, clock, progress)
-            found = race.leader.search or search(choice.methods[0], spread)
+            found = race.leader.search or search(choice.methods[0], place)
             keeper.end(complete=not found.waiting)
             paving = conclusion(found, UniquenessProver(network, engine, deadline=clock.deadline), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
@@ -672,7 +663,7 @@ class Network(ConstraintNetwork):
             if contractors is None:
                 contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
             network._check_bounded(name, contractors, chosen=why != "asked for")
-            named = named_contractors(network, stated, name, contractors, arithmetic, clock.deadline, exact=exact)
+            named = named_contractors(network, stated, name, contractors, arithmetic, exact=exact)
         first = None if start is None else start_point(network, start, len(self.names))
         options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
@@ -724,6 +715,8 @@ class Network(ConstraintNetwork):
             raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
 
 
-def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
+def _contracted(
+    contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box, deadline: float
+) -> Box:
     """What the contractors of a method leave of a box."""
-    return contracted(contracting(method), box).box
+    return contracted(contracting(method), box, deadline).box

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from contractors import (
@@ -25,7 +27,7 @@ from cpcal.solver.network import ConstraintNetwork
 class Foreign:
     """A third party's contractor that declares nothing and has no operators."""
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         return Contraction(box.replace("x", hi=min(1.0, float(box.hi[0]))), programs=2)
 
 

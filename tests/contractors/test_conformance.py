@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -127,7 +128,7 @@ class Wrapped:
     def __init__(self, network: ConstraintNetwork, spoil: Callable[[Box, Contraction], Contraction]) -> None:
         self._inner, self._spoil = HC4(network), spoil
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         return self._spoil(box, self._inner.contract(box))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -139,7 +141,7 @@ def test_cuts_cover_and_batches_agree_with_single_boxes() -> None:
     class Single:
         idempotent = False
 
-        def contract(self, box: Box) -> Contraction:
+        def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
             return HC4(net).contract(box)
 
     net = crossing()

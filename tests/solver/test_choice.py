@@ -176,7 +176,7 @@ def test_a_contender_without_progress_sits_out_and_comes_back() -> None:
     net = circle_and_line()
 
     class Nothing(HC4):
-        def contract(self, box):  # type: ignore[no-untyped-def]
+        def contract(self, box, deadline=0.0):  # type: ignore[no-untyped-def]
             return Contraction(box, ())
 
     stuck = Contender("stuck", lambda: Search([net.domain], Divide(Nothing(net), LargestFirst(1e-9))), 1)

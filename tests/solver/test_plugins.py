@@ -94,7 +94,7 @@ def test_a_class_and_what_returns_no_contraction_are_refused() -> None:
         def __init__(self, found: object) -> None:
             self.found = found
 
-        def contract(self, box: Box) -> Any:
+        def contract(self, box: Box, deadline: float = 0.0) -> Any:
             return self.found
 
     net = cpcal.Network()

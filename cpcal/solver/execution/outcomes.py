@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
@@ -90,23 +90,13 @@ class TasksAtWork(Generic[A, T]):
         self._reached = time.monotonic()  # a scheduler, last
         self.running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
 
-    @property
-    def free(self) -> int:
-        """How many tasks more may be given out."""
-        return self._most - len(self.running) - len(self._again)
-
-    @property
-    def ready(self) -> bool:
-        """Whether somebody is there to begin with a task at once."""
-        return self._pool is None or self._pool.ready
-
-    @property
-    def some_done(self) -> bool:
-        return not self._finished.empty()
-
     def fill(self) -> None:
         """Give out tasks, as many as may run; one that lost its worker twice runs alone."""
-        while len(self.running) < self._most and not asked() and not self._alone():
+        while (
+            len(self.running) < self._most
+            and not asked()
+            and not any(begun >= _TRIES for _, begun in self.running.values())
+        ):
             if self._again and (self._again[0][1] + 1 < _TRIES or not self.running):
                 task, begun = self._again.popleft()
             elif self._again:
@@ -122,9 +112,6 @@ class TasksAtWork(Generic[A, T]):
                 raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
             self.running[future] = task, begun + 1
             future.add_done_callback(self._finished.put)
-
-    def _alone(self) -> bool:
-        return any(begun >= _TRIES for _, begun in self.running.values())
 
     def done(self) -> Iterator[TaskOutcome[A, T]]:
         """Wait for some task to be done, or for a moment. Raises LostWorkerError."""
@@ -227,43 +214,16 @@ class Shared(Generic[V]):
             left, content = again, self._bytes
         return [found[k] for k in range(len(items))]
 
-    def given_out(self, place: Place, work: Callable[[V, A], T]) -> GivenOut[V, A, T]:
-        """The same one by one, taken back as they are done."""
-        return GivenOut(self._bytes, self._digest, place, work)
+    def in_parts(self, place: Place, work: Callable[..., Sequence[T]], items: Sequence[Any], *more: Any) -> list[T]:
+        """`work(value, some, *more)` for as many parts of the items as may be at work: its answers in their order."""
+        size = -(-len(items) // place[1])
+        parts = [(work, items[k : k + size], more) for k in range(0, len(items), size)]
+        return [one for part in self.mapped(place, _on_part, parts) for one in part]
 
 
-class GivenOut(TasksAtWork[Any, Any], Generic[V, A, T]):
-    """Tasks on a value that travels: give some out, go on with other work, take back what is done."""
-
-    def __init__(self, content: bytes, digest: str, place: Place, work: Callable[[V, A], T]) -> None:
-        self._content, self._digest, self._of = content, digest, work
-        self._waiting: deque[_SharedTask[V, A, T]] = deque()
-        super().__init__(place[0], _done, self._next, place[1])
-
-    @property
-    def free(self) -> int:
-        return super().free - len(self._waiting)
-
-    def give(self, item: A, *, first: bool = False) -> None:
-        """Begin a task; `first`: the value goes with it, since the worker cannot know it yet."""
-        self._waiting.append(_SharedTask(self._of, self._digest, self._content if first else None, item, 0))
-        self.fill()
-
-    def taken_back(self) -> Iterator[TaskOutcome[A, T]]:
-        """What is done; where nothing is, wait for some, or for a moment. Raises LostWorkerError as `outcomes`."""
-        for outcome in self.done():
-            if outcome.error is None and isinstance(outcome.value, _Missing):
-                self._waiting.append(replace(outcome.task, content=self._content))
-            else:
-                yield TaskOutcome(outcome.task.item, outcome.future)
-        self.fill()
-
-    def cancel(self) -> None:
-        self._waiting.clear()
-        super().cancel()
-
-    def _next(self) -> _SharedTask[V, A, T] | None:
-        return self._waiting.popleft() if self._waiting else None
+def _on_part(value: Any, part: tuple[Callable[..., Sequence[T]], Sequence[Any], tuple[Any, ...]]) -> Sequence[T]:
+    work, items, more = part
+    return work(value, items, *more)
 
 
 class _Missing:

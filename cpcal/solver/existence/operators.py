@@ -10,12 +10,16 @@ y = C F(c), A = C J:
 
 If F is continuous on X and N(X) lies in the interior of X, X holds exactly one zero of F, and it lies in N(X)
 (Neumaier, Interval Methods for Systems of Equations, 1990, chapter 5; any matrix of slopes serves as J). For columns
-that are not unknowns both hold for every value of them in X. The computation itself is in `square`.
+that are not unknowns both hold for every value of them in X.
+
+The computation itself comes last, in compiled functions. Bounds are the last axis of an array there: `value` (m, 2),
+`jacobian` (m, n, 2), and so on.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,12 +32,15 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices, Ints
-from cpcal.solver.existence import square
+from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
+from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval.kernels import add, factor, meet, mul, sub
+from cpcal.solver.interval.operations import CONTINUOUS, quality
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, sweeps
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.rows import Extremes
-from cpcal.solver.network.tape import in_arithmetic
+from cpcal.solver.network.sweeps import all_partials, forward, gradients
 
 # ------------------------------------------------------------------------------------------------------------------
 # How compiled functions hear of a deadline: they cannot read the clock, and hold no lock while they run.
@@ -71,8 +78,8 @@ hansen_sengupta, krawczyk = Operator
 
 
 def square_of(engine: Arithmetic) -> Any:
-    """The functions of `square`, by name, in an engine's arithmetic."""
-    return in_arithmetic(engine.name, square)
+    """The compiled functions of this file, by name, in an engine's arithmetic."""
+    return in_arithmetic(engine.name, sweeps, sys.modules[__name__])
 
 
 def image(
@@ -156,14 +163,14 @@ class Equalities:
         """
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
         bounds = np.stack([box.lo, box.hi], axis=1)
-        kernels = in_arithmetic(engine.name, square)
-        if not kernels.linearize(*self.program, bounds, np.array(center, np.float64), value, jacobian):
+        kernels = square_of(engine)
+        if not kernels.linearized(*self.program, bounds, np.array(center, np.float64), value, jacobian):
             return None
         return Linearization(_array(value), _array(jacobian), center)
 
     @cached_property
     def program(self) -> tuple[Any, ...]:
-        """The tape as the functions of `square` take it."""
+        """The tape as the compiled functions take it."""
         tape, paths, leaves = self.tape, self.tape.reach, self.tape.leaves()
         both = np.stack([leaves.lo, leaves.hi], axis=1)
         return (*tape.program, tape.given, tape.root_slots, paths.start, paths.order, both)
@@ -212,3 +219,288 @@ def _part(expr: Expr, constraint: Constraint, elements: Bools) -> Expr:
         return expr[where]
     assert isinstance(expr.data, IntervalArray)
     return as_expr(expr.data.broadcast_to(constraint.body.shape)[where])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Interval Newton on a square part of m equations in n components, compiled.
+
+
+@compiled
+def linearized(
+    code: Ints,
+    arg: Ints,
+    par: Ints,
+    first: int,
+    given: int,
+    roots: Ints,
+    start: Ints,
+    order: Ints,
+    leaves: Floats,
+    box: Floats,
+    center: Floats,
+    value: Floats,
+    jacobian: Floats,
+) -> bool:
+    """`value` at the centre and `jacobian` over the box (n, 2) of a tape's roots.
+
+    False where one of them is not bounded or some operation is not continuous.
+    """
+    n, size = len(box), first + len(code)
+    lo, hi = np.empty(size), np.empty(size)
+    lo[n:first], hi[n:first] = leaves[:, 0], leaves[:, 1]
+    lo[:n], hi[:n] = box[:, 0], box[:, 1]
+    forward(code, arg, par, first, lo, hi)
+    for k in range(len(code)):
+        a, b = arg[k, 0], arg[k, 1]
+        if quality(code[k], par[k], lo[a], hi[a], lo[b], hi[b]) != CONTINUOUS:
+            return False
+    factors, g_lo, g_hi = np.empty((len(code), 4)), np.zeros(len(order)), np.zeros(len(order))
+    all_partials(code, arg, par, first, lo, hi, factors)
+    gradients(arg, first, n, given, roots, start, order, factors, g_lo, g_hi)
+    jacobian[:] = 0.0
+    for r in range(len(roots)):
+        for p in range(start[r], start[r + 1]):
+            if order[p] < n:
+                jacobian[r, order[p], 0], jacobian[r, order[p], 1] = g_lo[p], g_hi[p]
+                if not (math.isfinite(g_lo[p]) and math.isfinite(g_hi[p])):
+                    return False
+    lo[:n], hi[:n] = center, center
+    forward(code, arg, par, first, lo, hi)
+    for r in range(len(roots)):
+        value[r, 0], value[r, 1] = lo[roots[r]], hi[roots[r]]
+        if not (math.isfinite(value[r, 0]) and math.isfinite(value[r, 1])):
+            return False
+    return True
+
+
+@compiled
+def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: Ints) -> int:
+    """The rows and columns of a square part that is far from singular, and its size: as many as can be. 0: stopped.
+
+    Components of no width are no unknowns. Rows and columns are chosen by Gauss elimination with full pivoting of the
+    midpoints, in units of the box.
+    """
+    m, n = len(jacobian), len(box)
+    free = 0
+    for j in range(n):
+        if box[j, 1] > box[j, 0]:
+            columns[free] = j
+            free += 1
+    size = min(m, free)
+    for i in range(m):
+        rows[i] = i
+    if m == free or size == 0:
+        return size
+    scaled = np.empty((m, free))
+    for i in range(m):
+        for j in range(free):
+            k = columns[j]
+            scaled[i, j] = 0.5 * (jacobian[i, k, 0] + jacobian[i, k, 1]) * (box[k, 1] - box[k, 0])
+    for step in range(size):
+        best, at_row, at_column = 0.0, -1, -1
+        for i in range(step, m):
+            for j in range(step, free):
+                if abs(scaled[i, j]) > best:
+                    best, at_row, at_column = abs(scaled[i, j]), i, j
+        if at_row < 0 or not math.isfinite(best) or stop[0] != 0:
+            return 0
+        for j in range(free):
+            scaled[step, j], scaled[at_row, j] = scaled[at_row, j], scaled[step, j]
+        for i in range(m):
+            scaled[i, step], scaled[i, at_column] = scaled[i, at_column], scaled[i, step]
+        rows[step], rows[at_row] = rows[at_row], rows[step]
+        columns[step], columns[at_column] = columns[at_column], columns[step]
+        for i in range(step + 1, m):
+            share = scaled[i, step] / scaled[step, step]
+            for j in range(step, free):
+                scaled[i, j] -= share * scaled[step, j]
+    return size
+
+
+@compiled
+def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, stop: Ints, out: Floats) -> bool:
+    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none.
+
+    `stop` (1,) is not 0 as soon as nobody waits for the result any more.
+    """
+    s = len(out)
+    work = np.zeros((s, 2 * s))
+    for i in range(s):
+        for j in range(s):
+            work[i, j] = 0.5 * (jacobian[rows[i], columns[j], 0] + jacobian[rows[i], columns[j], 1])
+        work[i, s + i] = 1.0
+    for k in range(s):
+        best = k
+        for i in range(k + 1, s):
+            if abs(work[i, k]) > abs(work[best, k]):
+                best = i
+        if not abs(work[best, k]) > 0.0 or stop[0] != 0:
+            return False
+        for j in range(2 * s):
+            work[k, j], work[best, j] = work[best, j], work[k, j]
+        pivot = work[k, k]
+        for j in range(2 * s):
+            work[k, j] /= pivot
+        for i in range(s):
+            share = work[i, k]
+            if i != k and share != 0.0:
+                for j in range(k, 2 * s):
+                    work[i, j] -= share * work[k, j]
+    for i in range(s):
+        for j in range(s):
+            out[i, j] = work[i, s + j]
+            if not math.isfinite(out[i, j]):
+                return False
+    return True
+
+
+@compiled
+def precondition(
+    inverse: Floats, rows: Ints, value: Floats, jacobian: Floats, stop: Ints, y: Floats, matrix: Floats
+) -> bool:
+    """y = C F(c) (s, 2) and A = C J (s, n, 2); False where it was stopped."""
+    s, n = len(inverse), jacobian.shape[1]
+    entries, where = np.zeros(s, np.int64), np.empty((s, n), np.int64)  # that are not 0, by row
+    for r in range(s):
+        for j in range(n):
+            if jacobian[rows[r], j, 0] != 0.0 or jacobian[rows[r], j, 1] != 0.0:
+                where[r, entries[r]] = j
+                entries[r] += 1
+    y[:] = 0.0
+    matrix[:] = 0.0
+    for i in range(s):
+        if stop[0] != 0:
+            return False
+        for r in range(s):
+            c, row = inverse[i, r], rows[r]
+            if c == 0.0:
+                continue
+            low, high = mul(c, c, value[row, 0], value[row, 1])
+            y[i, 0], y[i, 1] = add(y[i, 0], y[i, 1], low, high)
+            for j in where[r, : entries[r]]:
+                low, high = mul(c, c, jacobian[row, j, 0], jacobian[row, j, 1])
+                matrix[i, j, 0], matrix[i, j, 1] = add(matrix[i, j, 0], matrix[i, j, 1], low, high)
+    return True
+
+
+@compiled
+def gauss_seidel(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool:
+    """Narrows `away` = X - c (n, 2), one unknown after the other; False where X holds no zero."""
+    for i in range(len(y)):
+        k = columns[i]
+        low, high = y[i, 0], y[i, 1]
+        for j in range(len(away)):
+            if j != k and (matrix[i, j, 0] != 0.0 or matrix[i, j, 1] != 0.0):
+                t_lo, t_hi = mul(matrix[i, j, 0], matrix[i, j, 1], away[j, 0], away[j, 1])
+                low, high = add(low, high, t_lo, t_hi)
+        low, high = factor(-high, -low, matrix[i, k, 0], matrix[i, k, 1], away[k, 0], away[k, 1])
+        if not low <= high:
+            return False
+        away[k, 0], away[k, 1] = low, high
+    return True
+
+
+@compiled
+def centred_image(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool:
+    """The unknowns of `away` = X - c become -y + (I - A) (X - c)."""
+    before = away.copy()
+    for i in range(len(y)):
+        k = columns[i]
+        low, high = -y[i, 1], -y[i, 0]
+        for j in range(len(away)):
+            one = 1.0 if j == k else 0.0
+            a_lo, a_hi = sub(one, one, matrix[i, j, 0], matrix[i, j, 1])
+            t_lo, t_hi = mul(a_lo, a_hi, before[j, 0], before[j, 1])
+            low, high = add(low, high, t_lo, t_hi)
+        away[k, 0], away[k, 1] = low, high
+    return True
+
+
+@compiled
+def newton_image(
+    operator: int,
+    value: Floats,
+    jacobian: Floats,
+    center: Floats,
+    rows: Ints,
+    columns: Ints,
+    stop: Ints,
+    box: Floats,
+    out: Floats,
+) -> int:
+    """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse or it was stopped.
+
+    `columns` are the s unknowns.
+    """
+    s, n = len(columns), len(box)
+    inverse, y, matrix, away = np.empty((s, s)), np.empty((s, 2)), np.empty((s, n, 2)), np.empty((n, 2))
+    if not inverse_of_middle(jacobian, rows, columns, stop, inverse):
+        return -1
+    if not precondition(inverse, rows, value, jacobian, stop, y, matrix):
+        return -1
+    for j in range(n):
+        away[j, 0], away[j, 1] = sub(box[j, 0], box[j, 1], center[j], center[j])
+    some = centred_image(y, matrix, columns, away) if operator else gauss_seidel(y, matrix, columns, away)
+    if not some:
+        return 0
+    out[:] = box
+    for k in columns:
+        out[k, 0], out[k, 1] = add(center[k], center[k], away[k, 0], away[k, 1])
+    return 1
+
+
+@compiled
+def middle(lo: float, hi: float) -> float:
+    """A number of a bounded interval near its middle."""
+    return min(max(0.5 * lo + 0.5 * hi, lo), hi)
+
+
+@compiled
+def newton_all(
+    code: Ints,
+    arg: Ints,
+    par: Ints,
+    first: int,
+    given: int,
+    roots: Ints,
+    start: Ints,
+    order: Ints,
+    leaves: Floats,
+    operator: int,
+    most: int,
+    stop: Ints,
+    boxes: Floats,
+) -> None:
+    """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero.
+
+    Boxes that are left when `stop` (1,) is not 0 stay as they are.
+    """
+    m, n = len(roots), boxes.shape[1]
+    value, jacobian, image, center = np.empty((m, 2)), np.empty((m, n, 2)), np.empty((n, 2)), np.empty(n)
+    rows, columns = np.empty(m, np.int64), np.empty(n, np.int64)
+    for r in range(len(boxes)):
+        box = boxes[r]
+        if not np.isfinite(box).all():
+            continue
+        for _ in range(most):
+            for j in range(n):
+                center[j] = middle(box[j, 0], box[j, 1])
+            known = linearized(code, arg, par, first, given, roots, start, order, leaves, box, center, value, jacobian)
+            size = square_part(jacobian, box, stop, rows, columns) if known else 0
+            if size == 0:
+                break
+            square_rows, unknowns = rows[:size], columns[:size]
+            found = newton_image(operator, value, jacobian, center, square_rows, unknowns, stop, box, image)
+            if found < 0:
+                break
+            halved = False
+            for j in columns[:size]:
+                low, high = meet(image[j, 0], image[j, 1], box[j, 0], box[j, 1])
+                if found == 0 or not low <= high:
+                    box[:] = np.nan
+                    break
+                if high - low < 0.5 * (box[j, 1] - box[j, 0]):
+                    halved = True
+                box[j, 0], box[j, 1] = low, high
+            if not halved or math.isnan(box[0, 0]):
+                break

@@ -16,7 +16,6 @@ from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
 from cpcal.solver.network.rewrite import one_sided
 from cpcal.solver.network.rows import Extremes
-from cpcal.solver.network.tape import ReadingSets
 
 # ------------------------------------------------------------------------------------------------------------------
 # Constraints on a box or at a point: rows that are at most zero, and proofs for all readings, or for some.
@@ -60,14 +59,14 @@ class ReadingConstraint:
         size = int(np.prod(self._over.shape))
         if not self._usable or not self._tape.continuous(engine, slots):
             return np.full(size, np.inf)
-        smallest, largest = (self._moved(ends) for ends in self._extremes.at(point))
+        smallest, largest = (
+            ({leaf.digest: _inside(ends[leaf.digest], leaf) for leaf in self._extremes.tape.readings})
+            for ends in self._extremes.at(point)
+        )
         over = self._tape.value(self._tape.forward(engine, box, smallest), self._over)
         under = self._tape.value(self._tape.forward(engine, box, largest), self._under)
         order = self._tape.value(slots, self._order)
         return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
-
-    def _moved(self, readings: ReadingSets) -> ReadingSets:
-        return {leaf.digest: _inside(readings[leaf.digest], leaf) for leaf in self._extremes.tape.readings}
 
 
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
@@ -138,10 +137,9 @@ class Inside:
                 return False
             choices = [c for c in self._reading if not c.holds_for_all(self._engine, values)]
             # Two constraints that hold for some readings each need not hold for common ones.
-            return not choices or (len(choices) == 1 and self._for_some(choices[0], values))
-
-    def _for_some(self, constraint: ReadingConstraint, values: IntervalArray) -> bool:
-        return bool((constraint.excesses(self._engine, values, values.mid[0]) <= 0.0).all())
+            return not choices or (
+                len(choices) == 1 and bool((choices[0].excesses(self._engine, values, values.mid[0]) <= 0.0).all())
+            )
 
 
 def _hold(engine: Arithmetic, tape: Tape, box: IntervalArray) -> bool:

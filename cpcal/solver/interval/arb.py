@@ -1,8 +1,8 @@
-"""The tight engine: every bound computed with arb at 128 bits, then rounded outward to float64.
+"""arb's primitives: every bound computed at 128 bits, then rounded outward to float64.
 
-Slow (a few microseconds per element), and an oracle for the fast engine. It computes on bounds, each an exact
-ball, with the formulas of interval arithmetic: a wide interval held in a ball would lose signs and the last
-bits of its radius. Infinite and empty operands never reach arb.
+Slow (a few microseconds for each). They compute on bounds, each an exact ball, with the formulas of interval
+arithmetic: a wide interval held in a ball would lose signs and the last bits of its radius. Infinite and empty operands
+never reach arb. In the place of the compiled functions that round, the same sweeps then compute in arb (`rebound`).
 """
 
 from __future__ import annotations
@@ -12,15 +12,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from math import copysign, inf, isinf, isnan, nan, nextafter
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import flint
 import numpy as np
 from flint import arb
 
 from cpcal.common.values import Floats
-from cpcal.solver.interval.float64 import Float64
-from cpcal.solver.interval.numbers import IntervalArray
 
 PRECISION = 128  # bits; products of two floats are exact, and so are most sums
 
@@ -30,7 +28,6 @@ EMPTY: Pair = (nan, nan)
 _ENTIRE: Pair = (-inf, inf)
 _ZERO: Pair = (0.0, 0.0)
 _MAX = float(np.finfo(np.float64).max)
-_EXACT = Float64()  # for the operations that do not round
 _lock = threading.RLock()
 
 
@@ -62,89 +59,6 @@ def float_below(ball: arb) -> float:
 def float_above(ball: arb) -> float:
     """The least float64 that is at least every point of a finite ball."""
     return -float_below(-ball)
-
-
-class Arb:
-    """`Arithmetic` in arb, element by element."""
-
-    name = "arb"
-
-    def neg(self, x: IntervalArray) -> IntervalArray:
-        return _EXACT.neg(x)
-
-    def add(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(add_pair, x, y)
-
-    def sub(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(add_pair, x, _EXACT.neg(y))
-
-    def mul(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(mul_pair, x, y)
-
-    def div(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(div_pair, x, y)
-
-    def sqr(self, x: IntervalArray) -> IntervalArray:
-        return self.power(x, 2)
-
-    def sqrt(self, x: IntervalArray) -> IntervalArray:
-        return self.root(x, 2)
-
-    def power(self, x: IntervalArray, n: int) -> IntervalArray:
-        return _apply(lambda p: power_pair(p, n), x)
-
-    def root(self, x: IntervalArray, n: int) -> IntervalArray:
-        if n < 1:
-            raise ValueError(f"the order of a root is at least 1, not {n}")
-        return _apply(lambda p: root_pair(p, n), x)
-
-    def abs(self, x: IntervalArray) -> IntervalArray:
-        return _EXACT.abs(x)
-
-    def minimum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _EXACT.minimum(x, y)
-
-    def maximum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _EXACT.maximum(x, y)
-
-    def factor(self, z: IntervalArray, y: IntervalArray, x: IntervalArray) -> IntervalArray:
-        return _apply(factor_pair, z, y, x)
-
-    def sum(self, x: IntervalArray, axis: int) -> IntervalArray:
-        lo, hi = np.moveaxis(x.lo, axis, -1), np.moveaxis(x.hi, axis, -1)
-        shape = lo.shape[:-1]
-        with precision(PRECISION):
-            low = [_total_below(lo[i].tolist()) for i in np.ndindex(shape)]
-            high = [-_total_below((-hi[i]).tolist()) for i in np.ndindex(shape)]
-        return IntervalArray(np.reshape(low, shape), np.reshape(high, shape))
-
-    def dot(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        rows, columns = _pairs(x), _pairs(IntervalArray(y.lo.T, y.hi.T))
-        with precision(PRECISION):
-            products = [_dot(row, column) for row in rows for column in columns]
-        bounds = np.array(products, dtype=np.float64).reshape(len(rows), len(columns), 2)
-        return IntervalArray(bounds[..., 0], bounds[..., 1])
-
-
-def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> IntervalArray:
-    """The operation on each element; an empty operand gives the empty interval."""
-
-    def one(*bounds: float) -> Pair:
-        if any(map(isnan, bounds)):
-            return EMPTY
-        return operation(*[(bounds[i], bounds[i + 1]) for i in range(0, len(bounds), 2)])
-
-    arrays: list[Floats] = [bound for x in operands for bound in (x.lo, x.hi)]
-    elementwise: Callable[..., tuple[object, object]] = np.frompyfunc(one, len(arrays), 2)
-    with precision(PRECISION), np.errstate(all="ignore"):
-        lo, hi = elementwise(*arrays)
-    return IntervalArray(np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64))
-
-
-def _pairs(x: IntervalArray) -> list[list[Pair]]:
-    """The rows of a matrix."""
-    shape = x.shape
-    return [[(float(x.lo[i, j]), float(x.hi[i, j])) for j in range(shape[1])] for i in range(shape[0])]
 
 
 def number_pair(value: arb) -> Pair:
@@ -251,26 +165,13 @@ def factor_pair(z: Pair, y: Pair, x: Pair) -> Pair:
     return hull_pair(pieces) if pieces else EMPTY
 
 
-def _total_below(terms: list[float]) -> float:
+def _total_below(terms: Floats) -> float:
     """The greatest float64 at most the sum of lower bounds."""
-    if any(map(isnan, terms)):
+    values = terms.tolist()
+    if any(map(isnan, values)):
         return nan
-    return -inf if -inf in terms else float_below(sum(map(arb, terms), arb(0)))
+    return -inf if -inf in values else float_below(sum(map(arb, values), arb(0)))
 
-
-def _dot(row: list[Pair], column: list[Pair]) -> Pair:
-    """Sum of the products, each bound rounded once; no knowledge of non-finite entries."""
-    low = high = arb(0)
-    for x, y in zip(row, column, strict=True):
-        if not all(-inf < bound < inf for bound in (*x, *y)):
-            return _ENTIRE
-        products = [arb(a) * arb(b) for a in x for b in y]  # exact at 128 bits, so `min` compares numbers
-        low, high = low + min(products), high + max(products)
-    return float_below(low), float_above(high)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# arb in the place of the compiled functions that round: the same sweeps then compute in arb (see `rebound`).
 
 T = TypeVar("T")
 
@@ -346,7 +247,7 @@ _LINE = -inf, inf
 _HALF_PI = float_below(-arb.pi() / 2), float_above(arb.pi() / 2)
 
 # By the names in `kernels` and `functions`.
-PRIMITIVES: dict[str, Callable[..., Pair]] = {
+PRIMITIVES: dict[str, Callable[..., Any]] = {
     "add": _primitive(add_pair, 2),
     "sub": _primitive(lambda x, y: add_pair(x, (-y[1], -y[0])), 2),
     "mul": _primitive(mul_pair, 2),
@@ -356,6 +257,7 @@ PRIMITIVES: dict[str, Callable[..., Pair]] = {
     "power": _primitive(power_pair, 1),
     "root": _primitive(root_pair, 1),
     "factor": _primitive(factor_pair, 3),
+    "total_below": _total_below,
     "exp": _growing(lambda x: x.exp(), _LINE, (0.0, inf), 1000.0),
     "expm1": _growing(lambda x: x.expm1(), _LINE, (-1.0, inf), 1000.0),
     "log": _growing(lambda x: x.log(), (0.0, inf), _LINE),

@@ -1,64 +1,114 @@
-"""What an interval engine must offer, and the one place where an engine is chosen by name."""
+"""Rigorous arithmetic on arrays of intervals, and the one place where an engine is chosen by name.
+
+"float64" runs the compiled operations: every result is rounded to nearest by the processor, then moved outward. "arb"
+runs the same source on arb's primitives, each computed at 128 bits and rounded outward once: slow, and an oracle.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from functools import cache
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
-from cpcal.common.errors import InputError, Problem
-from cpcal.solver.interval.float64 import check_rounding
+import numpy as np
+
+from cpcal.common.errors import InputError, Problem, RoundingError
+from cpcal.common.values import Floats
+from cpcal.solver.compiled import ready, rebound
+from cpcal.solver.interval import functions, kernels, operations
 from cpcal.solver.interval.numbers import IntervalArray
+from cpcal.solver.interval.operations import ABS, ADD, DIV, MAX, MIN, MUL, POWER, SQR, SQRT, SUB
 
 
-class Arithmetic(Protocol):
-    """Rigorous elementwise arithmetic on `IntervalArray`; operands broadcast as in numpy.
+class Arithmetic:
+    """Operands broadcast as in numpy.
 
-    Every result contains the exact image of the operands' points (where the operation is defined
-    there); the empty interval gives the empty interval; overflow gives an infinite bound.
+    Every result contains the exact image of the operands' points (where the operation is defined there); the empty
+    interval gives the empty interval; overflow gives an infinite bound.
     """
 
-    name: str
+    def __init__(self, name: str) -> None:
+        self.name = name
 
-    def neg(self, x: IntervalArray) -> IntervalArray: ...
-    def add(self, x: IntervalArray, y: IntervalArray) -> IntervalArray: ...
-    def sub(self, x: IntervalArray, y: IntervalArray) -> IntervalArray: ...
-    def mul(self, x: IntervalArray, y: IntervalArray) -> IntervalArray: ...
+    def neg(self, x: IntervalArray) -> IntervalArray:
+        return IntervalArray(-x.hi, -x.lo)
+
+    def add(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+        return self.apply(ADD, x, y)
+
+    def sub(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+        return self.apply(SUB, x, y)
+
+    def mul(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+        return self.apply(MUL, x, y)
 
     def div(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
         """Hull of `{a / b : a in x, b in y, b != 0}`.
 
         A zero of y at an end gives a half line, y == [0, 0] the empty interval.
         """
-        ...
+        return self.apply(DIV, x, y)
 
-    def sqr(self, x: IntervalArray) -> IntervalArray: ...
+    def sqr(self, x: IntervalArray) -> IntervalArray:
+        return self.apply(SQR, x)
 
     def sqrt(self, x: IntervalArray) -> IntervalArray:
         """Square root of the part of x that is >= 0; empty where x < 0."""
-        ...
+        return self.apply(SQRT, x)
 
     def power(self, x: IntervalArray, n: int) -> IntervalArray:
         """`x ** n` for an integer n of any sign."""
-        ...
+        return self.apply(POWER, x, n=n)
 
-    def root(self, x: IntervalArray, n: int) -> IntervalArray:
-        """n-th root, n >= 1: for odd n of all x (sign kept), for even n as `sqrt`."""
-        ...
+    def abs(self, x: IntervalArray) -> IntervalArray:
+        return self.apply(ABS, x)
 
-    def abs(self, x: IntervalArray) -> IntervalArray: ...
-    def minimum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray: ...
-    def maximum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray: ...
+    def minimum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+        return self.apply(MIN, x, y)
+
+    def maximum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+        return self.apply(MAX, x, y)
+
+    def apply(self, code: int, x: IntervalArray, y: IntervalArray | None = None, n: int = 0) -> IntervalArray:
+        """Any operation of the table, element by element; n is a power's exponent."""
+        return self._looped("elementwise", (code, n), x, x if y is None else y)
 
     def factor(self, z: IntervalArray, y: IntervalArray, x: IntervalArray) -> IntervalArray:
         """Hull of `{a in x : a * b in z for some b in y}` (IEEE 1788 mulRev with a prior)."""
-        ...
+        return self._looped("factors", (), z, y, x)
 
     def sum(self, x: IntervalArray, axis: int) -> IntervalArray:
-        """Sum along one axis (which disappears)."""
-        ...
+        """Sum along one axis, which disappears."""
+        lo, hi = (np.array(np.moveaxis(bound, axis, -1), np.float64, order="C") for bound in (x.lo, x.hi))
+        shape, count = lo.shape[:-1], lo.shape[-1]
+        out = _room(shape)
+        flat = (bound.reshape(-1, count) if count else np.zeros((out.lo.size, 0)) for bound in (lo, hi))
+        in_arithmetic(self.name).totals(*flat, out.lo.reshape(-1), out.hi.reshape(-1))
+        return out
 
     def dot(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        """Matrix product of shapes (m, k) and (k, n), all entries finite."""
-        ...
+        """Matrix product of shapes (m, k) and (k, n)."""
+        out = _room((x.shape[0], y.shape[1]))
+        if x.shape[1]:
+            given = (np.array(bound, np.float64, order="C") for bound in (x.lo, x.hi, y.lo, y.hi))
+            in_arithmetic(self.name).products(*given, out.lo, out.hi)
+        return out
+
+    def _looped(self, loop: str, first: tuple[int, ...], *operands: IntervalArray) -> IntervalArray:
+        shape = operands[0].shape
+        if any(x.shape != shape for x in operands):
+            shape = np.broadcast_shapes(*(x.shape for x in operands))
+        out, given = _room(shape), list[Floats]()
+        for x in operands:
+            for bound in (x.lo, x.hi):  # in arrays of its own: loops are compiled for those that may be written
+                given.append((bound if bound.shape == shape else np.broadcast_to(bound, shape)).flatten())
+        getattr(in_arithmetic(self.name), loop)(*first, *given, out.lo.reshape(-1), out.hi.reshape(-1))
+        return out
+
+
+def _room(shape: tuple[int, ...]) -> IntervalArray:
+    return IntervalArray(np.zeros(shape), np.zeros(shape))
 
 
 def get_arithmetic(name: str) -> Arithmetic:
@@ -67,12 +117,59 @@ def get_arithmetic(name: str) -> Arithmetic:
     Raises InputError for another name, RoundingError where float64 numbers are not rounded to nearest.
     """
     check_rounding()
+    if name not in ("float64", "arb"):
+        raise InputError([Problem("arithmetic", f"{name!r} is not an engine", 'use "float64" or "arb"')])
+    return Arithmetic(name)
+
+
+_TABLE = (kernels, functions, operations)
+
+
+@cache
+def in_arithmetic(name: str, *sources: ModuleType) -> Any:
+    """The table's functions and those of modules of kernels, by name, in the arithmetic of that name.
+
+    Each module calls only what stands before it.
+    """
+    found = [function for module in (*_TABLE, *sources) for function in _defined_in(module)]
     if name == "float64":
-        from cpcal.solver.interval.float64 import Float64
+        made = {function.__name__: ready(function) for function in found}
+        return SimpleNamespace(**{k: f if hasattr(f, "py_func") else _quiet(f) for k, f in made.items()})
+    from cpcal.solver.interval.arb import PRIMITIVES, in_arb
 
-        return Float64()
-    if name == "arb":
-        from cpcal.solver.interval.arb import Arb
+    return SimpleNamespace(**{k: in_arb(f) for k, f in rebound(found, PRIMITIVES).items()})
 
-        return Arb()
-    raise InputError([Problem("arithmetic", f"{name!r} is not an engine", 'use "float64" or "arb"')])
+
+def _defined_in(source: ModuleType) -> list[Callable[..., Any]]:
+    """The compiled functions of a module, in the order of the file."""
+    found = [v for v in vars(source).values() if getattr(v, "kernel", False)]
+    return [function for function in found if function.__module__ == source.__name__]
+
+
+def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Plain Python on numpy's numbers, without its warnings."""
+
+    def silent(*args: Any) -> Any:
+        with np.errstate(all="ignore"):
+            return function(*args)
+
+    return silent
+
+
+_ONE, _SMALLEST, _HALF, _LEAST = 1.0, 2.0**-60, 0.5, 5e-324
+_NORMAL = float(np.finfo(np.float64).smallest_normal)
+
+
+def check_rounding() -> None:
+    """Raises RoundingError where this thread does not compute as IEEE 754 has it, which all float64 bounds rest on.
+
+    Some interval libraries switch the rounding, and leave it so: codac and others on gaol, filib or boost. Libraries
+    that were compiled with -ffast-math switch subnormal numbers off for whoever loads them: results that small are
+    zero then, and bounds of them false.
+    """
+    nearest = _ONE + _SMALLEST == _ONE and _ONE - _SMALLEST == _ONE
+    if not nearest or _NORMAL * _HALF == 0.0 or _LEAST / _NORMAL == 0.0:
+        raise RoundingError(
+            "another library in this process has changed how the processor rounds, or switched small numbers off: no "
+            "bound in float64 can be trusted. Run that library in a process of its own"
+        )

@@ -12,11 +12,9 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Floats
-from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.interval.numbers import IntervalArray, Number, float_bounds, round_down, round_up
 from cpcal.solver.interval.scalar import Interval, format_bound
 
-_ENGINE = Float64()
 _ONE_LINE = 3  # up to this many variables a box is printed on one line
 
 
@@ -134,7 +132,7 @@ class Box:
     @property
     def width(self) -> Floats:
         """Upper bounds of `hi - lo`; NaN if empty."""
-        return _ENGINE.sub(self.array, self.array).hi
+        return self.array.width
 
     @property
     def is_empty(self) -> bool:

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -141,17 +142,26 @@ def power_above(m: float, n: int) -> float:
 
 
 @compiled
+def _near_one(m: float, n: int) -> tuple[float, int]:
+    """s and q with m = s 2^(n q) exactly, where powers of s neither underflow nor overflow."""
+    mantissa, exponent = math.frexp(m)
+    q = int(exponent / n)
+    return math.ldexp(mantissa, exponent - n * q), q
+
+
+@compiled
 def nth_root_below(m: float, n: int) -> float:
     """A bound of the n-th root of m >= 0 for n >= 1: a floating-point guess, lowered until its n-th power proves it."""
     if m == 0.0 or n == 1:
         return min(m, MAX)
     if m == math.inf:
         return MAX
+    m, q = _near_one(m, n)
     bound, step = math.exp(math.log(m) / n), 2.0 * PHI
     while step < 1.0:
         bound = bound - bound * step
         if power_above(bound, n) <= m:
-            return bound
+            return math.ldexp(bound, q)
         step *= 2.0
     return 0.0
 
@@ -160,11 +170,12 @@ def nth_root_below(m: float, n: int) -> float:
 def nth_root_above(m: float, n: int) -> float:
     if m == 0.0 or n == 1 or m == math.inf:
         return m
+    m, q = _near_one(m, n)
     bound, step = math.exp(math.log(m) / n), 2.0 * PHI
     while step < 1.0:
         bound = bound + bound * step
         if power_below(bound, n) >= m:
-            return bound
+            return math.ldexp(bound, q)
         step *= 2.0
     return math.inf
 
@@ -382,3 +393,27 @@ def sign(lo: float, hi: float) -> Bounds:
     if not lo <= hi:
         return math.nan, math.nan
     return (1.0 if lo > 0.0 else (0.0 if lo == 0.0 else -1.0)), (-1.0 if hi < 0.0 else (0.0 if hi == 0.0 else 1.0))
+
+
+@compiled
+def total_below(terms: Floats) -> float:
+    """A bound of a sum. What each addition loses is exact (Knuth): added up beside it, it is small."""
+    total, rest, size = 0.0, 0.0, 0.0
+    for v in terms:
+        more = total + v
+        part = more - total
+        lost = (total - (more - part)) + (v - part)
+        total, rest, size = more, rest + lost, size + abs(lost)
+    if size == 0.0:
+        return total
+    if size < math.inf:  # all that was computed is finite
+        return sum_below(total, lowered(rest - size * (len(terms) * 2.0**-50)))
+    total = 0.0
+    for v in terms:
+        total = sum_below(total, v)
+    return total
+
+
+@compiled
+def total_above(terms: Floats) -> float:
+    return -total_below(-terms)

@@ -19,6 +19,7 @@ from cpcal.common.values import Floats
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 
+_PHI = 0.75 * 2.0**-52  # times a normal number, added to it: the next one (see `kernels`)
 _EXACT_INTEGERS = 2**53  # every integer up to here is a float64
 
 
@@ -193,6 +194,14 @@ class IntervalArray:
     def mag(self) -> Floats:
         """The largest absolute value in each interval."""
         return np.maximum(np.abs(self.lo), np.abs(self.hi))
+
+    @property
+    def width(self) -> Floats:
+        """An upper bound of `hi - lo`, exact where one of them is zero."""
+        with np.errstate(all="ignore"):
+            width = self.hi - self.lo
+            exact = (self.lo == 0.0) | (self.hi == 0.0)
+            return np.asarray(np.where(exact, width, width + np.abs(width) * _PHI))
 
     def intersect(self, other: IntervalArray) -> IntervalArray:
         """Elementwise intersection (broadcasts); disjoint intervals give the empty one."""

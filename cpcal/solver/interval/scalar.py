@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from numbers import Rational
@@ -14,10 +13,11 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.solver.interval.float64 import Float64
+from cpcal.solver.compiled import rebound
+from cpcal.solver.interval import kernels
 from cpcal.solver.interval.numbers import IntervalArray, Number, round_down, round_up
 
-_ENGINE = Float64()
+_KERNELS = rebound([f for f in vars(kernels).values() if getattr(f, "kernel", False)], {})
 _NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
 
 
@@ -85,7 +85,7 @@ class Interval:
     @property
     def width(self) -> float:
         """An upper bound of `hi - lo`; NaN if empty."""
-        return (self - self).hi
+        return float(self._array().width)
 
     @property
     def mag(self) -> float:
@@ -101,11 +101,11 @@ class Interval:
 
     def intersect(self, other: Interval) -> Interval:
         """The points in both; `&` for short."""
-        return _interval(self._array().intersect(other._array()))
+        return _computed("meet", self, other)
 
     def hull(self, other: Interval) -> Interval:
         """The smallest interval that contains both; `|` for short. The empty interval is neutral."""
-        return _interval(self._array().hull(other._array()))
+        return _computed("hull", self, other)
 
     def __and__(self, other: Interval) -> Interval:
         return self.intersect(other) if isinstance(other, Interval) else NotImplemented
@@ -127,40 +127,34 @@ class Interval:
     def _array(self) -> IntervalArray:
         return IntervalArray(np.array(self.lo), np.array(self.hi))
 
-    def _binary(
-        self,
-        other: Interval | Number,
-        operation: Callable[[IntervalArray, IntervalArray], IntervalArray],
-        swapped: bool = False,
-    ) -> Interval:
+    def _binary(self, other: Interval | Number, kernel: str, swapped: bool = False) -> Interval:
         if not isinstance(other, Interval):
             if not isinstance(other, _NUMBERS):
                 return NotImplemented  # type: ignore[no-any-return]  # as the operators that call this
             other = Interval(other)
-        left, right = (other, self) if swapped else (self, other)
-        return _interval(operation(left._array(), right._array()))
+        return _computed(kernel, other, self) if swapped else _computed(kernel, self, other)
 
     def __add__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, _ENGINE.add)
+        return self._binary(other, "add")
 
     def __sub__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, _ENGINE.sub)
+        return self._binary(other, "sub")
 
     def __mul__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, _ENGINE.mul)
+        return self._binary(other, "mul")
 
     def __truediv__(self, other: Interval | Number) -> Interval:
         """Hull of the quotients by the divisor's nonzero points."""
-        return self._binary(other, _ENGINE.div)
+        return self._binary(other, "div")
 
     __radd__ = __add__
     __rmul__ = __mul__
 
     def __rsub__(self, other: Number) -> Interval:
-        return self._binary(other, _ENGINE.sub, swapped=True)
+        return self._binary(other, "sub", swapped=True)
 
     def __rtruediv__(self, other: Number) -> Interval:
-        return self._binary(other, _ENGINE.div, swapped=True)
+        return self._binary(other, "div", swapped=True)
 
     def __neg__(self) -> Interval:
         return Interval._raw(-self.hi, -self.lo)
@@ -168,14 +162,14 @@ class Interval:
     def __pow__(self, exponent: int) -> Interval:
         if not isinstance(exponent, int | np.integer):
             return NotImplemented
-        return _interval(_ENGINE.power(self._array(), int(exponent)))
+        return _computed("power", self, n=(int(exponent),))
 
     def __abs__(self) -> Interval:
-        return _interval(_ENGINE.abs(self._array()))
+        return _computed("absolute", self)
 
     def sqrt(self) -> Interval:
         """Square root of the part that is >= 0."""
-        return _interval(_ENGINE.sqrt(self._array()))
+        return _computed("sqrt", self)
 
     def __repr__(self) -> str:
         return "Interval.empty()" if self.is_empty else f"Interval({self.lo!r}, {self.hi!r})"
@@ -195,5 +189,9 @@ class Interval:
         return f"[{lo}, {hi}]"
 
 
-def _interval(array: IntervalArray) -> Interval:
-    return Interval._raw(float(array.lo), float(array.hi))
+def _computed(kernel: str, *operands: Interval, n: tuple[int, ...] = ()) -> Interval:
+    """By a kernel in plain Python, without numba."""
+    bounds = [np.float64(bound) for x in operands for bound in (x.lo, x.hi)]
+    with np.errstate(all="ignore"):
+        lo, hi = _KERNELS[kernel](*bounds, *n)
+    return Interval._raw(float(lo), float(hi))

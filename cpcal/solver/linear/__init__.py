@@ -1,12 +1,8 @@
-"""Polyhedra: linear programs that propose, rigorous bounds that dispose.
-
-GLOP is in `glop`, a module of its own: ortools takes a while to load, and is rarely needed.
-"""
+"""Polyhedra: linear programs that propose, rigorous bounds that dispose."""
 
 from cpcal.solver.linear.engine import (
     BoxProgram,
     Dense,
-    LinearEngine,
     LinearSolution,
     LinearStatus,
     lower_bound,
@@ -16,7 +12,6 @@ from cpcal.solver.linear.engine import (
 __all__ = [
     "BoxProgram",
     "Dense",
-    "LinearEngine",
     "LinearSolution",
     "LinearStatus",
     "lower_bound",

@@ -8,14 +8,18 @@ reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
 from __future__ import annotations
 
 import math
+import sys
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
+from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.network.coefficient_kernels import centred_sums, combined, occurring, products, summed
+from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval.kernels import add, mul, sqr
 
-_MAX = np.finfo(np.float64).max
+_MAX = 1.7976931348623157e308
 _ETA = 5e-324
 
 
@@ -40,17 +44,8 @@ def combined_terms(
 ) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
     shape, count = _common(x, y)
-    if e.name == "float64":
-        lo, hi = combined(*_terms(x, shape, count), *_terms(y, shape, count), of_x, of_y, sign, count)
-        return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
-    slots = max(x.shape[0], y.shape[0])
-    signed = y if sign > 0.0 else e.neg(y)
-    out = _zeros((slots, len(of_x), *shape))
-    for t, (i, j) in enumerate(zip(of_x.tolist(), of_y.tolist(), strict=True)):
-        parts = [_padded(z[:, k], slots) for z, k in ((x, i), (signed, j)) if k >= 0]
-        total = parts[0] if len(parts) == 1 else e.add(*parts)
-        out.lo[:, t], out.hi[:, t] = total.lo, total.hi
-    return out
+    lo, hi = _kernels(e).combined(*_terms(x, shape, count), *_terms(y, shape, count), of_x, of_y, sign, count)
+    return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
 def term_products(
@@ -61,19 +56,13 @@ def term_products(
     `square`: x is y, and a pair of two different terms stands for both orders.
     """
     shape, count = _common(x, y)
-    if e.name == "float64":
-        lo, hi = products(*_terms(x, shape, count), *_terms(y, shape, count), pairs, size, count, square)
-        return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
-    out = _zeros((max(x.shape[0], y.shape[0]), size, *shape))
-    for i, j, m in pairs.tolist():
-        one = e.sqr(x[:, i]) if square and i == j and x.shape[0] == 1 else _product(e, x[:, i], y[:, j])
-        total = e.add(out[:, m], _padded(doubled(one) if square and i != j else one, out.shape[0]))
-        out.lo[:, m], out.hi[:, m] = total.lo, total.hi
-    return out
+    product = _kernels(e).products if e.name == "float64" else _kernels(e).interval_products
+    lo, hi = product(*_terms(x, shape, count), *_terms(y, shape, count), pairs, size, count, square)
+    return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
-def _zeros(shape: tuple[int, ...]) -> IntervalArray:
-    return IntervalArray(np.zeros(shape), np.zeros(shape))
+def _kernels(e: Arithmetic) -> Any:
+    return in_arithmetic(e.name, sys.modules[__name__])
 
 
 def _common(x: IntervalArray, y: IntervalArray) -> tuple[tuple[int, ...], int]:
@@ -88,20 +77,6 @@ def _terms(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats
     if x.shape[2:] == shape:
         return _contiguous(x, (*x.shape[:2], count))
     return _contiguous(x if alike else x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], 1 if alike else count))
-
-
-def doubled(c: IntervalArray) -> IntervalArray:
-    """Exactly, but where it overflows."""
-    with np.errstate(over="ignore"):
-        return IntervalArray(np.minimum(2.0 * c.lo, _MAX), np.maximum(2.0 * c.hi, -_MAX))
-
-
-def _padded(c: IntervalArray, slots: int) -> IntervalArray:
-    """The same coefficient with zero derivatives added up to `slots` entries."""
-    if c.shape[0] == slots:
-        return c
-    zeros = np.zeros((slots - c.shape[0], *c.shape[1:]))
-    return IntervalArray(np.concatenate([c.lo, zeros]), np.concatenate([c.hi, zeros]))
 
 
 def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
@@ -119,29 +94,6 @@ def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
     flat = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
     lo, hi = summed(*_contiguous(x, flat))
     return IntervalArray(lo, hi).reshape(left)
-
-
-def _product(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """`x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`, as the kernel has it."""
-    if x.shape[0] == 1 or y.shape[0] == 1:
-        return e.mul(x, y)
-    slots = max(x.shape[0], y.shape[0])
-    x, y = _padded(x, slots), _padded(y, slots)
-    value = e.add(e.mul(x[:1], y[:1]), _second_order(e, x[1:], y[1:]))
-    slopes = e.add(e.mul(x[:1], y[1:]), e.mul(y[:1], x[1:]))
-    return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))
-
-
-def _second_order(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, shape (1, *S): d_i^2 is in [0, 1]."""
-    squares = e.mul(x, y)
-    lo = np.minimum(squares.lo, 0.0).sum(axis=0, keepdims=True)
-    hi = np.maximum(squares.hi, 0.0).sum(axis=0, keepdims=True)
-    a, b, over = x.mag, y.mag, _over(len(x.lo))
-    all_pairs = a.sum(axis=0, keepdims=True) * b.sum(axis=0, keepdims=True)
-    mixed = np.maximum(all_pairs * (1.0 + over) - (a * b).sum(axis=0, keepdims=True) * (1.0 - over), 0.0)
-    mixed += np.where(a.any(axis=0) & b.any(axis=0), (len(x.lo) + 2) * _ETA, 0.0)  # what underflows
-    return IntervalArray((lo - mixed) * (1.0 + over), (hi + mixed) * (1.0 + over))
 
 
 def reciprocal(e: Arithmetic, x: IntervalArray) -> IntervalArray:
@@ -165,3 +117,311 @@ def total(e: Arithmetic, x: IntervalArray) -> IntervalArray:
         return x
     spread = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
     return e.add(x[:1], IntervalArray(-spread, spread))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Products and sums of coefficients from midpoints, compiled, with one bound for all that they leave out.
+#
+# A coefficient here is `c + sum_j s_j delta_j` with an error of at most e: numbers, not intervals. As |delta_j| <= 1,
+# what rounding does to a slope s_j is an error of that size in the value, so that e covers it. The loops have no
+# branches: processors do four elements at a time. With unit roundoff u a sum of n products errs by at most
+# n u / (1 - n u) times the sum of their sizes; `_gamma` is more than twice that, which covers the roundings of the
+# bound itself. Arrays are (1 + J, terms, E) for E elements; one element stands for all of them.
+
+_UNIT = 2.0**-53
+_UNDERFLOW = 1e-300  # more than all that products lose that are too small
+_WIDE = 0.03  # an error beyond this share of a coefficient: two such have a tighter product as intervals
+
+
+class Centred(NamedTuple):
+    """Polynomials with E elements: `mid` (1 + J, T, E); of each coefficient (T, E) a bound of its `error`,
+
+    the sum of its slopes' sizes, and that with the value's; `moves` (1 + J, T): where slopes are not all zero.
+    """
+
+    mid: Floats
+    error: Floats
+    slopes: Floats
+    total: Floats
+    moves: Bools
+    wide: Bools
+
+
+@compiled
+def _gamma(count: int) -> float:
+    """For sums of so many products."""
+    return float(4.0 * (count + 16) * _UNIT)
+
+
+@compiled
+def centred(lo: Floats, hi: Floats, count: int) -> Centred:
+    """Of intervals (1 + J, T, E), E being `count`, or 1 for elements that are all the same."""
+    slots, terms = lo.shape[0], lo.shape[1]
+    mid, moves, wide = np.empty((slots, terms, count)), np.zeros((slots, terms), np.bool_), np.zeros(terms, np.bool_)
+    error, slopes, total = np.zeros((terms, count)), np.zeros((terms, count)), np.zeros((terms, count))
+    alike = lo.shape[2] == 1
+    up = 1.0 + _gamma(slots)
+    for s in range(slots):
+        for t in range(terms):
+            size = 0.0
+            for k in range(count):
+                low, high = lo[s, t, 0 if alike else k], hi[s, t, 0 if alike else k]
+                middle = 0.5 * low + 0.5 * high
+                mid[s, t, k] = middle
+                error[t, k] += max(high - middle, middle - low) * up
+                total[t, k] += abs(middle) * up
+                size = max(size, abs(middle))
+            moves[s, t] = s > 0 and size != 0.0
+            if moves[s, t]:
+                for k in range(count):
+                    slopes[t, k] += abs(mid[s, t, k]) * up
+    for t in range(terms):
+        for k in range(count):
+            if not error[t, k] <= _WIDE * total[t, k]:
+                wide[t] = wide[t] or error[t, k] != 0.0
+    return Centred(mid, error, slopes, total, moves, wide)
+
+
+@compiled
+def centred_products(x: Centred, y: Centred, pairs: Indices, size: int, square: bool) -> tuple[Floats, Floats]:
+    """Bounds (slots, size, E) of the terms of a product; `pairs` and `square` as in `products`."""
+    p, q, count = x.mid.shape[0], y.mid.shape[0], x.mid.shape[2]
+    value = np.zeros((max(p, q), size, count))
+    extent, error, counts = np.zeros((size, count)), np.zeros((size, count)), np.zeros(size, np.intp)
+    for t in range(len(pairs)):
+        i, j, m = pairs[t]
+        twice = 2.0 if square and i != j else 1.0
+        counts[m] += 1 + max(p, q)
+        a, b, v, g = x.mid[0, i], y.mid[0, j], value[0, m], extent[m]
+        _errors(x, y, i, j, twice, error[m])
+        for k in range(count):
+            c = twice * (a[k] * b[k])
+            v[k] += c
+            g[k] += abs(c)
+        for s in range(1, p):
+            if x.moves[s, i]:
+                _add_slope(x.mid[s, i], b, twice, value[s, m], g)
+        for s in range(1, q):
+            if y.moves[s, j]:
+                _add_slope(y.mid[s, j], a, twice, value[s, m], g)
+        if x.moves[:, i].any() and y.moves[:, j].any():
+            _second_order(x, y, i, j, twice, v, g, error[m])
+    return _bounds(value, extent, error, counts)
+
+
+@compiled
+def _errors(x: Centred, y: Centred, i: int, j: int, twice: float, error: Floats) -> None:
+    """What the errors of two factors are in their product."""
+    for k in range(error.size):
+        of_x, of_y = x.total[i, k] + x.error[i, k], y.total[j, k]
+        error[k] += twice * (of_x * y.error[j, k] + of_y * x.error[i, k])
+        error[k] += _UNDERFLOW if of_x > 0.0 and of_y + y.error[j, k] > 0.0 else 0.0
+
+
+@compiled
+def _add_slope(slope: Floats, factor: Floats, twice: float, out: Floats, extent: Floats) -> None:
+    for k in range(out.size):
+        c = twice * (slope[k] * factor[k])
+        out[k] += c
+        extent[k] += abs(c)
+
+
+@compiled
+def _second_order(
+    x: Centred, y: Centred, i: int, j: int, twice: float, value: Floats, extent: Floats, error: Floats
+) -> None:
+    """`sum x_s d_s sum y_s d_s` over |d| <= 1: half of all `x_s y_s`, as d_s^2 is in [0, 1]; the rest is an error."""
+    both = np.zeros(value.size)
+    for s in range(1, min(x.mid.shape[0], y.mid.shape[0])):
+        if x.moves[s, i] and y.moves[s, j]:
+            for k in range(value.size):
+                c = 0.5 * twice * (x.mid[s, i, k] * y.mid[s, j, k])
+                value[k] += c
+                extent[k] += abs(c)
+                both[k] += abs(c)
+    slack = _gamma(x.mid.shape[0])
+    for k in range(value.size):
+        whole = twice * (x.slopes[i, k] * y.slopes[j, k])
+        error[k] += max(whole - both[k], 0.0) + slack * whole
+
+
+@compiled
+def _bounds(value: Floats, extent: Floats, error: Floats, counts: Indices) -> tuple[Floats, Floats]:
+    """Intervals: the error is that of the value; slopes are numbers. What overflowed may be anything."""
+    slots, size, count = value.shape
+    hi = value.copy()
+    for m in range(size):
+        gamma = _gamma(counts[m])
+        for k in range(count):
+            e = (error[m, k] + gamma * extent[m, k]) * (1.0 + gamma)
+            c = value[0, m, k]
+            e += 4.0 * _UNIT * abs(c) if e > 0.0 else 0.0
+            value[0, m, k], hi[0, m, k] = c - e, c + e
+            if not (abs(c) + e < np.inf):
+                value[0, m, k], hi[0, m, k] = -np.inf, np.inf
+                for s in range(1, slots):
+                    value[s, m, k] = hi[s, m, k] = 0.0
+    return value, hi
+
+
+@compiled
+def centred_sums(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+    """Sums over the last axis but one of (1 + J, T, count, after)."""
+    slots, terms, count, after = lo.shape
+    value = np.zeros((slots, terms, after))
+    extent, error = np.zeros((terms, after)), np.zeros((terms, after))
+    for s in range(slots):
+        for t in range(terms):
+            for k in range(after):
+                total, size, radius = 0.0, 0.0, 0.0
+                for i in range(count):
+                    low, high = lo[s, t, i, k], hi[s, t, i, k]
+                    middle = 0.5 * low + 0.5 * high
+                    total, size, radius = total + middle, size + abs(middle), radius + max(high - middle, middle - low)
+                value[s, t, k] = total
+                extent[t, k] += size
+                error[t, k] += radius
+    return _bounds(value, extent, error, np.full(terms, slots * count, np.intp))
+
+
+@compiled
+def combined(
+    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, of_x: Indices, of_y: Indices, sign: float, count: int
+) -> tuple[Floats, Floats]:
+    """Terms of x + sign y, (slots, T, count), of polynomials (1 + J, terms, E): `of_x` and `of_y` (T,), -1 for none."""
+    p, q = x_lo.shape[0], y_lo.shape[0]
+    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
+    lo, hi = np.zeros((max(p, q), of_x.size, count)), np.zeros((max(p, q), of_x.size, count))
+    for s in range(max(p, q)):
+        for t in range(of_x.size):
+            if of_x[t] >= 0 and s < p:
+                for k in range(count):
+                    lo[s, t, k], hi[s, t, k] = x_lo[s, of_x[t], k * at_x], x_hi[s, of_x[t], k * at_x]
+            if of_y[t] >= 0 and s < q:
+                low, high = (y_lo, y_hi) if sign > 0.0 else (y_hi, y_lo)
+                for k in range(count):
+                    a, b = sign * low[s, of_y[t], k * at_y], sign * high[s, of_y[t], k * at_y]
+                    lo[s, t, k], hi[s, t, k] = add(lo[s, t, k], hi[s, t, k], a, b)
+    return lo, hi
+
+
+@compiled
+def _add(lo: Floats, hi: Floats, s: int, m: int, k: int, low: float, high: float, twice: bool) -> None:
+    if twice:
+        low, high = min(2.0 * low, _MAX), max(2.0 * high, -_MAX)
+    lo[s, m, k], hi[s, m, k] = add(lo[s, m, k], hi[s, m, k], low, high)
+
+
+@compiled
+def _moving(lo: Floats, hi: Floats) -> Bools:
+    """Which slots of which terms of (1 + J, T, E) are not zero everywhere; the first is not asked for."""
+    out = np.zeros(lo.shape[:2], np.bool_)
+    for s in range(1, lo.shape[0]):
+        for t in range(lo.shape[1]):
+            for k in range(lo.shape[2]):
+                if lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0:
+                    out[s, t] = True
+                    break
+    return out
+
+
+@compiled
+def interval_products(
+    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
+) -> tuple[Floats, Floats]:
+    """`products` by products of intervals: tight for wide ones, too."""
+    p, q = x_lo.shape[0], y_lo.shape[0]
+    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
+    lo, hi = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
+    moves_x, moves_y = _moving(x_lo, x_hi), _moving(y_lo, y_hi)
+    for t in range(len(pairs)):
+        i, j, m = pairs[t]
+        both = moves_x[1:, i].any() and moves_y[1:, j].any()
+        for k in range(count):
+            a, b = k * at_x, k * at_y
+            if square and i == j and p == 1:
+                low, high = sqr(x_lo[0, i, a], x_hi[0, i, a])
+            else:
+                low, high = mul(x_lo[0, i, a], x_hi[0, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                if both:
+                    more = _second_order_of_sums(x_lo[:, i, a], x_hi[:, i, a], y_lo[:, j, b], y_hi[:, j, b])
+                    low, high = add(low, high, more[0], more[1])
+            _add(lo, hi, 0, m, k, low, high, square and i != j)
+        for s in range(1, max(p, q)):
+            by_x, by_y = s < p and moves_x[s, i], s < q and moves_y[s, j]
+            if not (by_x or by_y):
+                continue
+            for k in range(count):
+                a, b, low, high = k * at_x, k * at_y, 0.0, 0.0
+                if by_x:
+                    low, high = mul(x_lo[s, i, a], x_hi[s, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                if by_y:
+                    other = mul(x_lo[0, i, a], x_hi[0, i, a], y_lo[s, j, b], y_hi[s, j, b])
+                    low, high = add(low, high, other[0], other[1])
+                _add(lo, hi, s, m, k, low, high, square and i != j)
+    return lo, hi
+
+
+@compiled
+def products(
+    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
+) -> tuple[Floats, Floats]:
+    """Terms (slots, size, count) of a product of polynomials (1 + J, terms, E).
+
+    Of two coefficients it is `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`.
+
+    `pairs` (P, 3): a term of x, one of y, and the term that their product belongs to. `square`: x is y, and a pair of
+    two different terms stands for both orders.
+
+    Where no two wide intervals meet, midpoints are multiplied and errors bounded: many times faster.
+    """
+    x, y = centred(x_lo, x_hi, count), centred(y_lo, y_hi, count)
+    for t in range(len(pairs)):
+        if x.wide[pairs[t, 0]] and y.wide[pairs[t, 1]]:
+            return interval_products(x_lo, x_hi, y_lo, y_hi, pairs, size, count, square)
+    return centred_products(x, y, pairs, size, square)
+
+
+@compiled
+def occurring(lo: Floats, hi: Floats) -> Bools:
+    """Which terms of (1 + J, T, E) are not zero everywhere."""
+    out = np.zeros(lo.shape[1], np.bool_)
+    for s in range(lo.shape[0]):
+        for t in range(lo.shape[1]):
+            for k in range(lo.shape[2]):
+                if out[t]:
+                    break
+                out[t] = lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0
+    return out
+
+
+@compiled
+def summed(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+    """Sums over the middle axis of arrays of three."""
+    before, count, after = lo.shape
+    low, high = np.zeros((before, after)), np.zeros((before, after))
+    for i in range(before):
+        for k in range(count):
+            for j in range(after):
+                low[i, j], high[i, j] = add(low[i, j], high[i, j], lo[i, k, j], hi[i, k, j])
+    return low, high
+
+
+@compiled
+def _second_order_of_sums(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats) -> tuple[float, float]:
+    """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, entries from 1 on: d_i^2 is in [0, 1].
+
+    The terms of each sum have one sign: `over` covers its rounding, and a few _ETA what underflows.
+    """
+    low, high, both, of_x, of_y = 0.0, 0.0, 0.0, 0.0, 0.0
+    over = (len(x_lo) + len(y_lo) + 64) * 2.0**-52
+    for j in range(1, max(len(x_lo), len(y_lo))):
+        a = max(abs(x_lo[j]), abs(x_hi[j])) if j < len(x_lo) else 0.0
+        b = max(abs(y_lo[j]), abs(y_hi[j])) if j < len(y_lo) else 0.0
+        of_x, of_y, both = of_x + a, of_y + b, both + a * b
+        if j < len(x_lo) and j < len(y_lo):
+            square = mul(x_lo[j], x_hi[j], y_lo[j], y_hi[j])
+            low, high = low + min(square[0], 0.0), high + max(square[1], 0.0)
+    mixed = max(of_x * of_y * (1.0 + over) - both * (1.0 - over), 0.0)
+    mixed += (len(x_lo) + 2) * _ETA if of_x > 0.0 and of_y > 0.0 else 0.0
+    return (low - mixed) * (1.0 + over), (high + mixed) * (1.0 + over)

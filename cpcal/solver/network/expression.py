@@ -1,6 +1,6 @@
 """Array-valued expressions over named variables, constants and readings: the nodes of the DAG.
 
-Expressions are plain immutable data. What an operation means stands in `cpcal.solver.network.operations`.
+Expressions are plain immutable data. What an operation means stands in `cpcal.solver.interval.operations`.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
 
+SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 
@@ -200,14 +201,14 @@ class Expr:
         return (self[k] for k in range(len(self)))
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        from cpcal.solver.network import numpy_dispatch
+        from cpcal.solver.network import mathematics
 
-        return numpy_dispatch.ufunc(ufunc, method, inputs, options)
+        return mathematics.ufunc(ufunc, method, inputs, options)
 
     def __array_function__(self, called: Any, types: Any, args: Any, options: Any) -> Any:
-        from cpcal.solver.network import numpy_dispatch
+        from cpcal.solver.network import mathematics
 
-        return numpy_dispatch.function(called, args, options)
+        return mathematics.function(called, args, options)
 
     def __float__(self) -> NoReturn:
         raise ModelError("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")

@@ -17,10 +17,10 @@ import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.expression import Expr, topological
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.tape import elementwise
 
 # ------------------------------------------------------------------------------------------------------------------
 # What operations do to polynomials: to their monomials once, to their coefficients as often as readings change.
@@ -106,8 +106,9 @@ def value_of(e: Arithmetic, node: Expr, args: Sequence[Monomials]) -> Terms:
     """Any operation on constants: a constant, over all readings in their sets."""
 
     def made(values: Sequence[IntervalArray]) -> IntervalArray:
-        known = tuple(coef.total(e, constant_term(c, m)) for c, m in zip(values, args, strict=True))
-        return elementwise(e, node, known)[None]
+        known = [coef.total(e, constant_term(c, m)) for c, m in zip(values, args, strict=True)]
+        own = [x.reshape(x.shape[1:]).broadcast_to(node.shape) for x in known]
+        return e.apply(CODES[node.op], own[0], own[-1], node.parameter)[None, None]
 
     return ((),), made
 

@@ -7,21 +7,21 @@ constants, then readings, then the operations. The sweeps over it are `sweeps`; 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
-from types import ModuleType, SimpleNamespace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.solver.compiled import compiled, ready, rebound
-from cpcal.solver.interval import Arithmetic, IntervalArray, functions, kernels
-from cpcal.solver.network import inverses, operations, sweeps
-from cpcal.solver.network.expression import Expr, topological
+from cpcal.solver.compiled import compiled
+from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval.operations import ADD, CODES, CONTINUOUS, DEFINED, MUL, SQR, SUB, value
+from cpcal.solver.network import sweeps
+from cpcal.solver.network.expression import SELECTS, Expr, topological
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, MUL, SELECTS, SQR, SUB, TABLE, value
 from cpcal.solver.network.sweeps import needed, reach
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -46,55 +46,9 @@ def near(code: Ints, arg: Ints, par: Ints, first: int, slots: Floats) -> None:
             slots[first + k] = 0.5 * lo + 0.5 * hi
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# The sweeps for an arithmetic: compiled ones for float64; for arb the same source on arb's primitives.
-
-_SOURCES = (kernels, functions, operations, inverses, sweeps)
-
-
 def sweeps_of(engine: Arithmetic) -> Any:
-    """The functions of `sweeps`, by name, in an engine's arithmetic."""
+    """The functions of `sweeps`, and of the table of operations, by name, in an engine's arithmetic."""
     return in_arithmetic(engine.name, sweeps)
-
-
-def elementwise(engine: Arithmetic, node: Expr, args: Sequence[IntervalArray]) -> IntervalArray:
-    """The operation of a node on arrays of intervals (1, *S), element by element."""
-    row, value = TABLE[node.op], sweeps_of(engine).value
-    bounds = [x.reshape(x.shape[1:]).broadcast_to(node.shape) for x in args]
-    out = IntervalArray(np.empty(node.shape), np.empty(node.shape))
-    for k in np.ndindex(node.shape):
-        at = [float(bound[k]) for x in (bounds[0], bounds[-1]) for bound in (x.lo, x.hi)]
-        out.lo[k], out.hi[k] = value(row.code, node.parameter, *at)
-    return out[None]
-
-
-@cache
-def in_arithmetic(name: str, source: ModuleType) -> Any:
-    """The functions of a module of kernels (and those of the tape's), by name, in the arithmetic of that name."""
-    sources = [*_SOURCES, source] if source not in _SOURCES else list(_SOURCES)
-    functions = [function for module in sources for function in _defined_in(module)]
-    if name == "float64":
-        found = {f.__name__: ready(f) for f in functions}
-        return SimpleNamespace(**{name: f if hasattr(f, "py_func") else _quiet(f) for name, f in found.items()})
-    from cpcal.solver.interval.arb import PRIMITIVES, in_arb
-
-    return SimpleNamespace(**{k: in_arb(v) for k, v in rebound(functions, PRIMITIVES).items()})
-
-
-def _defined_in(source: Any) -> list[Callable[..., Any]]:
-    """The functions of a module, in the order of the file."""
-    found = [v for v in vars(source).values() if callable(v) and not isinstance(v, type)]
-    return [function for function in found if getattr(function, "__module__", "") == source.__name__]
-
-
-def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Plain Python on numpy's numbers, without its warnings."""
-
-    def silent(*args: Any) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*args)
-
-    return silent
 
 
 # For readings, by the digest of their leaf: values or smaller sets.
@@ -338,7 +292,7 @@ class _Writer:
             return self._total(np.moveaxis(args[0], node.parameter, 0))
         if node.shape:
             args = [np.broadcast_to(arg, node.shape) for arg in args]
-        return self._emitted(TABLE[node.op].code, args, node.parameter)
+        return self._emitted(CODES[node.op], args, node.parameter)
 
     @staticmethod
     def _ones(mask: Expr) -> Bools:

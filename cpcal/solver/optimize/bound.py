@@ -6,7 +6,6 @@ Below, the contractors raise the objective's lower bound; above, a local fit pro
 
 from __future__ import annotations
 
-import heapq
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from copy import copy
@@ -40,6 +39,7 @@ from cpcal.solver.search import (
     StepProver,
     bisect,
     divided,
+    light,
 )
 from cpcal.solver.search.race import bounds_of, box_of
 
@@ -50,7 +50,6 @@ Row = tuple[int, int]  # constraint, element
 
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
-_SUBTREE = 2  # boxes that are decided for each of a round of several: few that a better point would spare
 _THIN = 1e-12  # a width below this share of the domain's does not count
 
 
@@ -95,51 +94,38 @@ class Bounding:
         """The decisions of a round, each from the incumbent as it is at its beginning, so that their order, and where
         they are made, change nothing. What they find counts from its end.
 
-        In a round of several nodes each is the root of a subtree: pieces carry the decisions about them. Raises Stopped
-        between two nodes.
+        Raises Stopped between two nodes of a round.
         """
         before = self._incumbent.state
         if len(nodes) == 1:
-            made = [self._grown(nodes[0], before, 1)]
+            made = [self._with_first_piece(nodes[0], before, alone=True)]
         elif self._place is None:
-            made = self.grown(nodes, before)
+            made = self.decided(nodes, before)
         else:
-            size = -(-len(nodes) // self._place[1])
-            parts = [(nodes[k : k + size], before) for k in range(0, len(nodes), size)]
-            made = [one for part in self._shared().mapped(self._place, _grown, parts) for one in part]
+            made = self._shared().in_parts(self._place, _decided, nodes, before)
         for _, known in made:
             self._incumbent.learn(known, before)
         return [decision for decision, _ in made]
 
-    def grown(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
-        """The subtrees of some nodes, and the incumbent after each of them, if it was `before` at its beginning."""
-        return [self._grown(node, before, _SUBTREE) for node in nodes]
+    def decided(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
+        """The decisions about some nodes of a round, and the incumbent after each, if it was `before` when it began."""
+        return [self._with_first_piece(node, before, alone=False) for node in nodes]
 
-    def _grown(self, root: Node, before: Known, most: int) -> tuple[Decision, Known]:
-        """Decide a node, then what comes of it, most urgent first: so many boxes at most."""
+    def _with_first_piece(self, node: Node, before: Known, *, alone: bool) -> tuple[Decision, Known]:
+        """Decide a node, and in a round of several the most urgent of its pieces."""
         known = self._incumbent.at(before)
-        made: list[Decision] = []
-        links: list[tuple[int, int]] = []  # of each decision: that of its parent, and which piece of it
-        frontier = [(0.0, 0, 0, root)]
-        while frontier and len(made) < most:
-            reason = asked() if most > 1 else None  # the whole round begins anew some day
+        made = self._decision(node, known)
+        if not alone and made.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
+            reason = asked()  # the whole round begins anew some day
             if reason is not None:
                 raise Stopped(reason)
-            _, parent, place, node = heapq.heappop(frontier)
-            decision = self._decision(node, known)
-            if decision.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
-                depth = node.depth + (decision.kind is EventKind.SPLIT)
-                for k, piece in enumerate(decision.pieces):
-                    child = Node(piece.box, depth, -1, piece.state)
-                    heapq.heappush(frontier, (float(piece.box.lo[known.objective]), len(made), k, child))
-            made.append(decision)
-            links.append((parent, place))
-        for k in range(len(made) - 1, 0, -1):
-            parent, place = links[k]
-            pieces = list(made[parent].pieces)
-            pieces[place] = replace(pieces[place], decided=made[k])
-            made[parent] = replace(made[parent], pieces=tuple(pieces))
-        return made[0], known.state
+            pieces = list(made.pieces)
+            k = min(range(len(pieces)), key=lambda k: float(pieces[k].box.lo[known.objective]))
+            depth = node.depth + (made.kind is EventKind.SPLIT)
+            below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
+            pieces[k] = replace(pieces[k], decided=below)
+            made = replace(made, pieces=tuple(pieces))
+        return made, known.state
 
     def _shared(self) -> Shared[Bounding]:
         """All but the point and the executor, for workers."""
@@ -209,16 +195,8 @@ class Bounding:
         )
 
 
-def _grown(bounding: Bounding, item: tuple[Sequence[Node], Known]) -> list[tuple[Decision, Known]]:
-    return [(_light(decision), known) for decision, known in bounding.grown(*item)]
-
-
-def _light(decision: Decision) -> Decision:
-    """Without what only the contractors needed."""
-    steps = tuple(replace(step, weights=None) for step in decision.contraction.steps)
-    pieces = tuple(p if p.decided is None else replace(p, decided=_light(p.decided)) for p in decision.pieces)
-    contraction = replace(decision.contraction, steps=steps, point=None, polyhedron=None)
-    return replace(decision, contraction=contraction, pieces=pieces)
+def _decided(bounding: Bounding, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
+    return [(light(decision), known) for decision, known in bounding.decided(nodes, before)]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -361,9 +339,9 @@ def minimize(
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
     prepared = prepared or Prepared(network, objective, engine)
     incumbent = Incumbent(prepared, limits, clock.deadline, domain=domain, best=best)
-    process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
+    process = Bounding(incumbent, Contracting(named, prover, clock.deadline), strategy, enclose, place)
     root = Piece(domain, Branch(domain, fresh=True))
-    search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast, subtrees=True)
+    search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast)
     tally = _Tally(process, index)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)

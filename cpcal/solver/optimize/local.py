@@ -22,7 +22,7 @@ from cpcal.common.values import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import Dense, LinearEngine
+from cpcal.solver.linear import Dense
 from cpcal.solver.linear.engine import LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
@@ -40,7 +40,6 @@ def linear_steps(
     cost: Floats,
     box: Box,
     start: Floats,
-    engine: LinearEngine,
     *,
     scale: Floats,
     margin: float = 0.0,
@@ -56,7 +55,7 @@ def linear_steps(
     for _ in range(_STEPS):
         if time.monotonic() > deadline:
             return None
-        found = _program(at, point, cost, box, engine, scale, radius, margin)
+        found = _program(at, point, cost, box, scale, radius, margin)
         if found is None:
             return None
         step, weight = found
@@ -85,7 +84,6 @@ def _program(
     point: Floats,
     cost: Floats,
     box: Box,
-    engine: LinearEngine,
     scale: Floats,
     radius: float,
     margin: float,
@@ -97,6 +95,7 @@ def _program(
     if not (np.isfinite(matrix).all() and np.isfinite(limits).all()):
         return None
     lower, upper = np.maximum((box.lo - point) / unit, -1.0), np.minimum((box.hi - point) / unit, 1.0)
+    engine = Dense()
     engine.load(matrix / (size * radius)[:, None], limits / radius, lower, upper)
     solution = engine.minimize(cost * unit)
     if solution.status is not LinearStatus.OPTIMAL:
@@ -163,7 +162,7 @@ class _Problem:
         merit = float(point[self.objective]) + _PENALTY * max(worst, 0.0)
         return _State(point, rows, merit if np.isfinite(merit) else np.inf)
 
-    def step(self, state: _State, radius: float, engine: LinearEngine) -> Floats | None:
+    def step(self, state: _State, radius: float) -> Floats | None:
         """The step to the minimum of the linearised problem within the trust region, or None."""
         reach = np.where(self.free, radius * self.scale, max(abs(state.merit), radius))
         lower = np.where(self.free, np.maximum(-1.0, (self._box.lo - state.point) / reach), -1.0)
@@ -171,6 +170,7 @@ class _Problem:
         matrix = state.rows.jacobian * reach
         largest = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
         slack = -state.rows.values
+        engine = Dense()
         engine.load(
             matrix / largest[:, None],
             np.maximum(slack, 0.0) / largest,
@@ -190,7 +190,6 @@ def fit_of_many(
     rows: Rows,
     objective: int,
     start: Floats,
-    engine: LinearEngine,
     domain: Box | None = None,
 ) -> Floats:
     """The same in the network's domain (or a part of it), for many measurements: of those that matter, which are few.
@@ -199,7 +198,7 @@ def fit_of_many(
     """
     box = network.domain if domain is None else domain
     if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
-        return fit(rows, objective, box, start, engine)
+        return fit(rows, objective, box, start)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
     some: Rows | None = None
     for _ in range(_EXTENSIONS):
@@ -209,13 +208,11 @@ def fit_of_many(
             break
         chosen = more
         some = Rows(restricted(network, chosen))
-        point = fit(some, objective, box, point, engine, _ROUGH)
-    return point if some is None else fit(some, objective, box, point, engine)
+        point = fit(some, objective, box, point, _ROUGH)
+    return point if some is None else fit(some, objective, box, point)
 
 
-def fit(
-    rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngine, tolerance: float = _TOLERANCE
-) -> Floats:
+def fit(rows: Rows, objective: int, box: Box, start: Floats, tolerance: float = _TOLERANCE) -> Floats:
     """A local minimiser in `box`, from `start` (n,); `objective` is the component to minimise.
 
     It ends where the next step promises a relative decrease below `tolerance`.
@@ -226,7 +223,7 @@ def fit(
     state = problem.state(np.asarray(start, np.float64))
     radius = 0.1
     for _ in range(_ITERATIONS if np.isfinite(state.merit) else 0):
-        step = problem.step(state, radius, engine)
+        step = problem.step(state, radius)
         if step is None:
             break
         promised = -float(step[objective])
@@ -310,7 +307,7 @@ class LocalSearch:
         cost[self._objective] = 1.0
         for margin in MARGINS:
             found = linear_steps(
-                self._rows, cost, self._domain, start, Dense(), scale=scale, margin=margin, deadline=self._deadline
+                self._rows, cost, self._domain, start, scale=scale, margin=margin, deadline=self._deadline
             )
             if found is None:
                 return
@@ -440,12 +437,8 @@ class _Known:
                 self._sizes = (_size(matrix), _size(equal))
             one, two = self._sizes
             found = rows.values / one, matrix / one[:, None], value / two, equal / two[:, None]
-            self._found = tuple(_finite(part) for part in found)  # type: ignore[assignment]
+            self._found = tuple(np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found)  # type: ignore[assignment]
         return self._found
-
-
-def _finite(values: Floats) -> Floats:
-    return np.asarray(np.nan_to_num(values, nan=1e10, posinf=1e10, neginf=-1e10))
 
 
 def _size(matrix: Floats) -> Floats:
@@ -541,7 +534,7 @@ class Incumbent:
             return True
         if self._prepared.minimax or not self._local.applies:
             prepared = self._prepared
-            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, Dense(), self.domain))
+            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, self.domain))
         better = better or (not self._one_value and self._keep(start))
         if self._local.applies and not (self._prepared.minimax and (better or self._one_value)) and _due(self.calls):
             for point in self._local.proposals(start):

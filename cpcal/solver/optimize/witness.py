@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.existence import Equalities, ReadingConstraint, UniquenessProver, highest, reads, sides, upper_ends
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, one_sided_rows
+from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.expression import leaves
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided
@@ -48,7 +48,9 @@ class Equations:
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
         self._network, self._engine = plain, engine
-        self._flat = [part for root in self._equalities.roots for part in _elements(root)]
+        self._flat = [
+            part for root in self._equalities.roots for part in ([root] if not root.shape else list(root.reshape(-1)))
+        ]
         self._provers: dict[tuple[int, ...], UniquenessProver] = {}  # by the equations that they are about
 
     def within(self, domain: Box) -> Equations:
@@ -129,10 +131,6 @@ class Equations:
                 break
             point = new
         return point
-
-
-def _elements(root: Expr) -> list[Expr]:
-    return [root] if not root.shape else list(root.reshape(-1))
 
 
 _TRIES = 60

@@ -1,6 +1,16 @@
 """Branch and prune as an iterator, the strategies that it splits boxes by, and what it finds."""
 
-from cpcal.solver.search.passes import Contracting, DepthStrategy, Divide, Pass, Proof, StepProver, divided
+from cpcal.solver.search.passes import (
+    Contracting,
+    DepthStrategy,
+    Divide,
+    Pass,
+    Proof,
+    Rounds,
+    StepProver,
+    divided,
+    light,
+)
 from cpcal.solver.search.paving import Paving, Solution, WholeNumbers, conclusion
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.search import (
@@ -21,7 +31,6 @@ from cpcal.solver.search.search import (
     hull,
     volume,
 )
-from cpcal.solver.search.spread import Spread, spread_over
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
 __all__ = [
@@ -45,10 +54,10 @@ __all__ = [
     "Proof",
     "Race",
     "RoundRobin",
+    "Rounds",
     "Search",
     "Smear",
     "Solution",
-    "Spread",
     "StepProver",
     "WholeNumbers",
     "bisect",
@@ -59,6 +68,6 @@ __all__ = [
     "difference",
     "divided",
     "hull",
-    "spread_over",
+    "light",
     "volume",
 ]

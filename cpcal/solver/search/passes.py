@@ -8,6 +8,7 @@ alone. As soon as weights have proved all that was found, the two boxes are one,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -29,6 +30,8 @@ from cpcal.solver.contract import (
     shrunk,
     takes_batches,
 )
+from cpcal.solver.execution.executors import Place
+from cpcal.solver.execution.outcomes import Shared
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
 from cpcal.solver.search.strategies import LargestFirst, RoundRobin, Smear
@@ -68,12 +71,14 @@ class Pass:
 class Contracting:
     """Contractors with their names, one after the other, and the prover of their steps where a certificate is wanted.
 
-    Without a prover the two boxes of a node are one.
+    Without a prover the two boxes of a node are one. At the `deadline` long contractions end.
     """
 
-    def __init__(self, named: Sequence[tuple[str, Contractor]], prover: StepProver | None = None) -> None:
+    def __init__(
+        self, named: Sequence[tuple[str, Contractor]], prover: StepProver | None = None, deadline: float = math.inf
+    ) -> None:
         self._named = [one for name, contractor in named for one in _taken_apart(name, contractor)]
-        self._prover = prover
+        self._prover, self.deadline = prover, deadline
 
     @property
     def named(self) -> list[tuple[str, Contractor]]:
@@ -101,7 +106,7 @@ class Contracting:
             givers = [giver for giver in elements(contractor) if gives_weights(giver)]
             calls = steps = 0
             for giver in givers if not before.is_empty else []:
-                proposed = contracted(giver, total.box)
+                proposed = contracted(giver, total.box, self.deadline)
                 proved = self._prover(total.box, proposed)
                 total = followed(total, replace(proposed, box=proved.box, steps=proved.steps))
                 calls, steps = calls + 1, steps + len(proposed.steps)
@@ -111,7 +116,7 @@ class Contracting:
                     break
             done = givers == [contractor] and (as_one or found == total.box)  # of both boxes at once, or caught up
             if not (found.is_empty or done):
-                further = contracted(contractor, found)
+                further = contracted(contractor, found, self.deadline)
                 found, calls, steps = further.box, calls + 1, steps + len(further.steps)
                 point = total.point if further.point is None else further.point
                 total = replace(total, point=point, programs=total.programs + further.programs)
@@ -123,7 +128,7 @@ class Contracting:
         for name, contractor in self._named:
             use = ContractorUse(name)
             if not total.box.is_empty:
-                step = contracted(contractor, total.box)
+                step = contracted(contractor, total.box, self.deadline)
                 total, use = followed(total, step), ContractorUse(name, 1, len(step.steps))
             uses.append(use)
         return Pass(total, total.box, tuple(uses))
@@ -160,8 +165,8 @@ _STRATEGIES = (LargestFirst, RoundRobin, Smear)
 class Batches:
     """Contractors one after the other on the boxes of many nodes, which are then cut in two."""
 
-    def __init__(self, named: Sequence[tuple[str, Contractor]], strategy: Strategy) -> None:
-        self._named, self._strategy = named, strategy
+    def __init__(self, contracting: Contracting, strategy: Strategy) -> None:
+        self._contracting, self._strategy = contracting, strategy
 
     @staticmethod
     def serve(named: Sequence[tuple[str, Contractor]], strategy: Strategy) -> bool:
@@ -172,7 +177,7 @@ class Batches:
         names = nodes[0].box.names
         lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
         uses: list[list[ContractorUse]] = [[] for _ in nodes]
-        for name, contractor in self._named:
+        for name, contractor in self._contracting.named:
             lo, hi = self._contracted(name, contractor, lo, hi, uses)
         boxes = Box.rows(names, lo, hi)
         depths = np.array([node.depth for node in nodes])
@@ -182,13 +187,13 @@ class Batches:
             for box, use, (kind, pieces) in zip(boxes, uses, map(_next, boxes, halves), strict=True)
         ]
 
-    @staticmethod
     def _contracted(
-        name: str, contractor: Contractor, lo: Floats, hi: Floats, uses: list[list[ContractorUse]]
+        self, name: str, contractor: Contractor, lo: Floats, hi: Floats, uses: list[list[ContractorUse]]
     ) -> tuple[Floats, Floats]:
         alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
         if alive.size:
-            left = contractor.contract_batch(IntervalArray(lo[alive], hi[alive]))  # type: ignore[attr-defined]
+            some = IntervalArray(lo[alive], hi[alive])
+            left = contractor.contract_batch(some, self._contracting.deadline)  # type: ignore[attr-defined]
             after_lo, after_hi = lo.copy(), hi.copy()
             after_lo[alive], after_hi[alive] = np.maximum(lo[alive], left.lo), np.minimum(hi[alive], left.hi)
             dead = ~(after_lo <= after_hi).all(axis=1)
@@ -257,9 +262,7 @@ class Divide:
         self._contracting = contracting
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         alone = inside is None and again is None and not (outside or contracting.proves)
-        self._batches = (
-            Batches(contracting.named, strategy) if alone and Batches.serve(contracting.named, strategy) else None
-        )
+        self._batches = Batches(contracting, strategy) if alone and Batches.serve(contracting.named, strategy) else None
 
     @property
     def batch(self) -> int:
@@ -297,3 +300,29 @@ class Divide:
 def split(strategy: Strategy, box: Box, depth: int) -> tuple[Box, ...]:
     """The pieces of a box that `depth` divisions led to."""
     return strategy.split_at(box, depth) if isinstance(strategy, DepthStrategy) else strategy.split(box)
+
+
+class Rounds:
+    """A process whose rounds are decided by the workers of a place, each a part of them. Decisions are as here."""
+
+    def __init__(self, process: Divide, place: Place) -> None:
+        self._process, self._place, self._travels = process, place, Shared(process)
+
+    def __call__(self, node: Node) -> Decision:
+        return self._process(node)
+
+    def all(self, nodes: Sequence[Node]) -> list[Decision]:
+        """Raises Stopped when the process is asked to stop."""
+        return self._travels.in_parts(self._place, _decided, nodes)
+
+
+def _decided(process: Divide, nodes: Sequence[Node]) -> list[Decision]:
+    return [light(decision) for decision in process.all(nodes)]
+
+
+def light(decision: Decision) -> Decision:
+    """Without what only the contractors needed."""
+    steps = tuple(replace(step, weights=None) for step in decision.contraction.steps)
+    pieces = tuple(p if p.decided is None else replace(p, decided=light(p.decided)) for p in decision.pieces)
+    contraction = replace(decision.contraction, steps=steps, point=None, polyhedron=None)
+    return replace(decision, contraction=contraction, pieces=pieces)

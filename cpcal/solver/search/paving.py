@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -176,7 +177,7 @@ class WholeNumbers(Composable):
     def __init__(self, whole: Bools) -> None:
         self._whole = whole
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         lo, hi = self._rounded(box.lo, box.hi)
         after = box.intersect(box.with_bounds(lo, hi)) if (lo <= hi).all() else Box.empty(box.names)
         if after.is_empty and not box.is_empty:
@@ -186,7 +187,7 @@ class WholeNumbers(Composable):
         steps = [Step("whole numbers", names[k], side, float((lo if side == "lo" else hi)[k])) for side, k in moved]
         return Contraction(after, tuple(steps))
 
-    def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
+    def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """All boxes (B, n) at once, NaN where one holds no whole number."""
         lo, hi = self._rounded(boxes.lo, boxes.hi)
         empty = ~(lo <= hi).all(axis=1)

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.interval.float64 import Float64, check_rounding
+from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
+from cpcal.solver.interval.arithmetic import check_rounding
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 
@@ -80,7 +80,6 @@ ORDERS: dict[str, Callable[[ConstraintNetwork], Priority]] = {
 
 IN_MEMORY = 100_000  # nodes, at most, if there is room on the disk: some 100 MB
 _CHUNK = 4096  # nodes that go to the disk, and come back, together
-_SOON = 256  # nodes
 _WASTE = 2**26  # bytes of the file that nobody needs any more
 
 Entry = tuple[float, int, Node]  # priority, serial
@@ -133,10 +132,6 @@ class Frontier:
         for chunk in tuple(self._chunks):
             yield from (node for *_, node in self._read(chunk))
         yield from (node for *_, node in tuple(self._heap))
-
-    def soon(self) -> list[Node]:
-        """Some of the most urgent nodes in memory, nearly in their order."""
-        return [node for *_, node in sorted(self._heap[:_SOON], key=lambda entry: entry[:2])]
 
     def push(self, node: Node) -> None:
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
@@ -276,10 +271,8 @@ class Search(Iterator[Event]):
 
     With `abreast` the most urgent so many nodes (or as many as it says for a number of pending ones) are taken as one
     round, one after the other, before any that came of them; `process.all(nodes)`, if there is one, decides `batch` of
-    them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending.
-    A process with `ahead(node, waiting)` is asked for every node that way, and sees which others wait, the most urgent
-    ones first, so that it can have them decided meanwhile.
-    With `subtrees` pieces that come with their decision belong to the round of their parent; else they wait their turn.
+    them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending. Pieces
+    that come with their decision belong to the round of their parent.
 
     `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
     wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
@@ -294,14 +287,12 @@ class Search(Iterator[Event]):
         outside: bool = False,
         abreast: int | Callable[[int], int] = 1,
         batch: int = 64,
-        subtrees: bool = False,
     ) -> None:
         self._process, self._priority, self.wants_outside = process, priority, outside
-        self._abreast, self._batch, self._subtrees = abreast, batch, subtrees
+        self._abreast, self._batch = abreast, batch
         self._frontier = Frontier(priority)
         self._round: list[Node] = []  # the next one last
         self._decided: dict[int, Decision] = {}  # by serial, of the round
-        self._ahead: Callable[[Node, Callable[[], Iterable[Node]]], Decision] | None = getattr(process, "ahead", None)
         self._created = 0
         self.kept: list[Piece] = []
         self.inside: list[Box] = []
@@ -381,21 +372,11 @@ class Search(Iterator[Event]):
             removed = difference(node.box, decision.box)
         children = self._stored(node, decision)
         self.outside.extend(removed)
-        if self._subtrees:
-            self._round = [*self._round[:-1], *(child for child in reversed(children) if child.decided is not None)]
-        else:
-            self._round.pop()
+        self._round = [*self._round[:-1], *(child for child in reversed(children) if child.decided is not None)]
         self._decided.pop(node.serial, None)
         return Event(node, decision, children, self.waiting)
 
-    def _soon(self) -> Iterator[Node]:
-        """Undecided nodes, the most urgent ones first; not all."""
-        yield from reversed(self._round)
-        yield from self._frontier.soon()
-
     def _decision(self, node: Node) -> Decision:
-        if self._ahead is not None:
-            return self._ahead(node, self._soon)
         made: Decision | None = node.decided or self._decided.get(node.serial)
         if made is not None:
             return made
@@ -421,15 +402,13 @@ class Search(Iterator[Event]):
     def _push(self, piece: Piece, depth: int) -> Node:
         node = Node(piece.box, depth, self._created, piece.state, piece.decided)
         self._created += 1
-        if not (self._subtrees and piece.decided is not None):
+        if piece.decided is None:
             self._frontier.push(node)
         return node
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # Sets of boxes: what is left of a box without another, which boxes touch, how much room they take.
-
-_ENGINE = Float64()
 
 
 def difference(box: Box, part: Box) -> tuple[Box, ...]:
@@ -488,11 +467,12 @@ def volume(boxes: Sequence[Box]) -> Interval:
     if not full:
         return Interval(0.0)
     lo, hi = np.stack([box.lo for box in full]), np.stack([box.hi for box in full])
-    widths = _ENGINE.sub(IntervalArray.point(hi), IntervalArray.point(lo))
+    engine = get_arithmetic("float64")
+    widths = engine.sub(IntervalArray.point(hi), IntervalArray.point(lo))
     product = IntervalArray.point(np.ones(len(full)))
     for k in range(lo.shape[1]):
-        product = _ENGINE.mul(product, widths[:, k])
-    total = _ENGINE.sum(product, 0)
+        product = engine.mul(product, widths[:, k])
+    total = engine.sum(product, 0)
     return Interval(max(float(total.lo), 0.0), float(total.hi))
 
 

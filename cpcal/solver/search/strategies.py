@@ -11,11 +11,9 @@ import numpy.typing as npt
 
 from cpcal.common.values import Floats, Ints
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 
-_ENGINE = Float64()
 _MAX = float(np.finfo(np.float64).max)
 
 
@@ -72,7 +70,7 @@ class LargestFirst:
 
     def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
         """The component with the highest one is cut: (B, n)."""
-        return np.asarray(_width(lo, hi) / self._scale)
+        return np.asarray(IntervalArray(lo, hi).width / self._scale)
 
     def _cut(self, box: Box, score: Floats) -> tuple[Box, ...]:
         with np.errstate(all="ignore"):
@@ -81,7 +79,7 @@ class LargestFirst:
 
     def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
         cut = _middle(lo, hi)
-        able = (_width(lo, hi) / self._scale > self._width) & (lo < cut) & (cut < hi)
+        able = (IntervalArray(lo, hi).width / self._scale > self._width) & (lo < cut) & (cut < hi)
         able &= (lo < self._reach) & (hi > -self._reach)
         if self._skip:
             able &= np.array([name not in self._skip for name in names])
@@ -134,7 +132,7 @@ class Smear(LargestFirst):
         self._rows, self._how = network.once("rows at points", lambda: Rows(network)), how
 
     def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
-        widths, mids = _width(lo, hi), IntervalArray(lo, hi).mid
+        widths, mids = IntervalArray(lo, hi).width, IntervalArray(lo, hi).mid
         scores = widths / self._scale
         bounded = np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1))
         most = max(1, _SIZE // max(self._rows.count * lo.shape[1], 1))
@@ -144,11 +142,6 @@ class Smear(LargestFirst):
             varies = found.any(axis=1)
             scores[some[varies]] = found[varies]
         return np.asarray(scores)
-
-
-def _width(lo: Floats, hi: Floats) -> Floats:
-    """Upper bounds."""
-    return _ENGINE.sub(IntervalArray(lo, hi), IntervalArray(lo, hi)).hi
 
 
 STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {

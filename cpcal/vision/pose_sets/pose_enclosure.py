@@ -14,7 +14,7 @@ from cpcal.robot import Pose, normalised, quaternion_from_matrix
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, in_sequence, shrunk
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.linear import BoxProgram, Dense
+from cpcal.solver.linear import BoxProgram
 from cpcal.solver.model import Network
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.vision.pose_sets.enclosed import ENGINE, NAMES, Motions, PoseBox, joined, pose_box
@@ -167,7 +167,7 @@ class _Programs:
     def _bound(self, k: int, sign: float, without: Dots) -> tuple[float, Dots]:
         """The bound when all dots but these hold, and those that carry its proof."""
         kept = np.setdiff1d(np.arange(len(self._rhs)), [4 * dot + j for dot in without for j in range(4)])
-        program = BoxProgram(self._matrix[kept], self._rhs[kept], self._box, ENGINE, Dense())
+        program = BoxProgram(self._matrix[kept], self._rhs[kept], self._box, ENGINE)
         bound, rows = program.least(k, sign)
         return bound, frozenset((kept[rows] // 4).tolist())
 

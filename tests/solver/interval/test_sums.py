@@ -143,10 +143,11 @@ def test_dot_of_intervals_is_at_most_half_again_as_wide(engine: Arithmetic) -> N
     assert ((got.hi - got.lo) <= 1.5 * (tight.hi - tight.lo)).all()
 
 
-def test_dot_with_an_infinite_entry_promises_nothing(engine: Arithmetic) -> None:
+def test_dot_with_an_infinite_entry_is_a_half_line(engine: Arithmetic) -> None:
     x = IntervalArray(np.array([[-np.inf, 1.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [2.0, 1.0]]))
     got = engine.dot(x, IntervalArray.point(np.ones((2, 1))))
-    assert pair(got, 0, 0) == (-np.inf, np.inf)
+    assert got.lo[0, 0] == -np.inf
+    assert got.hi[0, 0] >= 1.0
     assert got.lo[1, 0] <= 2.0
     assert got.hi[1, 0] >= 3.0
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.common.values import Floats
 from cpcal.solver.interval import IntervalArray, get_arithmetic
-from cpcal.solver.linear import Dense, LinearEngine, LinearStatus, lower_bound
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound
 
 KINDS = ("random", "degenerate", "rank-deficient", "infeasible", "thin", "badly scaled", "products")
 
@@ -127,7 +127,14 @@ def optima(seed: int) -> tuple[F | None, ...]:
     return tuple(optimum(case, objective) for objective in case.objectives)
 
 
-def contradictions(seed: int, solver: type[LinearEngine] = Dense) -> tuple[list[str], int]:
+class Highs(Dense):
+    """What takes over where the simplex method gives up, asked at once."""
+
+    def minimize(self, objective: Floats) -> LinearSolution:
+        return self._by_highs(objective)
+
+
+def contradictions(seed: int, solver: type[Dense] = Dense) -> tuple[list[str], int]:
     """What an engine proves of a program that is not true (nothing, or there is a mistake), and how often it failed."""
     case = program(seed)
     engine, arithmetic = solver(), get_arithmetic("float64")

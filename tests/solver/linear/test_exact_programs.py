@@ -9,16 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from cpcal.solver.linear import Dense, LinearEngine
-from cpcal.solver.linear.engine import Glop
-from tests.solver.linear.exact_programs import KINDS, contradictions, main, program
+from cpcal.solver.linear import Dense
+from tests.solver.linear.exact_programs import KINDS, Highs, contradictions, main, program
 
 COUNT = 210
 
 
-@pytest.mark.parametrize("solver", [Dense, Glop])
+@pytest.mark.parametrize("solver", [Dense, Highs])
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_bound_is_contradicted_and_nearly_every_program_is_solved(solver: type[LinearEngine], kind: str) -> None:
+def test_no_bound_is_contradicted_and_nearly_every_program_is_solved(solver: type[Dense], kind: str) -> None:
     outcomes = [contradictions(seed, solver) for seed in range(KINDS.index(kind), COUNT, len(KINDS))]
     assert [line for lines, _ in outcomes for line in lines] == []
     failed = sum(count for _, count in outcomes)
@@ -32,12 +31,12 @@ def test_no_bound_of_three_thousand_programs_is_contradicted() -> None:
 
 
 def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatch: pytest.MonkeyPatch) -> None:
-    """GLOP, which takes over where it gives up, is never asked."""
+    """HiGHS, which takes over where it gives up, is never asked."""
 
     def asked(*_: object) -> None:
-        raise AssertionError("GLOP was asked")
+        raise AssertionError("HiGHS was asked")
 
-    monkeypatch.setattr("cpcal.solver.linear.engine.Glop", asked)
+    monkeypatch.setattr(Dense, "_by_highs", asked)
     for seed in range(COUNT):
         case = program(seed)
         if case.kind != "badly scaled":

@@ -11,10 +11,9 @@ from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.linear import Dense
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import minimize
-from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
 from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
 from cpcal.solver.optimize.witness import Prepared, Witness
 
@@ -254,6 +253,16 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     assert ("closed" in said[1]) == (verdict is Verdict.PROVED)
 
 
+def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
+    net = Network()
+    net.variable("e", (), (0, 10))
+    incumbent = Incumbent(Prepared(net, "e", get_arithmetic("float64")), Limits())
+    for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0), (1.0, 1.0)):
+        incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
+        assert incumbent.hi == kept
+    assert incumbent.calls == 4
+
+
 def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     rng = np.random.default_rng(3)
     t = rng.uniform(-1.0, 1.0, 3000)
@@ -262,8 +271,8 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     a, e = net.variable("a", 3, ([-5.0] * 3, [5.0] * 3)), net.variable("e", (), (0.0, 10.0))
     net.add((a[0] + a[1] * t + a[2] * t**2 - values).within((-e, e)))
     rows, start = Rows(net), np.array([0.0, 0.0, 0.0, 0.0])
-    of_all = fit(rows, 3, net.domain, start, Dense())
-    of_some = fit_of_many(net, rows, 3, start, Dense())
+    of_all = fit(rows, 3, net.domain, start)
+    of_some = fit_of_many(net, rows, 3, start)
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
-    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy, Dense()), easy)
+    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)

@@ -5,9 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import cpcal
-from contractors.hc4 import HC4
-from cpcal.solver.search import Divide, EventKind, LargestFirst, Node, Search
-from cpcal.solver.search.spread import DecideTask, grown
 
 
 @pytest.fixture(scope="module")
@@ -65,58 +62,12 @@ def test_a_paving_is_the_same_with_workers(paved):
         assert solved(executor=threads) == here
 
 
-@pytest.mark.parametrize("span", [0.0, 10.0])
-def test_how_far_a_worker_looks_ahead_changes_no_decision(paved, span):
-    process = Divide(HC4(paved), LargestFirst(0.3), outside=True)
-    search = Search([paved.domain], process, abreast=64)
-    for _ in search:
-        if search.waiting > 8 and not search.within_round:
-            break
-    forest = grown(process, DecideTask(list(search.pending), span))
-    roots = [forest.decision(k) for k in range(search.waiting)]
-    assert [ahead(one) for one in roots] == [0 if span == 0.0 else below(process, node) for node in search.pending]
-    for node, one in zip(search.pending, roots, strict=True):
-        same(process, node, one)
-
-
-def made_ahead(decision):
-    made = [piece.decided.decision for piece in decision.pieces if piece.decided is not None]
-    return [one for one in made if one is not None]
-
-
-def ahead(decision):
-    return sum(1 + ahead(one) for one in made_ahead(decision))
-
-
-def below(process, node):
-    """How many nodes come of one."""
-    decision = process(node)
-    if decision.kind is not EventKind.SPLIT:
-        return 0
-    return sum(1 + below(process, Node(piece.box, node.depth + 1, -1, piece.state)) for piece in decision.pieces)
-
-
-def same(process, node, decision):
-    """That a decision, and all that it carries, is what is decided here."""
-    here = process(node)
-    assert (here.kind, here.box, here.uses, here.removed) == (
-        decision.kind,
-        decision.box,
-        decision.uses,
-        decision.removed,
-    )
-    assert [piece.box for piece in here.pieces] == [piece.box for piece in decision.pieces]
-    for piece in decision.pieces:
-        if piece.decided is not None and piece.decided.decision is not None:
-            same(process, Node(piece.box, node.depth + 1, -1, piece.state), piece.decided.decision)
-
-
 def test_one_leg_uses_all_workers_and_its_certificate_is_the_same(tmp_path):
     campaign = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
 
     def certified(name, **place):
         found = cpcal.certify(campaign, legs=[6], delta=200.0, support="none", certificates=tmp_path / name, **place)
-        return found.legs[0].nodes, (tmp_path / name / "leg6.cert.jsonl").read_bytes()
+        return found.legs[0].work.nodes, (tmp_path / name / "leg6.cert.jsonl").read_bytes()
 
     with Counting(2) as threads:
         assert certified("there", executor=threads) == certified("here")

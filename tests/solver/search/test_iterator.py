@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class Nothing:
 
     idempotent = True
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         return Contraction(box)
 
 
@@ -98,7 +99,7 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
     class Interrupting(LargestFirst):
         calls = 0
 
-        def contract(self, box: Box) -> Contraction:
+        def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
             if where == "contractor":
                 self._count()
             return Contraction(box)

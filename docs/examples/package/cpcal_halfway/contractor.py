@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from contractors import HC4
@@ -18,7 +20,7 @@ class Bisected(Composable):
     def __init__(self, network: ConstraintNetwork, arithmetic: str) -> None:
         self._inner = HC4(network, arithmetic=arithmetic)
 
-    def contract(self, box: Box) -> Contraction:
+    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         left = box
         for k in range(len(box) if not box.is_empty else 0):
             middle = left.mid[k]
