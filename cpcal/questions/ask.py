@@ -41,6 +41,7 @@ from cpcal.questions.bracket import (
     prove_support,
     verified_center,
 )
+from cpcal.questions.outliers import robust_leg
 from cpcal.questions.question import (
     HERE,
     Checkpoints,
@@ -80,6 +81,8 @@ def certify_leg(question: Question, leg: int | LegResult) -> tuple[LegResult, bo
 
     With what follows the bracket, where the question asks for that; a result that has its bracket gets the rest.
     """
+    if question.options.outliers:
+        return robust_leg(question, leg.leg if isinstance(leg, LegResult) else leg), asked() is not None
     if isinstance(leg, LegResult):
         prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg, False
     else:
@@ -231,6 +234,7 @@ def certify(
     arithmetic: str = "float64",
     eps: float | None = None,
     tolerance: float | None = None,
+    outliers: int = 0,
     support: str = "few",
     method: str = "bound",
     certificates: str | os.PathLike[str] | None = None,
@@ -250,6 +254,7 @@ def certify(
     "nominal". `legs` counts from 1 (default: all). `gap` is relative; `time_limit` (seconds) and `node_limit` (boxes)
     are of each leg. With `eps` (mm) the question is instead whether S(eps) is empty. `progress` is called with
     (leg, Bracket) as the brackets shrink. `tolerance` (mm) is kept with the result: the error that the robot may have.
+    With `outliers` the bracket holds whichever so many measurements of a leg are wrong, nobody knows which.
 
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
     not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
@@ -287,6 +292,7 @@ def certify(
         arithmetic=arithmetic,
         eps=eps,
         tolerance=tolerance,
+        outliers=outliers,
         support=support,
         method=method,
         model=model,
@@ -317,6 +323,11 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
         options = Options(**given)
     except InputError as error:
         raise InputError([*problems, *error.problems]) from None
+    if options.outliers >= len(campaign):
+        remedy = f"give a whole number below {len(campaign)}, such as 1"
+        problems.append(
+            Problem("outliers", f"{options.outliers} is no number of measurements that may be wrong", remedy)
+        )
     if problems:
         raise InputError(problems)
     plugins.check_names(options.contractors)
@@ -403,7 +414,8 @@ def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> d
 
 def _begun(question: Question, leg: LegResult) -> bool:
     """Whether a leg with its bracket lacks what is to follow."""
-    return question.whole and leg.ranges is None and range_eps(question.options, leg) is not None
+    whole = question.whole and not question.options.outliers
+    return whole and leg.ranges is None and range_eps(question.options, leg) is not None
 
 
 def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
