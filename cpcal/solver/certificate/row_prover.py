@@ -85,7 +85,7 @@ class System:
         for n, p, value in entries:
             self.products[n, p] = value
         own = np.isin(self.pairs, list(derived)).any(axis=1)
-        self.main = ~(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
+        self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
         self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
