@@ -81,8 +81,9 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
         dots.append(Dot([number(v) for v in p], [number(F(off))] * 3, pixels))
         reach.append(any(abs(e) == half for e in edges))
     cameras = Cameras([F(v) for v in numbers], by, spread == "ball", F(6, 10))
-    exact = [[number(v) for v in part] for part in ((*before, *camera), (*arm, *target))]
-    sight = Sight(tuple(dots), False, cameras, number(F(6)), *exact, number(0))
+    frames = ([number(v) for v in part] for part in ((*before, *camera), (*arm, *target)))
+    in_camera, in_mobile = frames
+    sight = Sight(tuple(dots), False, cameras, number(F(6)), in_camera, in_mobile, number(0))
     at = [v for row in product(mobile, back(turn(about))) for v in row] + position + t
     everywhere = sight.anywhere()
     assert everywhere.holds(at, at)

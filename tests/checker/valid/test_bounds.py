@@ -69,6 +69,6 @@ def test_a_rotation_turns_a_right_handed_frame_into_one():
     for i in range(3):
         for j in range(3):
             held(inner(matrix[i], matrix[j]), [F(i == j)])
-    (a, b, c), (d, e, f), (g, h, i) = matrix
-    held(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g), [F(1)])
+    (a, b, c), (d, e, f), (g, h, k) = matrix
+    held(a * (e * k - f * h) - b * (d * k - f * g) + c * (d * h - e * g), [F(1)])
     held(matrix[0][1], [F(2 * (-1 * 2 - 3 * 5), 39)])
