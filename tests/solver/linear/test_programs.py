@@ -111,6 +111,18 @@ def test_no_multipliers_make_a_wrong_bound(engine: str, seed: int, garbage: list
     assert program.bound(engine, y, np.zeros(6)) <= 0.0  # never a proof of emptiness
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_negative_multipliers_count_as_zero(engine: str, seed: int) -> None:
+    """A row with a negative weight says the opposite of what it says."""
+    rng = np.random.default_rng([seed, 2])
+    program = Program(seed, room=3.0)
+    weights = -10.0 * rng.random(40)
+    assert program.bound(engine, weights) == program.bound(engine, np.zeros(40))
+    assert program.bound(engine, weights, np.zeros(6)) <= 0.0
+
+
 def test_bound_with_unbounded_columns_and_infinite_sides() -> None:
     program = Program(1)
     solution = program.engine().minimize(program.objective)
