@@ -761,6 +761,7 @@ class BoxProgram:
         objective[k] = sign
         return objective
 
+    @np.errstate(over="ignore")  # an infinite multiplier counts as none
     def _bound(self, objective: Floats, solution: LinearSolution, unit: float) -> tuple[float, Indices]:
         rows = solution.rows
         weights = solution.multipliers / self._scale[rows] * unit
