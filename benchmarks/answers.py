@@ -45,11 +45,11 @@ def leg_answer(leg: cpcal.LegResult, certificate: Path) -> Answer:
     """Of one leg, as plain numbers."""
     claims = next(line for line in map(json.loads, certificate.read_text().splitlines()) if "epsilon" in line)
     return {
-        "verdict": leg.verdict.value,
-        "eps": [leg.eps_lo, leg.eps_hi],
-        "point": None if leg.point is None else list(leg.point),
-        "enclosure": [leg.enclosure.lo.tolist(), leg.enclosure.hi.tolist()],
-        "support": sorted(leg.support),
+        "verdict": leg.bracket.verdict.value,
+        "eps": [leg.bracket.lo, leg.bracket.hi],
+        "point": None if leg.bracket.point is None else list(leg.bracket.point),
+        "enclosure": [leg.bracket.enclosure.lo.tolist(), leg.bracket.enclosure.hi.tolist()],
+        "support": sorted(leg.support.ids),
         "claimed": [float.fromhex(v) if isinstance(v, str) else v for v in claims["epsilon"].values()],
     }
 

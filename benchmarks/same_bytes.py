@@ -80,7 +80,10 @@ def minimum(contractors: list[str], nodes: int) -> Answer:
 def legs(numbers: list[int], campaign: cpcal.Campaign, **options: Any) -> Answer:
     def answer(folder: Path, executor: Any) -> Any:
         found = cpcal.certify(campaign, legs=numbers, certificates=folder, executor=executor, **options)
-        return [(leg.leg, leg.eps_lo, leg.eps_hi, leg.support, leg.nodes, leg.point) for leg in found.legs]
+        return [
+            (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.support.ids, leg.work.nodes, leg.bracket.point)
+            for leg in found.legs
+        ]
 
     return answer
 

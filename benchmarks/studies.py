@@ -36,7 +36,7 @@ from cpcal.accuracy.certified_set import certified_set
 from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
 from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
-from cpcal.checker.robust_claim import check_robust
+from cpcal.checker import check_run
 from cpcal.handeye.certify import Within, certify_hand_eye, save_hand_eye_result
 from cpcal.handeye.files import hand_eye_files
 from cpcal.handeye.rows import unknowns_of
@@ -186,11 +186,12 @@ def outliers(asked: argparse.Namespace) -> None:
                 began = time.process_time()
                 (leg,) = certify_robust(campaign, outliers=q, legs=(1,), certificates=name).legs
                 seconds = time.process_time() - began
-                (checked,) = check_robust(Path(name))
+                (checked,) = check_run(Path(name))
                 size = sum(path.stat().st_size for path in Path(name).glob("*.cert.jsonl"))
-            found += set(leg.left_out) == {campaign.measurement_ids[k] for k in wrong}
-            proved += leg.complete and checked.refused is None and checked.lo is not None and checked.hi is not None
-            figures.append((len(leg.proofs), size / 1000.0, seconds))
+            found += set(leg.bracket.left_out) == {campaign.measurement_ids[k] for k in wrong}
+            of = checked.robust
+            proved += of is not None and checked.refused is None and of.lo is not None and of.hi is not None
+            figures.append((len(leg.bracket.proofs), size / 1000.0, seconds))
         files, kilobytes, cpu = np.median(np.array(figures), axis=0)
         worst = max(row[2] for row in figures)
         print(f"{q:2} {found:5} {proved:6} {asked.campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.common.values import Floats
+from cpcal.questions import LegBracket, LegResult, Support, Work
 from cpcal.robot import PoseTable, Study, normalised, quaternion_product, small_rotation
 from cpcal.simulate.campaigns import streams
 
@@ -31,6 +32,22 @@ def of_poses(study, names):
     values = {name: getattr(table, name) for name in table.__dataclass_fields__}
     chosen = {name: None if v is None else np.array(v)[rows] for name, v in values.items()}
     return replace(study, calibration=PoseTable(**chosen))
+
+
+_OF_BRACKET = {"verdict", "point", "center", "enclosure", "certificate"}
+_OF_WORK = {"nodes", "programs", "seconds", "pending", "floor", "trials", "contractors_used"}
+
+
+def leg_with(leg, /, **changes):
+    """A leg's result (None: a new one) with fields of its groups changed: eps_lo, point, support, nodes and so on."""
+    lo_hi = {name.removeprefix("eps_"): changes.pop(name) for name in ("eps_lo", "eps_hi") if name in changes}
+    bracket = {name: changes.pop(name) for name in _OF_BRACKET & changes.keys()} | lo_hi
+    work = {name: changes.pop(name) for name in _OF_WORK & changes.keys()}
+    if "support" in changes:
+        changes["support"] = Support(changes["support"])
+    if leg is None:
+        return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **changes)
+    return replace(leg, bracket=replace(leg.bracket, **bracket), work=replace(leg.work, **work), **changes)
 
 
 # What spoils a simulated study between truth and table; none of it is known to the calibration.

@@ -18,11 +18,9 @@ from cpcal.handeye.certify import HandEyeResult
 from cpcal.handeye.wrong_images import WRONG_NAME, WrongImages
 from cpcal.questions import COMPARISON_NAME, RESULT_NAME, Comparison, Result
 from cpcal.questions.fits import FITS_NAME, CertifiedFits
-from cpcal.questions.robust_result import ROBUST_NAME, RobustResult
 
 FILES = {
     RESULT_NAME: Result,
-    ROBUST_NAME: RobustResult,
     COMPARISON_NAME: Comparison,
     FITS_NAME: CertifiedFits,
     ACCURACY_NAME: Accuracy,

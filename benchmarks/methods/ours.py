@@ -77,13 +77,20 @@ class Cpcal:
             contractors=self._contractors,
             certificates=folder,
         ).legs[0]
-        figures = {"lo": found.eps_lo, "hi": found.eps_hi, "nodes": found.nodes, "programs": found.programs}
+        figures = {
+            "lo": found.bracket.lo,
+            "hi": found.bracket.hi,
+            "nodes": found.work.nodes,
+            "programs": found.work.programs,
+        }
         if folder is None:
-            answered = found.verdict is Verdict.PROVED
-            return MethodAnswer(answered, figures | {"support": float(len(found.support))}, found.verdict.value)
-        if found.certificate is None:
+            answered = found.bracket.verdict is Verdict.PROVED
+            return MethodAnswer(
+                answered, figures | {"support": float(len(found.support.ids))}, found.bracket.verdict.value
+            )
+        if found.bracket.certificate is None:
             return MethodAnswer(False, figures, "no certificate")
-        began, file = time.perf_counter(), folder / found.certificate
+        began, file = time.perf_counter(), folder / found.bracket.certificate
         steps = check(file).steps  # reads the campaign.json beside it
         seconds, size = time.perf_counter() - began, file.stat().st_size / 1000
         return MethodAnswer(True, figures | {"steps": steps, "size": size, "check": seconds}, "checked")

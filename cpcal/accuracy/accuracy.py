@@ -72,8 +72,8 @@ def certified_boxes(
     for leg, error in zip(result.legs, assumed, strict=True):
         options = replace(result.options, eps=error.eps, tolerance=None, method="bound")
         question = Question(campaign=campaign, options=options, certificates=folder, prefix=PREFIX)
-        center = np.array(leg.center)
-        start = np.append(leg.center if leg.point is None else leg.point, error.eps)
+        center = np.array(leg.bracket.center)
+        start = np.append(leg.bracket.center if leg.bracket.point is None else leg.bracket.point, error.eps)
         found = by_bound(PreparedLeg.of(question, leg.leg, center), start, lambda _: None)
         box = found.minimum.enclosure
         sides = (tuple(map(float, side[:7])) for side in (box.lo, box.hi))
@@ -182,7 +182,7 @@ def _certified_sets(
             campaign,
             leg.leg,
             error.eps,
-            center=leg.center,
+            center=leg.bracket.center,
             delta=result.options.delta,
             controller=known[leg.leg - 1],
             contractors=result.options.contractors,
@@ -209,7 +209,7 @@ def _problems(
         found.append(Problem("run", f"holds these legs only: {held}", "certify all six"))
     if controller not in CONTROLLERS:
         found.append(Problem("controller", f"{controller!r} is not known", f"use one of {', '.join(CONTROLLERS)}"))
-    elif controller == "proved" and any(leg.point is None for leg in result.legs):
+    elif controller == "proved" and any(leg.bracket.point is None for leg in result.legs):
         found.append(Problem("controller", "has no proved point for each leg", "use fit or nominal"))
     if error is not None:
         values = np.atleast_1d(np.asarray(error, np.float64))
@@ -217,7 +217,9 @@ def _problems(
             found.append(Problem("model_error", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say"))
         elif not found:
             for leg, eps in zip(result.legs, np.broadcast_to(values, (LEGS,)).tolist(), strict=True):
-                found += beyond_legs(campaign, leg.leg, leg.center[6] - result.options.delta, eps, "model_error")
+                found += beyond_legs(
+                    campaign, leg.leg, leg.bracket.center[6] - result.options.delta, eps, "model_error"
+                )
     return found
 
 
@@ -227,7 +229,7 @@ def _controller(campaign: Campaign, result: Result, name: str) -> Floats:
         return campaign.robot.parameters
     if name == "fit":
         return np.stack([fit_model(campaign, leg) for leg in range(1, LEGS + 1)])
-    return np.array([leg.point for leg in result.legs])
+    return np.array([leg.bracket.point for leg in result.legs])
 
 
 def _assumed(
@@ -242,9 +244,9 @@ def _assumed(
     out = []
     for k, leg in enumerate(result.legs):
         say(f"growth of the model error of leg {leg.leg}")
-        seen: Growth = growth(known, leg.leg, center=leg.center, delta=result.options.delta)
+        seen: Growth = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
         eps = seen.suggested if stated is None else float(stated[k])
-        lo = leg.eps_lo if result.options.eps is None else 0.0
+        lo = leg.bracket.lo if result.options.eps is None else 0.0
         out.append(AssumedError(leg.leg, eps, stated is not None, lo, seen.poses, seen.centered))
     return out
 

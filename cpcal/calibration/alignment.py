@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration.frames import cross_matrix, nearest_rotation
+from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.robot import Pose, Robot, quaternion_from_matrix, transformed
+from cpcal.robot.kinematics import nearest_rotation
 
 
 @dataclass(frozen=True, eq=False)

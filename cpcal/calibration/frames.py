@@ -25,12 +25,12 @@ from cpcal.robot import (
     compose,
     inverse,
     normalised,
-    quaternion_from_matrix,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_vector,
     transformed,
 )
+from cpcal.robot.kinematics import nearest_rotation, with_translations, world_hand_eye
 from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -284,26 +284,12 @@ def left_jacobian(vector: npt.ArrayLike) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Closed forms for `A_i Z = X B_i`.
+# The linear method for `A_i Z = X B_i`; Shah's closed form is `cpcal.robot.kinematics.world_hand_eye`.
 #
 # Poses are those of the pairs above, lengths without unit. vec(M) stacks the rows of M, so that
 # vec(A X B) = (A kron B^T) vec(X).
 
 _MOTIONS_MAX = 5_000  # pairs of poses that Andreff's method uses
-
-
-def shah(pairs: Pairs) -> Motions:
-    """X and Z of `X B_i = A_i Z` by Shah's closed form (J. Mechanisms and Robotics 5(3), 2013).
-
-    R_X = R_A R_Z R_B^T, so with K = sum_i R_A kron R_B the vectors vec(R_X) and vec(R_Z) are its left and right
-    singular vectors of the largest singular value (N, without noise), up to factors that make them rotations.
-    """
-    a, b = pairs.a.rotation, pairs.b.rotation
-    kron = np.einsum("kij,kpq->ipjq", a, b).reshape(9, 9)
-    left, _, right = np.linalg.svd(kron)
-    x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
-    sign = np.sign(np.linalg.det(x))  # that of z is the same: K maps rotations to near-multiples of rotations
-    return _translations(pairs, nearest_rotation(sign * x), nearest_rotation(sign * z))
 
 
 def andreff(pairs: Pairs) -> Motions:
@@ -335,7 +321,7 @@ def andreff(pairs: Pairs) -> Motions:
     right = np.concatenate([np.zeros((count, 9)), a.position], axis=1)
     z = nearest_rotation(_solved(matrix.reshape(-1, 12), right.ravel())[:9].reshape(3, 3))
     x = nearest_rotation(np.einsum("kij,jl,kml->im", pairs.a.rotation, z, pairs.b.rotation))
-    return _translations(pairs, x, z)
+    return with_translations(pairs.a, pairs.b, x, z)
 
 
 def _solved(matrix: Floats, right: Floats) -> Floats:
@@ -343,22 +329,10 @@ def _solved(matrix: Floats, right: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
 
 
-def nearest_rotation(matrix: Floats) -> Floats:
-    """The rotation (3, 3) nearest to a matrix in the Frobenius norm."""
-    u, _, v = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
-
-
-def _translations(pairs: Pairs, x: Floats, z: Floats) -> Motions:
-    """Both motions, given their rotations: t_X - R_A t_Z = t_A - R_X t_B by least squares."""
-    count = len(pairs)
-    matrix = np.concatenate([np.tile(np.eye(3), (count, 1)), -pairs.a.rotation.reshape(-1, 3)], axis=1)
-    right = pairs.a.position - pairs.b.position @ x.T
-    found = _solved(matrix, right.ravel())
-    return Pose(found[:3], quaternion_from_matrix(x)), Pose(found[3:], quaternion_from_matrix(z))
-
-
-METHODS: dict[str, Callable[[Pairs], Motions]] = {"shah": shah, "andreff": andreff}
+METHODS: dict[str, Callable[[Pairs], Motions]] = {
+    "shah": lambda pairs: world_hand_eye(pairs.a, pairs.b),
+    "andreff": andreff,
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

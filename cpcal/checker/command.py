@@ -11,9 +11,9 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, ROBUST_NAME, WORK
+from .files import POSE_SET_SUFFIX, WORK
 from .refusal import Refused, Unusable
-from .run import check_run
+from .run import RobustChecked, check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
 
@@ -28,8 +28,6 @@ def main(arguments: Sequence[str]) -> int:
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
             return _pose_sets(given.target, given.work or 0)
-        if (given.target / ROBUST_NAME).is_file():
-            return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
             return _run(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
@@ -49,32 +47,24 @@ def main(arguments: Sequence[str]) -> int:
 def _run(folder: Path, work: int) -> int:
     legs = check_run(folder, work=work)
     for leg in legs:
-        proved = "not certified" if leg.accepted is None else f"PROVED: {stated(leg.accepted)}"
-        print(f"leg {leg.leg}: {proved if leg.refused is None else f'REFUSED: {leg.refused}'}")
+        claims = _outliers(leg.robust) if leg.robust else "" if leg.accepted is None else stated(leg.accepted)
+        said = (
+            f"REFUSED: {leg.refused}" if leg.refused is not None else f"PROVED: {claims}" if claims else "not certified"
+        )
+        print(f"leg {leg.leg}: {said}")
     print("Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.")
     if any(leg.refused is not None for leg in legs):
         return REFUSED
-    if not any(leg.accepted for leg in legs):
+    if not any(leg.accepted or (leg.robust and leg.robust.certified) for leg in legs):
         raise Unusable("no leg of the run is certified")
     return PROVED
 
 
-def _robust(folder: Path, work: int) -> int:
-    from .robust_claim import check_robust
-
-    legs = check_robust(folder, work=work)
-    for leg in legs:
-        proved = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
-        proved += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
-        said = (
-            f"REFUSED: {leg.refused}" if leg.refused else f"PROVED: {'; '.join(proved)}" if proved else "not certified"
-        )
-        print(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}")
-    if any(leg.refused for leg in legs):
-        return REFUSED
-    if not any(leg.lo is not None or leg.hi is not None for leg in legs):
-        raise Unusable("no leg is certified")
-    return PROVED
+def _outliers(leg: RobustChecked) -> str:
+    """Of a leg of whose measurements some may be wrong."""
+    found = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
+    found += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
+    return "; ".join([*found, f"at most {leg.outliers} wrong"]) if found else ""
 
 
 def _pose_sets(target: Path, work: int) -> int:

@@ -14,10 +14,10 @@ from typing import Any, BinaryIO
 from .readers import shown
 from .refusal import Refused, Unusable
 
-WORK = 100_000_000  # of one certificate, or of a robust claim: see docs/certificate-format.md, "Limits"
+WORK = 100_000_000  # of one certificate: see docs/certificate-format.md, "Limits"
 RUN_WORK = 100_000_000  # of all legs of a run of up to 1,000 measurements: 10 s
 _A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond
-ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
+POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 

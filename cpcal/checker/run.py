@@ -18,7 +18,7 @@ from .readers import finite, shown
 from .refusal import Refused, Unusable
 
 RESULT_NAME, INFORMATION = "result.json", "information"
-RESULT_FORMAT = "cpcal-result/6"
+RESULT_FORMAT = "cpcal-result/7"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
@@ -35,6 +35,22 @@ class LegChecked:
     refused: str | None = None
     support: Accepted | None = None  # that the leg's support alone proves a lower bound
     ranges: Accepted | None = None  # of the parameters at a tolerance
+    robust: RobustChecked | None = None  # with outliers: then nothing of the above
+
+
+@dataclass(frozen=True)
+class RobustChecked:
+    """What is proved of a leg of whose measurements some may be wrong; None where it is not certified."""
+
+    outliers: int
+    lo: F | None
+    hi: F | None
+    left_out: tuple[str, ...]
+    proofs: int
+
+    @property
+    def certified(self) -> bool:
+        return self.lo is not None or self.hi is not None
 
 
 def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
@@ -57,8 +73,10 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
         same("format", result["format"], RESULT_FORMAT)
         compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
-        others = [leg[key] for leg in legs for key in ("ranges", "support_proof") if leg[key] is not None]
-        named = {str(of["certificate"]) for of in (*legs, *others)}
+        others = [of for leg in legs for of in (leg["ranges"], leg["support"]["proof"]) if of is not None]
+        brackets = [leg["bracket"] for leg in legs]
+        named = {str(of["certificate"]) for of in (*brackets, *others)}
+        named |= {str(name) for of in brackets for name in (*of["proofs"], of["point_certificate"])}
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
@@ -78,7 +96,8 @@ def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, An
     yield "campaign SHA-256", stated["sha256"], campaign.sha256
     yield "number of measurements", stated["measurements"], len(campaign)
     yield "name of the robot", stated["robot"], campaign.robot
-    every = list(range(1, campaign.legs + 1))
+    every, outliers = list(range(1, campaign.legs + 1)), result["options"]["outliers"]
+    yield "number of outliers", type(outliers) is int and 0 <= outliers < len(campaign), True
     asked = result["options"]["legs"] or every
     partly = result[INFORMATION]["interrupted"] is True
     yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not partly)]
@@ -107,8 +126,12 @@ class Certificates:
 
 
 def _checked(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
-    campaign = certificates.campaign
-    number, name, every = leg["leg"], leg["certificate"], list(range(len(campaign)))
+    if result["options"]["outliers"]:
+        from .robust_claim import check_leg
+
+        return check_leg(certificates, result, leg)
+    campaign, bracket = certificates.campaign, leg["bracket"]
+    number, name, every = leg["leg"], bracket["certificate"], list(range(len(campaign)))
 
     def accepted(file: Any, chosen: list[int]) -> Accepted:
         found = certificates.accepted(file)
@@ -116,14 +139,15 @@ def _checked(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
         return found
 
     try:
-        support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
+        support = [campaign.place.get(name, -1) for name in leg["support"][INFORMATION]["ids"]]
         same("support", len(set(support) - {-1}), len(support))
-        stated, proof, ranges, few, found = leg["ranges"], leg["support_proof"], None, None, None
+        stated, proof, ranges, few, found = leg["ranges"], leg["support"]["proof"], None, None, None
+        same("proofs", (bracket["proofs"], bracket["point_certificate"]), ([], None))
         if stated is not None and stated["certificate"] is not None:
             ranges = accepted(stated["certificate"], every)
             compare(_of_the_ranges(result, leg, stated, ranges))
         if name is None:
-            nothing_beside(leg, "status", "eps_lo", "eps_hi", "point", "center", "enclosure")
+            nothing_beside(bracket, "status", "lo", "hi", "point", "center", "enclosure", "left_out")
         else:
             found = accepted(name, every)
             compare(of_the_box(result, leg, found, result["options"]["eps"]))
@@ -153,7 +177,8 @@ def of_the_problem(
 def of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
     """The certificate's box is the one that the result states, rounded outward."""
     delta = exact(result["options"]["delta"])
-    center = leg["center"] if "center" in leg else leg[INFORMATION]["center"]
+    bracket = leg["bracket"]
+    center = bracket["center"] if "center" in bracket else bracket[INFORMATION]["center"]
     sides = [(exact(c), delta) for c in center[:7]]
     sides += [(F(0), exact(p["half_width"])) for p in result["model"]["parameters"]]
     yield "size of the center", len(center), len(sides)
@@ -167,7 +192,7 @@ def of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Itera
 
 def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
     """What the leg states, and what its certificate's claims make of it."""
-    claims, asked = accepted.claims, result["options"]["eps"]
+    claims, asked, bracket = accepted.claims, result["options"]["eps"], leg["bracket"]
     at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
     ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
     if at is not None and (any(not a <= v <= b for a, v, b in ends) or (asked is not None and at[-1] != claims.cap)):
@@ -183,16 +208,16 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
         yield "eps up to which the enclosure holds", True, holds
     elif at is not None and claims.infeasible:
         yield "eps up to which there is no solution", lo, claims.cap
-    yield "eps_lo", leg["eps_lo"], lo
-    yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
-    yield "point", leg["point"] and [exact(v) for v in leg["point"]], at and list(at[:-1])
-    yield from _of_the_hull(result, leg["enclosure"], accepted, empty=refuted)
+    yield "eps_lo", bracket["lo"], lo
+    yield "eps_hi", bracket["hi"], "inf" if at is None else at[-1]
+    yield "point", bracket["point"] and [exact(v) for v in bracket["point"]], at and list(at[:-1])
+    yield from _of_the_hull(result, bracket["enclosure"], accepted, empty=refuted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
         asked_gap = max(exact(informed["gap"]) * at[-1], _CLOSED)
-        slack = asked_gap / 2**20 * (1 if leg["status"] == "proved" else -1)  # how a float64 may see it
+        slack = asked_gap / 2**20 * (1 if bracket["status"] == "proved" else -1)  # how a float64 may see it
         narrow = at[-1] - lo <= asked_gap + slack
-    yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
+    yield "status", bracket["status"], "refuted" if refuted else "proved" if narrow else "unknown"
 
 
 def _lowest(campaign: ExactCampaign, leg: int, accepted: Accepted, asked: Any, at: Any) -> tuple[bool, Any]:
@@ -220,7 +245,7 @@ def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) ->
     """The parameters at one eps."""
     yield from of_the_box(result, leg, accepted, stated["eps"])
     yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
-    if stated["certificate"] != leg["certificate"]:  # where one eps was asked about it is that of the leg
+    if stated["certificate"] != leg["bracket"]["certificate"]:  # where one eps was asked about it is that of the leg
         yield "point of the ranges", None, accepted.claims.point
     yield from _of_the_hull(result, stated["box"], accepted, empty=accepted.claims.infeasible)
 

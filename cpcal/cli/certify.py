@@ -32,10 +32,10 @@ from cpcal.cli.progress import Legs as LegsProgress
 from cpcal.cli.sections import STYLES, show, show_table
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
-from cpcal.common.numbers import bracket_text, nearest, stated
+from cpcal.common.numbers import nearest, stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import COMPARED, REPORT_NAME, ROBUST, RUN, answers_into, locked
+from cpcal.files.run_folder import COMPARED, REPORT_NAME, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
 from cpcal.questions import (
     Comparison,
@@ -61,6 +61,7 @@ from cpcal.report import (
     center_sentence,
     leg_sentence,
     notices,
+    outliers_section,
     parameters_section,
     write_report,
 )
@@ -178,10 +179,7 @@ def certified_into(
         return _something(result)
 
     def show(result: Result, failure: InputError | None) -> None:
-        for leg in result.legs:
-            verdict = verdict_of(result, leg)
-            bounds = {"eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi, "certified": leg.certified, "seconds": leg.seconds}
-            record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
+        _record(result)
         if as_json:
             typer.echo(result_text(result), nl=False)
         elif not talk.quiet:
@@ -241,7 +239,7 @@ def status_of(result: Result) -> Status:
     if result.interrupted:
         return Status(asked() or Reason.INTERRUPTED)
     if result.options.tolerance is None:
-        good = all(leg.verdict is not Verdict.UNKNOWN for leg in result.legs)
+        good = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
     else:
         good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
     return Status.ANSWERED if good else Status.UNKNOWN
@@ -353,7 +351,7 @@ def _rows_of_all(
                 "rate": rate,
                 "left": (len(folders) - done) / rate if rate else None,
             }
-            bounds = {"eps_lo": worst.eps_lo, "eps_hi": worst.eps_hi, "leg": worst.leg}
+            bounds = {"eps_lo": worst.bracket.lo, "eps_hi": worst.bracket.hi, "leg": worst.leg}
             record("campaign", campaign=name, **bounds, seconds=rows[-1].seconds, **pace)
         progress(len(rows) + len(failed), len(folders))
     return rows, failed
@@ -573,6 +571,18 @@ def half_widths_of(texts: list[str]) -> dict[str, float]:
     return out
 
 
+def _record(result: Result) -> None:
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = {
+            "eps_lo": leg.bracket.lo,
+            "eps_hi": leg.bracket.hi,
+            "certified": leg.certified,
+            "seconds": leg.work.seconds,
+        }
+        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
+
+
 # ------------------------------------------------------------------------------------------------------------------
 # With --outliers: brackets when some measurements may be wrong.
 
@@ -581,10 +591,11 @@ def _with_outliers(campaign: Path, run: Path, options: CertifyFlags, where: Wher
     known = ("outliers", "model", "legs", "time_limit", "delta", "center", "workers", "scheduler", "memory_limit")
     options.only(*known, where=where, because="with --outliers")
     given = {name: value for name, value in options.given().items() if name in known}
-    check_target(run, ROBUST, campaign)
+    check_target(run, RUN, campaign)
+    measured = warn(load_campaign(campaign))
     with where.stoppable():
         found = certify_robust(
-            warn(load_campaign(campaign)),
+            measured,
             outliers=options.outliers or 0,
             **given,
             certificates=run,
@@ -592,18 +603,10 @@ def _with_outliers(campaign: Path, run: Path, options: CertifyFlags, where: Wher
             workers=where.workers,
             scheduler=where.scheduler,
         )
-    rows = []
-    for leg in found.legs:
-        record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
-        bounds = bracket_text(leg.eps_lo, leg.eps_hi)
-        rows.append((str(leg.leg), *bounds, ", ".join(leg.left_out) or "none", str(len(leg.proofs))))
-    talk.table(("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"), rows, left=(0, 3, 4))
-    talk.say(*(f"Leg {leg.leg}: {leg.sentence}" for leg in found.legs))
-    talk.say(
-        f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others "
-        "better than eps_lo; some explain all but those left out to within eps_hi."
-    )
-    return Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN
+    _record(found)
+    write_report(measured, found, run)
+    show(talk, outliers_section(found))
+    return Status.ANSWERED if all(leg.bracket.verdict is Verdict.PROVED for leg in found.legs) else Status.UNKNOWN
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -289,7 +289,7 @@ def _images_found(
         widths.append((name, *(nearest(float(v), 1) for side in sides for v in 1e3 * np.median(side, axis=0))))
     brackets: list[tuple[str, ...]] = []
     for name, result in zip(("pixels", "repeats"), results, strict=True):
-        bounds = [bracket_text(leg.eps_lo, leg.eps_hi) for leg in result.legs]
+        bounds = [bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in result.legs]
         brackets.append((f"{name}: none below [mm]", *(lo for lo, _ in bounds)))
         brackets.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
     head = ("half-width, median", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES)))

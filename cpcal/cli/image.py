@@ -58,7 +58,7 @@ from cpcal.vision.files.target_print import on_paper, print_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose_sets import CameraSet, TargetSet
 from cpcal.vision.render import Scene
-from cpcal.vision.target import DELTALAB_TARGET, Target, design_target, separation
+from cpcal.vision.target import DELTALAB_TARGET, Target, resized
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
@@ -148,12 +148,9 @@ def target(
         Path | None, typer.Option("--from", metavar="FILE", help="Print the target of this target.toml.")
     ] = None,
     side: Annotated[
-        float | None, typer.Option(metavar="MM", help="Design one: side of the square that holds the dots' centres.")
+        float | None, typer.Option(metavar="MM", help="As large as this: between the centres of the outermost dots.")
     ] = None,
-    pitch: Annotated[float, typer.Option(metavar="MM", help="Of the designed grid.")] = 25.0,
-    radius: Annotated[float, typer.Option(metavar="MM", help="Of the designed dots.")] = 6.0,
-    dark: Annotated[bool, typer.Option("--dark", help="Design dark dots on a bright plate.")] = False,
-    seed: Annotated[int, typer.Option(help="Of the search for the spacings.")] = 1,
+    dark: Annotated[bool, typer.Option("--dark", help="Dark dots on a bright plate.")] = False,
     paper: Annotated[
         Paper | None, typer.Option(help="Sheet to print on; the default target is made to fit it.")
     ] = None,
@@ -164,20 +161,22 @@ def target(
     """
     if source is not None and side is not None:
         raise InputError([Problem("options", "--from and --side exclude each other", "give one of them")])
+    if side is not None and not 1.0 <= side <= 1e5:
+        raise InputError([Problem("option --side", f"is {side:g}", "give mm, from 1 to 100000")])
     check_writable(file.absolute().parent)
     if source is not None:
         plate = load_target(source)
-    elif side is not None:
-        name = f"asymmetric dots, {side:g} mm square"
-        plate = design_target(name, side=side, pitch=pitch, radius=radius, bright=not dark, seed=seed)
     else:
-        plate = DELTALAB_TARGET if paper is None else on_paper(DELTALAB_TARGET, paper.value)
+        plate = replace(DELTALAB_TARGET, bright=not dark)
+        if side is not None:
+            plate = resized(plate, side / float(np.ptp(plate.dots, axis=0).max()))
+        elif paper is not None:
+            plate = on_paper(plate, paper.value)
     if file.suffix == ".toml":
         save_target(plate, file)
     else:
         print_target(plate, file, None if paper is None else paper.value)
-    told = f"; separation of its diagonals {separation(plate).least:.3g}" if plate.lines else ""
-    Talk().say(f"{plate.name}: {len(plate.dots)} dots{told}: {file}")
+    Talk().say(f"{plate.name}: {len(plate.dots)} dots: {file}")
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -15,8 +15,8 @@ STYLES = {  # by the kind of a verdict
     "undecided": "bold yellow",
     "undetermined": "bold magenta",
     "uncompared": "bold yellow",
-    "quantifier": "italic",
 }
+_LOOKS = {**STYLES, "quantifier": "italic"}
 
 
 def show(talk: Talk, *sections: Section) -> None:
@@ -42,5 +42,5 @@ def text_of(words: Words, style: str = "") -> Text:
     if isinstance(words, str):
         return Text(printable(words), style=style)
     if isinstance(words, Mark):
-        return text_of(words.words, next((STYLES[name] for name in words.style.split() if name in STYLES), style))
+        return text_of(words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style))
     return Text().join(text_of(part, style) for part in words)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
+from cpcal.checker import Accepted, ExactCampaign, RobustChecked, Unusable
 from cpcal.checker.leg import EXTRA
 from cpcal.checker.run import all_of_it
 from cpcal.cli.verify import Legs, Statement, of_folder, result_of, told
@@ -48,7 +48,6 @@ from cpcal.questions import (
     information,
     load_comparison,
 )
-from cpcal.questions.robust_result import load_robust
 from cpcal.questions.undetermined import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
@@ -88,10 +87,12 @@ def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:
             yield False, f"leg {leg.leg}: REFUSED, {leg.refused}"
+        elif leg.robust is not None and leg.robust.certified:
+            yield True, f"leg {leg.leg}, at most {leg.robust.outliers} wrong: {'; '.join(_outliers(leg.robust))}"
         elif leg.accepted is None:
             yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
         ranges = None if found.ranges is None else found.ranges.certificate
-        support = None if found.support_proof is None else found.support_proof.certificate
+        support = None if found.support.proof is None else found.support.proof.certificate
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
                 yield from told(name, accepted)
@@ -101,9 +102,17 @@ def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
     yield True, INFORMATION
     if (run / REPORT_NAME).exists():
         yield True, f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again."
-    if not any(leg.accepted or leg.refused for leg in legs):
+    if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
+
+
+def _outliers(leg: RobustChecked) -> Iterator[str]:
+    """What is proved of a leg of whose measurements some may be wrong."""
+    if leg.lo is not None:
+        yield f"PROVED, eps >= {at_least(leg.lo, 7)} mm by {leg.proofs} certificates"
+    if leg.hi is not None:
+        yield f"PROVED, eps <= {at_most(leg.hi, 7)} mm, leaving out {', '.join(leg.left_out) or 'none'}"
 
 
 def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
@@ -120,14 +129,18 @@ def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
     for leg in result.legs:
         if leg.leg > campaign.legs:
             yield f"names leg {leg.leg}, which the campaign has not"
-        elif leg.determination != _determined(campaign, leg.leg, _at(leg), model, result.options.delta):
+        elif leg.determination != (
+            None if result.options.outliers else _determined(campaign, leg.leg, _at(leg), model, result.options.delta)
+        ):
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
-        elif result.options.center == "nominal" and leg.center[:7] != tuple(campaign.robot.parameters[leg.leg - 1]):
+        elif result.options.center == "nominal" and leg.bracket.center[:7] != tuple(
+            campaign.robot.parameters[leg.leg - 1]
+        ):
             yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
 
 
 def _at(leg: LegResult) -> Floats:
-    return np.array(leg.center if leg.point is None else leg.point)
+    return np.array(leg.bracket.center if leg.bracket.point is None else leg.bracket.point)
 
 
 def _known(name: str) -> LegModel | None:
@@ -228,7 +241,7 @@ def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: 
     """The same of compare.json: of legs of a campaign, or of the user's networks."""
     campaign, options, entries = None, None, []
     if stated.options is not None:
-        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None)
+        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None, outliers=0)
         legs = [f"leg {leg}" for leg in options.legs or range(1, campaign.legs + 1)]
         there = list(dict.fromkeys(entry.subject for entry in stated.entries))
         if there != (legs[: len(there)] if stated.interrupted else legs):
@@ -318,32 +331,7 @@ def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
     yield from (f"{printable(name)}, which it does not name," for name in sorted(claimed.keys() - set(named)))
 
 
-# robust brackets, campaigns -------------------------------------------------------------------------------------------
-
-
-def of_outliers(folder: Path) -> Iterator[Statement]:
-    """What is accepted of brackets with wrong measurements. Raises InputError where there is nothing to check."""
-    from cpcal.checker.robust_claim import check_robust  # what this kind of folder needs; the others start sooner
-
-    try:
-        legs, stated = check_robust(folder), load_robust(folder)
-    except Unusable as reason:
-        remedy = "name a folder that `cpcal certify --outliers` wrote"
-        raise InputError([Problem(str(folder), str(reason), remedy)]) from None
-    except (Refused, InputError) as reason:
-        said = reason.problems[0].what if isinstance(reason, InputError) else reason
-        yield False, f"{ROBUST_NAME}: REFUSED, {said}"
-        return
-    if not stated.model.is_ours:
-        yield True, stated.model.not_compared
-    for leg in legs:
-        proved = [] if leg.lo is None else [f"PROVED, eps >= {at_least(leg.lo, 7)} mm by {leg.proofs} certificates"]
-        if leg.hi is not None:
-            proved.append(f"PROVED, eps <= {at_most(leg.hi, 7)} mm, leaving out {', '.join(leg.left_out) or 'none'}")
-        said = "; ".join(proved) or "NOT CERTIFIED" if leg.refused is None else f"REFUSED, {leg.refused}"
-        yield leg.refused is None, f"leg {leg.leg}, at most {leg.outliers} wrong: {said}"
-    if not any(leg.refused or leg.lo is not None or leg.hi is not None for leg in legs):
-        raise InputError([Problem(str(folder), "holds no leg that is certified", "certify again")])
+# many campaigns -------------------------------------------------------------------------------------------
 
 
 def of_campaigns(runs: Path) -> Iterator[Statement]:

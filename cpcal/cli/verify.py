@@ -24,7 +24,7 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
-from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, RUN, unfinished
 from cpcal.solver.execution.forked import side_by_side
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:
 # ------------------------------------------------------------------------------------------------------------------
 # The verb.
 
-KINDS = (RUN, ROBUST, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
+KINDS = (RUN, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
 def verify(
@@ -260,9 +260,7 @@ def of_folder(folder: Path) -> Iterator[Statement]:
     else:
         from cpcal.cli import verified
 
-        if heads == [ROBUST.head]:
-            yield from verified.of_outliers(folder)
-        elif not heads and any(folder.glob(f"*/{RUN.head}")):
+        if not heads and any(folder.glob(f"*/{RUN.head}")):
             yield from verified.of_campaigns(folder)
         else:
             proved = {}

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems
 from cpcal.common.files import write_file
+from cpcal.common.values import Floats
 from cpcal.files.settings import (
     CALIBRATION_NAME,
     CSV_NAME,
@@ -27,9 +27,9 @@ from cpcal.files.settings import (
     read_study_settings,
     toml_bytes,
 )
-from cpcal.files.tables import Table, open_regular, read_table, small_file, unreadable
+from cpcal.files.tables import Table, read_table, small_file
 from cpcal.robot import Campaign, PoseTable, Robot, Study
-from cpcal.robot.robot import Uncertainty
+from cpcal.robot.robot import KINDS, Uncertainty
 from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, half_widths
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
@@ -55,9 +55,24 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
         problems.raise_any(YOUR_DATA)
     of_settings, of_table = hashlib.sha256(), hashlib.sha256()
     settings = _settings(folder / TOML_NAME, problems, of_settings.update)
-    table = _table(folder / CSV_NAME, settings, problems, of_table.update)
+    table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT, of_table.update)
     problems.raise_any(YOUR_DATA)
-    campaign = _assembled(settings, table)
+    robot = settings.robot
+    assert robot is not None  # what keeps it from being read is a problem, and was raised
+    stated = np.zeros(6 + robot.legs) if settings.uncertainty is None else settings.uncertainty.half_widths
+    radii = half_widths(stated, table.values, robot.legs, len(table.pose))
+    campaign = Campaign(
+        robot,
+        tuple(table.pose),
+        tuple(table.run),
+        *_readings(table, robot.legs),
+        radii[:, :3],
+        radii[:, 3:6],
+        radii[:, 6:],
+        settings.uncertainty,
+        settings.provenance,
+        settings.model,
+    )
     files = ((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest()))
     object.__setattr__(campaign, "files", files)
     return campaign
@@ -80,40 +95,10 @@ def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) ->
     return read_settings(content, str(path), problems)
 
 
-def _table(path: Path, settings: Settings, problems: Problems, saw: Callable[[bytes], object]) -> Table:
-    try:
-        with open_regular(path) as file:
-            return read_table(file, str(path), settings.legs, problems, saw)
-    except OSError as error:
-        problems.add(unreadable(path, error, _ABSENT))
-        return Table()
-
-
-def _assembled(settings: Settings, table: Table) -> Campaign:
-    """The campaign of two files without problems."""
-    robot, values = settings.robot, table.values
-    assert robot is not None  # what keeps it from being read is a problem, and was raised
-    legs = robot.legs
-    stated = np.zeros(6 + legs) if settings.uncertainty is None else settings.uncertainty.half_widths
-    radii = half_widths(stated, values, legs, len(table.pose))
-
-    def columns(*names: str) -> npt.NDArray[np.float64]:
-        return np.stack([values[name] for name in names], axis=1)
-
-    return Campaign(
-        robot,
-        tuple(table.pose),
-        tuple(table.run),
-        columns("x", "y", "z"),
-        columns("qw", "qx", "qy", "qz"),
-        columns(*(f"L{i}" for i in range(1, legs + 1))),
-        radii[:, :3],
-        radii[:, 3:6],
-        radii[:, 6:],
-        settings.uncertainty,
-        settings.provenance,
-        settings.model,
-    )
+def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
+    """Positions (N, 3), quaternions (N, 4) and leg readings (N, n)."""
+    lengths = table.columns(*(f"L{i}" for i in range(1, legs + 1)))
+    return table.columns("x", "y", "z"), table.columns("qw", "qx", "qy", "qz"), lengths
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -215,6 +200,7 @@ def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
 
 def _campaign(data: dict[str, Any]) -> Campaign:
     robot, stated, asked = data["robot"], data["uncertainty"], data["model"]
+    factor = None if stated is None or stated["factor"] is None else float(stated["factor"])
     rows: list[list[str]] = data["measurements"]
     legs = len(robot["offset"])
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
@@ -224,23 +210,17 @@ def _campaign(data: dict[str, Any]) -> Campaign:
         robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
         pose=tuple(row[0] for row in rows),
         run=tuple(row[1] for row in rows),
-        uncertainty=None if stated is None else _uncertainty(stated),
+        uncertainty=None
+        if stated is None
+        else Uncertainty(**{kind: _floats(stated[kind]) for kind in KINDS}, factor=factor),
         provenance=data["provenance"],
-        model=None if asked is None else _model(asked),
+        model=None
+        if asked is None
+        else ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()}),
         **arrays,
     )
     object.__setattr__(campaign, "files", tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
-
-
-def _uncertainty(stated: dict[str, Any]) -> Uncertainty:
-    position, rotation, length = (_floats(stated[kind]) for kind in ("position", "rotation", "length"))
-    factor = stated["factor"]
-    return Uncertainty(position, rotation, length, None if factor is None else float(factor))
-
-
-def _model(asked: dict[str, Any]) -> ModelChoice:
-    return ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()})
 
 
 def _files(campaign: Campaign) -> tuple[tuple[str, str], ...]:
@@ -295,37 +275,14 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 
 def _study_table(path: Path, legs: int | None, problems: Problems) -> Table:
-    try:
-        with open_regular(path) as file:
-            table = read_table(file, str(path), legs, problems, lambda _: None, optional=_optional)
-    except OSError as error:
-        problems.add(unreadable(path, error, _NO_STUDY))
-        return Table()
-    _all_or_none(table, path, problems)
-    return table
-
-
-def _optional(_: int) -> list[str]:
-    return ["image", *SHARED_COLUMNS]
-
-
-def _all_or_none(table: Table, path: Path, problems: Problems) -> None:
+    table = read_table(path, legs, problems, _NO_STUDY, optional=lambda _: ["image", *SHARED_COLUMNS])
     missing = [name for name in SHARED_COLUMNS if name not in table.values]
     if table.values and 0 < len(missing) < len(SHARED_COLUMNS):
         remedy = f"give all of {', '.join(SHARED_COLUMNS)}, or none"
         problems.add(Problem(str(path), f"the column {missing[0]!r} is missing", remedy, 1))
+    return table
 
 
 def _pose_table(table: Table, legs: int) -> PoseTable:
-    def columns(*names: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-        return np.stack([table.values[name] for name in names], axis=1)
-
-    return PoseTable(
-        tuple(table.pose),
-        tuple(table.run),
-        columns("x", "y", "z"),
-        columns("qw", "qx", "qy", "qz"),
-        columns(*(f"L{i}" for i in range(1, legs + 1))),
-        tuple(table.image) or None,
-        columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None,
-    )
+    shared = table.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None
+    return PoseTable(tuple(table.pose), tuple(table.run), *_readings(table, legs), tuple(table.image) or None, shared)

@@ -48,7 +48,6 @@ RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
 COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("fits.json")
-ROBUST = FolderKind("robust.json")
 HANDEYE = FolderKind(
     "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
 )

@@ -20,7 +20,6 @@ from cpcal.files.tables import csv_table, toml_document
 from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,
-    KnownRobot,
     Mechanisms,
     ModelChoice,
     Pose,
@@ -31,7 +30,7 @@ from cpcal.robot import (
     Uncertainty,
 )
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import FIELDS, LARGEST, wrong_value
+from cpcal.robot.robot import FIELDS, KINDS, LARGEST, wrong_value
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 
 if TYPE_CHECKING:
@@ -259,9 +258,17 @@ CSV_NAME = "measurements.csv"
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
     lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
-    lines += _uncertainty_lines(campaign.uncertainty)
-    if campaign.model is not None:
-        lines += _model_lines(campaign.model)
+    lines += ["", "[uncertainty]"]
+    if (stated := campaign.uncertainty) is None:
+        lines.append("exact = true")
+    else:
+        lines += [] if stated.factor is None else [f"factor = {float(stated.factor)!r}"]
+        suffix = "half_width" if stated.factor is None else "sigma"
+        lines += [f"{name}_{suffix} = {vector(getattr(stated, name))}" for name in KINDS]
+    if (model := campaign.model) is not None:
+        lines += ["", "[model]", f"name = {quoted(model.name)}"]
+        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
+        lines += [f"half_widths = {{ {widths} }}"] if widths else []
     lines += provenance_lines(campaign.provenance)
     return ("\n".join(lines) + "\n").encode()
 
@@ -282,26 +289,6 @@ def provenance_lines(provenance: Mapping[str, str]) -> list[str]:
     if not provenance:
         return []
     return ["", "[provenance]", *(f"{quoted(key)} = {quoted(text)}" for key, text in provenance.items())]
-
-
-def _uncertainty_lines(uncertainty: Uncertainty | None) -> list[str]:
-    lines = ["", "[uncertainty]"]
-    if uncertainty is None:
-        return [*lines, "exact = true"]
-    suffix = "half_width"
-    if uncertainty.factor is not None:
-        lines.append(f"factor = {float(uncertainty.factor)!r}")
-        suffix = "sigma"
-    names = ("position", "rotation", "length")
-    return lines + [f"{name}_{suffix} = {vector(getattr(uncertainty, name))}" for name in names]
-
-
-def _model_lines(model: ModelChoice) -> list[str]:
-    lines = ["", "[model]", f"name = {quoted(model.name)}"]
-    if model.half_widths:
-        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
-        lines.append(f"half_widths = {{ {widths} }}")
-    return lines
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
@@ -417,7 +404,6 @@ _SECTIONS = ("robot", "uncertainty", "model", "provenance")
 _ROBOT_KEYS = ("name", "base", "mobile", "offset")
 _SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
 _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
-_UNITS = {"position": "mm", "rotation": "rad", "length": "mm"}
 
 
 @dataclass(frozen=True)
@@ -441,6 +427,11 @@ def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
         return Settings(None, None, None, {})
     robot, legs = reader.robot()
     return Settings(robot, legs, reader.uncertainty(legs), reader.provenance(), reader.model())
+
+
+def _each_kind(legs: int | None) -> tuple[tuple[int | None, str, str], ...]:
+    """How many numbers of a position, a rotation and lengths there are, in words too, and their units."""
+    return (3, "three", "mm"), (3, "three", "rad"), (legs, "one for each leg", "mm")
 
 
 class SettingsReader(TomlReader):
@@ -472,7 +463,11 @@ class SettingsReader(TomlReader):
             return None
         self.known(path, table, ("exact", "factor", *_SIGMA_KEYS, *_WIDTH_KEYS))
         if "exact" in table:
-            self._exactly(path, table)
+            if table["exact"] is not True:
+                self.wrong((*path, "exact"), f"exact is {shown(table['exact'])}", EXACT_OR_NOT)
+            elif len(table) > 1:
+                other = next(key for key in table if key != "exact")
+                self.wrong((*path, other), f"readings are exact, and {shown(other)} is given too", EXACT_OR_NOT)
             return None
         direct = any(key in table for key in _WIDTH_KEYS)
         if direct and any(key in table for key in ("factor", *_SIGMA_KEYS)):
@@ -481,7 +476,10 @@ class SettingsReader(TomlReader):
             return None
         keys = _WIDTH_KEYS if direct else _SIGMA_KEYS
         self.complete(path, table, keys if direct else ("factor", *keys), f"add {{key}}; {EXACT_OR_NOT}")
-        values = [self._kind(key.partition("_")[0], (*path, key), table, legs) for key in keys]
+        values = [
+            self.numbers((*path, key), table, count, f"{each}, {unit}", signed=False)
+            for key, (count, each, unit) in zip(keys, _each_kind(legs), strict=True)
+        ]
         factor = None if direct else self.number((*path, "factor"), "factor", table.get("factor", 0), signed=False)
         if len(self.problems) > before or legs is None:
             return None
@@ -491,20 +489,6 @@ class SettingsReader(TomlReader):
         except InputError:  # single values were checked: a product overflows
             self.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
             return None
-
-    def _exactly(self, path: tuple[str, ...], table: Table) -> None:
-        """Check that `exact` is true, and alone."""
-        if table["exact"] is not True:
-            self.wrong((*path, "exact"), f"exact is {shown(table['exact'])}", EXACT_OR_NOT)
-        elif len(table) > 1:
-            other = next(key for key in table if key != "exact")
-            self.wrong((*path, other), f"readings are exact, and {shown(other)} is given too", EXACT_OR_NOT)
-
-    def _kind(self, kind: str, path: tuple[str, ...], table: Table, legs: int | None) -> list[float]:
-        """The numbers of one kind of reading."""
-        if kind == "length":
-            return self.numbers(path, table, legs, f"one for each leg, {_UNITS[kind]}", signed=False)
-        return self.numbers(path, table, 3, f"three, {_UNITS[kind]}", signed=False)
 
     def model(self) -> ModelChoice | None:
         """The table [model]: its form. Which models there are is known where they are used."""
@@ -532,6 +516,7 @@ class SettingsReader(TomlReader):
 # Reads study.toml: every problem with its line number, whatever the state of the rest.
 
 _STUDY_SECTIONS = ("robot", "provenance", "truth")
+_WHOLE = "add {key}, or take [truth] out"
 _TRUTH_KEYS = ("seed", "parameters", "camera", "target", "mechanisms")
 
 
@@ -561,7 +546,8 @@ class _StudyReader(SettingsReader):
         if table is None:
             return None
         before = len(self.problems)
-        self.whole_part(("truth",), table, _TRUTH_KEYS)
+        self.known(("truth",), table, _TRUTH_KEYS)
+        self.complete(("truth",), table, _TRUTH_KEYS, _WHOLE)
         seed = table.get("seed", 0)
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             self.wrong(("truth", "seed"), f"seed is {shown(seed)}", "give a whole number from 0")
@@ -574,20 +560,16 @@ class _StudyReader(SettingsReader):
             return None
         return Truth(seed, Robot.from_parameters(robot.name, parameters), mechanisms, camera, target)
 
-    def whole_part(self, path: tuple[str, ...], table: Table, keys: tuple[str, ...]) -> None:
-        """Take note of keys that mean nothing, and of those that are missing."""
-        self.known(path, table, keys)
-        self.complete(path, table, keys, "add {key}, or take [truth] out")
-
     def part(self, name: str, table: Table, keys: tuple[str, ...]) -> Table | None:
-        """The section [truth.name]."""
+        """The section [truth.name], with note of keys that mean nothing or are missing."""
         if name not in table:
             return None
         values = table[name]
         if not isinstance(values, dict):
             self.wrong(("truth", name), f"{name!r} is not a section", f"write a section [truth.{name}]")
             return None
-        self.whole_part(("truth", name), values, keys)
+        self.known(("truth", name), values, keys)
+        self.complete(("truth", name), values, keys, _WHOLE)
         return values
 
     def pose(self, name: str, table: Table) -> Pose | None:
@@ -668,24 +650,15 @@ def settings_template(name: str, legs: int) -> str:
     known = ROBOTS.get(name.casefold())
     if known is None and not 1 <= legs <= _LEGS_MAX:
         raise InputError([Problem("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")])
-    return (
-        "\n".join([_START + f"format = {quoted(FORMAT)}", "", *_robot(name, legs, known)]) + "\n" + _rest(legs, known)
-    )
-
-
-def _robot(name: str, legs: int, known: KnownRobot | None) -> list[str]:
-    if known is None:
-        blank = np.full((legs, 3), np.nan)
-        title, base, mobile, offset = name, blank, blank, blank[:, 0]
-    else:
+    blank = np.full((legs, 3), np.nan)
+    title, base, mobile, offset = name, blank, blank, blank[:, 0]
+    source = []
+    if known is not None:
         robot = known.robot
         title, base, mobile, offset = robot.name, robot.base, robot.mobile, robot.offset
-    source = [] if known is None else [f"# Dimensions: {known.source}"]
-    drawing = [_BASE, f"base = {matrix(base)}", _MOBILE, f"mobile = {matrix(mobile)}"]
-    return ["[robot]", *source, f"name = {quoted(title)}", *drawing, _OFFSET, f"offset = {vector(offset)}"]
-
-
-def _rest(legs: int, known: KnownRobot | None) -> str:
-    count = legs if known is None else known.robot.legs
-    line = f"length_sigma = {vector(np.full(count, np.nan))}    # leg readings, mm, one for each leg\n"
-    return _UNCERTAINTY + line + _REST
+        source = [f"# Dimensions: {known.source}"]
+    lines = [_START + f"format = {quoted(FORMAT)}", "", "[robot]", *source, f"name = {quoted(title)}"]
+    lines += [_BASE, f"base = {matrix(base)}", _MOBILE, f"mobile = {matrix(mobile)}"]
+    lines += [_OFFSET, f"offset = {vector(offset)}"]
+    lengths = f"length_sigma = {vector(np.full(len(offset), np.nan))}    # leg readings, mm, one for each leg"
+    return "\n".join([*lines, _UNCERTAINTY + lengths, _REST])

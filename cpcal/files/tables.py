@@ -254,24 +254,44 @@ class Table:
     point: list[str] = field(default_factory=list)
     values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
 
+    def columns(self, *names: str) -> npt.NDArray[np.float64]:
+        """Some of the numbers, (N, len(names))."""
+        return np.stack([self.values[name] for name in names], axis=1)
+
 
 def read_table(
+    path: Path,
+    legs: int | None,
+    problems: Problems,
+    absent: str,
+    saw: Callable[[bytes], object] = lambda _: None,
+    *,
+    required: Callable[[int], list[str]] = reading_columns,
+    optional: Callable[[int], list[str]] = override_columns,
+) -> Table:
+    """The table in a file, for a robot of `legs` legs (None: not known); adds to `problems`.
+
+    `absent` is the remedy when there is no such file. `required` names the columns for n legs that must be there,
+    `optional` those that may: those of half-widths, or "image", which names a row together with pose and run. Calls
+    `saw` with every piece of the file that was read, for the digest.
+    """
+    try:
+        with open_regular(path) as file:
+            return _table(file, str(path), legs, problems, saw, required, optional)
+    except OSError as error:
+        problems.add(unreadable(path, error, absent))
+        return Table()
+
+
+def _table(
     file: BinaryIO,
     where: str,
     legs: int | None,
     problems: Problems,
     saw: Callable[[bytes], object],
-    *,
-    required: Callable[[int], list[str]] = reading_columns,
-    optional: Callable[[int], list[str]] = override_columns,
+    required: Callable[[int], list[str]],
+    optional: Callable[[int], list[str]],
 ) -> Table:
-    """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
-
-    `required` names the columns for n legs that must be there, `optional` those that may: those of half-widths, or
-    "image", which names a row together with pose and run.
-
-    Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
-    """
     before, last, count = len(problems), b"", 0
 
     def noted(line: bytes) -> None:
@@ -513,22 +533,9 @@ _REMEDY = f"give a CSV file with the columns {','.join(COLUMNS)}, in mm"
 
 def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
     """Names and poses (K) of a file; a column `run` may be there. Raises InputError with every problem."""
-    problems, file = Problems(), Path(path)
-    try:
-        with open_regular(file) as stream:
-            table = read_table(
-                stream,
-                str(file),
-                0,
-                problems,
-                lambda _: None,
-                required=lambda _: COLUMNS,
-                optional=lambda _: ["run"],
-            )
-    except OSError as error:
-        problems.add(unreadable(file, error, _REMEDY))
+    problems = Problems()
+    table = read_table(Path(path), 0, problems, _REMEDY, required=lambda _: COLUMNS, optional=lambda _: ["run"])
     problems.raise_any()
     if len(set(table.pose)) < len(table.pose):
-        raise InputError([Problem(str(file), "gives a pose twice", "name each pose once")])
-    columns = [table.values[name] for name in COLUMNS[1:]]
-    return tuple(table.pose), Pose(np.stack(columns[:3], axis=1), np.stack(columns[3:], axis=1))
+        raise InputError([Problem(str(path), "gives a pose twice", "name each pose once")])
+    return tuple(table.pose), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))

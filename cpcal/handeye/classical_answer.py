@@ -7,9 +7,7 @@ proved.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,12 +18,12 @@ from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, frozen_array
 from cpcal.handeye.study import (
     PARAMETERS,
+    READING,
     HandEyeFrames,
     HandEyeStudy,
     PixelModel,
     ReadFrames,
     ReadingModel,
-    by_images,
     moved,
 )
 from cpcal.robot import (
@@ -36,52 +34,7 @@ from cpcal.robot import (
     quaternion_from_rotation_vector,
     quaternion_product,
 )
-from cpcal.solver.optimize.least_squares import least_squares
-
-# ------------------------------------------------------------------------------------------------------------------
-# The loop of Levenberg and Marquardt, whatever it moves: steps that lower a cost, damped more where they do not.
-
-T = TypeVar("T")
-
-_FIRST, _LEAST, _MOST = 1e-6, 1e-9, 1e3  # damping, of the scaled normal matrix
-
-
-def descended(
-    start: T,
-    cost: Callable[[T], float],
-    stepped: Callable[[T], Callable[[float], T]],
-    *,
-    steps: int,
-    settled: float,
-) -> T:
-    """Where the cost settles near `start`: a step lowers it by less than `settled` of itself, or none lowers it.
-
-    `stepped` linearises at a place and gives the place that a damping leads to.
-    """
-    at, value, damping = start, cost(start), _FIRST
-    towards = stepped(at)
-    for _ in range(steps):
-        trial = towards(damping)
-        new = cost(trial)
-        if new < value:
-            ended = value - new <= settled * value
-            at, value, damping = trial, new, 0.1 * damping
-            if ended:
-                break
-            towards = stepped(at)
-        else:
-            damping = max(10.0 * damping, _LEAST)
-            if damping > _MOST:
-                break
-    return at
-
-
-def damped_step(normal: Floats, right: Floats, damping: float) -> Floats:
-    """Solution (k,) of the normal equations (k, k), (k,), damped in units of their own diagonal."""
-    scale = np.sqrt(np.diagonal(normal))
-    damped = normal / np.outer(scale, scale) + damping * np.eye(len(right))
-    return np.asarray(np.linalg.solve(damped, right / scale) / scale)
-
+from cpcal.solver.optimize.least_squares import Blocks, least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # Least squares where the robot's poses have errors too: pixels and poses weighted by their deviations.
@@ -90,9 +43,8 @@ def damped_step(normal: Floats, right: Floats, damping: float) -> Floats:
 #
 # over the frames and a reading of each pose. A pose's half-width h on an axis counts as the deviation h / sqrt(3) of a
 # uniform error; the pixels' deviation is what the poses of single images, which no robot error touches, leave. The
-# readings are eliminated image by image (Schur complement), so the cost grows with the number of images only.
+# readings are eliminated image by image, so the cost grows with the number of images only.
 
-_WEIGHTED_STEPS = 60
 _LEAST_GAIN = 1e-9  # of the deviation of a reading that is taken as exact, against dividing by zero
 
 
@@ -100,44 +52,30 @@ def weighted_fit(model: ReadingModel, frames: HandEyeFrames, pixel: float) -> tu
     """Frames and readings from a start, and the covariance (12, 12) of the frames; `pixel`: deviation in px."""
     study = model.study
     deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
-    places = by_images(study)
+    image = np.tile(study.image, 2)
 
-    def cost(tried: ReadFrames) -> float:
-        return float(np.sum((model(tried) / pixel) ** 2) + np.sum((tried.readings / deviation) ** 2))
+    def residual(at: ReadFrames) -> Floats:
+        return np.concatenate([model(at) / pixel, (at.readings / deviation).ravel()])
 
-    def stepped(at: ReadFrames) -> Callable[[float], ReadFrames]:
-        normal, right, solved = _reduced(model, at, pixel, deviation, places)
+    def of_images(rows: Floats) -> Floats:
+        """Sums (v, ...) of rows (2 N, ...) over those of each image."""
+        out = np.zeros((len(study.images), *rows.shape[1:]))
+        np.add.at(out, image, rows)
+        return out
 
-        def moved(damping: float) -> ReadFrames:
-            step = damped_step(normal, right, damping)
-            own = np.concatenate([shift - turned @ step for turned, shift in solved])
-            return model.moved(at, np.concatenate([step, own]))
+    def blocks(at: ReadFrames) -> Blocks:
+        by_frames, own = (block / pixel for block in model.blocks(at))
+        off = model(at) / pixel
+        alone = of_images(own[:, :, None] * own[:, None, :]) + np.eye(READING) / deviation[:, None] ** 2
+        side = -of_images(own * off[:, None]) - at.readings / deviation**2
+        mixed = of_images(own[:, :, None] * by_frames[:, None, :])
+        return Blocks(by_frames.T @ by_frames, -by_frames.T @ off, mixed, alone, side)
 
-        return moved
-
-    at = descended(ReadFrames.stated(frames, study), cost, stepped, steps=_WEIGHTED_STEPS, settled=1e-12)
-    normal, _, _ = _reduced(model, at, pixel, deviation, places)
+    start = ReadFrames.stated(frames, study)
+    at = least_squares(residual, blocks, start, tolerance=1e-12, moved=model.moved, steps=_STEPS).at
+    normal, _ = blocks(at).reduced()
     scale = np.sqrt(np.diagonal(normal))
     return at, np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-
-
-def _reduced(
-    model: ReadingModel, at: ReadFrames, pixel: float, deviation: Floats, places: list[np.ndarray]
-) -> tuple[Floats, Floats, list[tuple[Floats, Floats]]]:
-    """Normal equations of the frames alone, and of each image what gives its reading from the frames' step."""
-    frames, own = (block / pixel for block in model.blocks(at))
-    residuals = model(at) / pixel
-    normal, right = frames.T @ frames, -frames.T @ residuals
-    solved = []
-    for k, rows in enumerate(places):
-        mixed = own[rows].T @ frames[rows]
-        inner = own[rows].T @ own[rows] + np.diag(deviation[k] ** -2)
-        towards = -own[rows].T @ residuals[rows] - at.readings[k] / deviation[k] ** 2
-        both = np.linalg.solve(inner, np.concatenate([mixed, towards[:, None]], axis=1))
-        normal -= mixed.T @ both[:, :-1]
-        right -= mixed.T @ both[:, -1]
-        solved.append((both[:, :-1], both[:, -1]))
-    return normal, right, solved
 
 
 _STEPS = 100
@@ -202,7 +140,8 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
     if not np.isfinite(model(start)).all():
         what = "puts points behind the camera"
         raise InputError([Problem("the closed form", what, "check the setup, and which pose belongs to which image")])
-    frames, residuals = _fitted(model, start)
+    frames = least_squares(model, model.jacobian, start, tolerance=1e-13, moved=moved, steps=_STEPS).at
+    residuals = model(frames)
     covariance, weak = _covariance(model.jacobian(frames), residuals)
     readings = np.zeros((len(study.images), 6))
     alone = single_rms(study, kept, seen)
@@ -303,21 +242,6 @@ def _plane_pose(points: Floats, directions: Floats) -> Pose:
     start = Pose(h[2], quaternion_from_matrix(turn))
     found = least_squares(values, jacobian, start, tolerance=1e-12, moved=moved_pose).at
     return Pose(found.position, normalised(found.quaternion))
-
-
-def _fitted(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, Floats]:
-    """Frames by least squares from a start, and their residuals."""
-
-    def cost(tried: HandEyeFrames) -> float:
-        return float(np.sum(model(tried) ** 2))
-
-    def stepped(at: HandEyeFrames) -> Callable[[float], HandEyeFrames]:
-        slope = model.jacobian(at)
-        normal, right = slope.T @ slope, -slope.T @ model(at)
-        return lambda damping: moved(at, damped_step(normal, right, damping))
-
-    found = descended(frames, cost, stepped, steps=_STEPS, settled=1e-13)
-    return found, model(found)
 
 
 def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:

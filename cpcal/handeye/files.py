@@ -10,7 +10,7 @@ import numpy as np
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
 from cpcal.files.settings import TomlReader, provenance_lines, quoted
-from cpcal.files.tables import Table, csv_table, open_regular, read_table, small_file, unreadable
+from cpcal.files.tables import Table, csv_table, read_table, small_file
 from cpcal.handeye.study import SETUPS, HandEyeStudy, Setup
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
@@ -57,7 +57,7 @@ def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]
     problems = Problems()
     table = _table(Path(path), POSE_COLUMNS, list(POSE_WIDTHS), problems)
     problems.raise_any(_SEE)
-    rows = _columns(table, *POSE_COLUMNS[1:]).tolist()
+    rows = table.columns(*POSE_COLUMNS[1:]).tolist()
     return {name: tuple(row) for name, row in zip(table.image, rows, strict=True)}
 
 
@@ -91,14 +91,7 @@ def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | 
 
 
 def _table(path: Path, required: list[str], optional: list[str], problems: Problems) -> Table:
-    try:
-        with open_regular(path) as file:
-            return read_table(
-                file, str(path), 0, problems, lambda _: None, required=lambda _: required, optional=lambda _: optional
-            )
-    except OSError as error:
-        problems.add(unreadable(path, error, _ABSENT))
-        return Table()
+    return read_table(path, 0, problems, _ABSENT, required=lambda _: required, optional=lambda _: optional)
 
 
 def _study(
@@ -122,20 +115,16 @@ def _study(
         setup=setup,
         camera=camera,
         images=tuple(poses.image),
-        poses=Pose(_columns(poses, "x", "y", "z"), _columns(poses, "qw", "qx", "qy", "qz")),
+        poses=Pose(poses.columns("x", "y", "z"), poses.columns("qw", "qx", "qy", "qz")),
         image=np.array([number[name] for name in points.image], dtype=np.intp),
         names=tuple(points.point),
         pixels=pixels,
-        points=_columns(points, "X", "Y", "Z"),
+        points=points.columns("X", "Y", "Z"),
         half_width=np.nan_to_num(width),
         pose_half_width=np.nan_to_num(
             np.stack([poses.values.get(name, np.zeros(len(number))) for name in POSE_WIDTHS], axis=1)
         ),
     )
-
-
-def _columns(table: Table, *names: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return np.stack([table.values[name] for name in names], axis=1)
 
 
 def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:

@@ -309,12 +309,6 @@ class ReadingModel:
         return np.concatenate([-free, low]), np.concatenate([free, high])
 
 
-def by_images(study: HandEyeStudy) -> list[Indices]:
-    """The places, among 2 N residuals, of each image's."""
-    both = np.tile(study.image, 2)
-    return [np.flatnonzero(both == k) for k in range(len(study.images))]
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Simulated hand-eye studies, with their truth.
 

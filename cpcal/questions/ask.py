@@ -21,13 +21,16 @@ from cpcal.legs import LegModel, built_in, exactly_read
 from cpcal.questions import (
     CampaignNote,
     Determination,
+    LegBracket,
     LegResult,
     ModelNote,
     Options,
     Result,
+    Support,
     SupportProof,
     Uncertified,
     VerifiedPoint,
+    Work,
 )
 from cpcal.questions.bracket import (
     Answered,
@@ -52,6 +55,7 @@ from cpcal.questions.ranges import projections_of, range_eps, ranges_of
 from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
+from cpcal.solver.accounts import Found
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.executors import Here, Place, executor_for
 from cpcal.solver.execution.stopping import asked, heard, within_memory
@@ -76,7 +80,7 @@ def certify_leg(question: Question, leg: int | LegResult) -> tuple[LegResult, bo
     With what follows the bracket, where the question asks for that; a result that has its bracket gets the rest.
     """
     if isinstance(leg, LegResult):
-        prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg, False
+        prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg, False
     else:
         prepared = PreparedLeg.of(question, leg)
         result, stopped = _bracketed(prepared)
@@ -102,8 +106,7 @@ def _bracketed(leg: PreparedLeg) -> tuple[LegResult, bool]:
     answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(leg, start, tell)
     few, proof = _support(leg, start, found.minimum)
-    result = replace(_leg_result(leg, found, few), support_proof=proof)
-    return result, found.minimum.interrupted or asked() is not None
+    return _leg_result(leg, found, few, proof), found.minimum.interrupted or asked() is not None
 
 
 def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> tuple[tuple[int, ...], SupportProof | None]:
@@ -140,37 +143,44 @@ def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> tuple[tuple[int
     return few, None
 
 
-def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...]) -> LegResult:
+def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...], proof: SupportProof | None) -> LegResult:
     question, leg, center = prepared.question, prepared.leg, prepared.center
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
     eps = question.options.eps or 0.0
     good, bad = verified_center(prepared)
     names, beyond = question.model.parameters, found.found
+    lo = _lower(question, found)
     return LegResult(
         leg=leg,
-        verdict=found.verdict,
-        eps_lo=_lower(question, found),
-        eps_hi=float(found.hi),
-        point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
-        center=tuple(float(v) for v in center),
-        enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
-        floor=float(found.floor),
-        support=tuple(ids[k] for k in few),
-        nodes=found.nodes,
-        programs=found.programs,
-        seconds=found.seconds,
-        certificate=answer.certificate,
+        bracket=LegBracket(
+            verdict=found.verdict,
+            lo=lo,
+            hi=float(found.hi),
+            point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
+            center=tuple(float(v) for v in center),
+            enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
+            certificate=answer.certificate,
+        ),
+        support=Support(tuple(ids[k] for k in few), proof),
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
         determination=_determination(question, leg, center, found),
-        trials=answer.trials,
-        contractors_used=found.contractors_used,
-        found_lo=beyond.lo if beyond is not None and beyond.lo > found.lo else None,
-        found_enclosure=None
+        found=None
         if beyond is None
-        else type(enclosure)(names, beyond.enclosure.lo[:-1], beyond.enclosure.hi[:-1]),
-        pending=found.pending,
+        else Found(
+            beyond.lo if beyond.lo > found.lo else lo,
+            type(enclosure)(names, beyond.enclosure.lo[:-1], beyond.enclosure.hi[:-1]),
+        ),
+        work=Work(
+            nodes=found.nodes,
+            programs=found.programs,
+            seconds=found.seconds,
+            pending=found.pending,
+            floor=float(found.floor),
+            trials=answer.trials,
+            contractors_used=found.contractors_used,
+        ),
     )
 
 
@@ -330,11 +340,14 @@ def answered(question: Question, place: Place = HERE) -> Result:
             leg, stopped = answer.found
             interrupted = interrupted or stopped
             done[leg.leg] = with_certificates(question, answer.files, leg)
-            if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
+            if kept is not None and not (stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN):
                 begun = kept.answer(leg.leg) if isinstance(answer.asked, LegResult) else None
                 kept.keep_answer(leg, answer.files if begun is None else {**begun[1], **answer.files})
             if question.progress is not None and not here:
-                question.progress(leg.leg, Bracket(leg.eps_lo, leg.eps_hi, leg.nodes, leg.programs, leg.seconds))
+                question.progress(
+                    leg.leg,
+                    Bracket(leg.bracket.lo, leg.bracket.hi, leg.work.nodes, leg.work.programs, leg.work.seconds),
+                )
             if stopped and here:
                 break
     except KeyboardInterrupt:
@@ -371,8 +384,9 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
         try:
             write_file(question.certificates / name, content)
         except InputError:
-            if leg.ranges is not None and name == leg.ranges.certificate != leg.certificate:
+            if leg.ranges is not None and name == leg.ranges.certificate != leg.bracket.certificate:
                 leg = replace(leg, ranges=replace(leg.ranges, certificate=None))
             else:
-                leg = replace(leg, certificate=None, not_certified=Uncertified.UNWRITTEN)
+                bracket = replace(leg.bracket, certificate=None)
+                leg = replace(leg, bracket=bracket, not_certified=Uncertified.UNWRITTEN)
     return leg

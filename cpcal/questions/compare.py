@@ -168,11 +168,11 @@ def _entry(found: LegResult, model: LegModel) -> Entry:
     return Entry(
         subject=f"leg {found.leg}",
         model=model.name,
-        eps_lo=found.eps_lo,
-        eps_hi=found.eps_hi,
-        enclosure=found.enclosure,
-        certificate=found.certificate,
-        seconds=found.seconds,
+        eps_lo=found.bracket.lo,
+        eps_hi=found.bracket.hi,
+        enclosure=found.bracket.enclosure,
+        certificate=found.bracket.certificate,
+        seconds=found.work.seconds,
         determination=found.determination,
         not_certified=found.not_certified,
     )

@@ -67,8 +67,8 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> tuple[LegInFrames, ...
             LegInFrames(
                 leg=leg.leg,
                 eps=ranges.eps,
-                eps_lo=leg.eps_lo,
-                eps_hi=leg.eps_hi,
+                eps_lo=leg.bracket.lo,
+                eps_hi=leg.bracket.hi,
                 low=tuple(rounded(low, True) for low, _ in ends),
                 high=tuple(rounded(high, False) for _, high in ends),
             )

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def leg_html(leg: LegResult) -> str:
     """The proved bounds. The verdict needs the question, which the result has."""
-    hi = leg.eps_hi if leg.point is not None else math.inf
-    said = verdict_on(EpsBracket(leg.eps_lo, hi), None).sentence
+    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
+    said = verdict_on(EpsBracket(leg.bracket.lo, hi), None).sentence
     return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
 
 
@@ -30,9 +30,9 @@ def result_html(result: Result) -> str:
     rows = []
     for leg in result.legs:
         verdict = verdict_of(result, leg)
-        bounds = bracket_text(leg.eps_lo, leg.eps_hi) if eps is None else (stated(eps),)
+        bounds = bracket_text(leg.bracket.lo, leg.bracket.hi) if eps is None else (stated(eps),)
         certified = "yes" if leg.certified else "no"
-        cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support), verdict.sentence)
+        cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support.ids), verdict.sentence)
         rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
     title = f"{_escaped(result.robot)}: {result.measurements:,} measurements"
     stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
@@ -62,14 +62,14 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "leg": leg.leg,
             "parameter": name,
             "unit": result.model.unit(name),
-            "center": leg.center[k],
-            "certified": math.nan if leg.point is None else leg.point[k],
+            "center": leg.bracket.center[k],
+            "certified": math.nan if leg.bracket.point is None else leg.bracket.point[k],
             "range_lo": math.nan if known is None else float(known.box.lo[k]),
             "range_hi": math.nan if known is None else float(known.box.hi[k]),
             "range_eps": math.nan if known is None else known.eps,
             "verdict": verdict_of(result, leg).word,
-            "eps_lo": leg.eps_lo,
-            "eps_hi": leg.eps_hi,
+            "eps_lo": leg.bracket.lo,
+            "eps_hi": leg.bracket.hi,
         }
         for k, name in enumerate(result.parameters)
     ]

@@ -29,17 +29,16 @@ from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.files.run_folder import ROBUST, answers_into
+from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel, leg_box, leg_network
-from cpcal.questions import CampaignNote, ModelNote
+from cpcal.questions import CampaignNote, LegBracket, LegResult, ModelNote, Result, Uncertified, Work, save_result
 from cpcal.questions.ask import LOADS, checked_options
 from cpcal.questions.bracket import all_or_none, written
 from cpcal.questions.question import Question, answers
-from cpcal.questions.robust_result import MARGIN, SMALLEST, RobustLeg, RobustResult, save_robust
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Limits
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.executors import Here, Place, executor_for
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.solver.interval import Box
@@ -53,6 +52,8 @@ from cpcal.solver.search import Contracting
 
 Told = Callable[[str], None]
 
+MARGIN = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
+SMALLEST = 1e-9  # mm, likewise
 _ACTIVE = 1e-6  # mm: rows this near to the largest decide a fit
 
 
@@ -79,7 +80,7 @@ class _Progress:
         return np.inf if self.best is None else self.best.hi
 
 
-def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = None) -> RobustLeg:
+def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = None) -> LegResult:
     """The bracket of leg `leg` with at most `outliers` wrong measurements; with certificates where they are asked for.
 
     A search that ends at `question.limits` leaves the bracket open, as does one that cannot refute the target.
@@ -102,26 +103,31 @@ def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = 
     return _result(search, state, outliers, target, time.monotonic() - began)
 
 
-def _result(search: _Search, state: _Progress, outliers: int, target: float, seconds: float) -> RobustLeg:
-    ids = search.question.campaign.measurement_ids
+def _result(search: _Search, state: _Progress, outliers: int, target: float, seconds: float) -> LegResult:
+    question, ids = search.question, search.question.campaign.measurement_ids
     settled = hitting_set([one.members for one in state.supports], outliers) is None
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
     witness = None if state.best is None else state.best.witness
-    certificate = search.point_certificate(state)
+    at_point = None if witness is None else search.point_certificate(state)
     # a family that some choice meets proves nothing, and leaves no files
-    proofs = all_or_none(search.question, [*(one.certificate for one in state.supports), *(() if settled else (None,))])
-    return RobustLeg(
+    proofs = all_or_none(question, [*(one.certificate for one in state.supports), *(() if settled else (None,))])
+    closed = witness is not None and state.hi - lo <= 2.0 * max(MARGIN * state.hi, SMALLEST)
+    lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
+    return LegResult(
         leg=search.leg,
-        outliers=outliers,
-        eps_lo=float(lo),
-        eps_hi=float(state.hi),
-        point=None if witness is None else tuple(map(float, witness.point[:-1])),
-        center=tuple(map(float, search.center)),
-        left_out=tuple(ids[k] for k in sorted(state.without)),
-        proofs=proofs,
-        point_certificate=certificate if witness is not None else None,
-        searches=state.searches,
-        seconds=seconds,
+        bracket=LegBracket(
+            verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
+            lo=float(lo),
+            hi=float(state.hi),
+            point=None if witness is None else tuple(map(float, witness.point[:-1])),
+            center=tuple(map(float, search.center)),
+            enclosure=leg_box(search.center, question.options.delta, question.model),
+            proofs=proofs,
+            point_certificate=at_point,
+            left_out=tuple(ids[k] for k in sorted(state.without)),
+        ),
+        not_certified=Uncertified.NOTHING if proofs or at_point else lost,
+        work=Work(nodes=state.searches, seconds=seconds),
     )
 
 
@@ -268,16 +274,16 @@ def certify_robust(
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | None = None,
-) -> RobustResult:
+) -> Result:
     """For every leg the smallest eps when at most `outliers` of its measurements may be wrong, bracketed by proofs.
 
-    The other options are those of `certify`. `certificates` names a folder for `robust.json` and what proves it to
+    The other options are those of `certify`. `certificates` names a folder for `result.json` and what proves it to
     `cpcal verify`. `tell` is called with a line on what is done here. Legs are the tasks of `workers` processes, of a
     Dask `scheduler` or of an `executor`. Raises InputError, PluginError, LostWorkerError, Stopped.
     """
     wrong = []
-    if isinstance(outliers, bool) or not isinstance(outliers, int) or not 0 <= outliers < len(campaign):
-        remedy = f"give a whole number from 0 to {len(campaign) - 1}, such as 2"
+    if isinstance(outliers, bool) or not isinstance(outliers, int) or not 0 < outliers < len(campaign):
+        remedy = f"give a whole number from 1 to {len(campaign) - 1}, such as 2"
         wrong.append(Problem("outliers", f"{outliers!r} is no number of measurements that may be wrong", remedy))
     options, chosen = checked_options(
         campaign,
@@ -289,21 +295,22 @@ def certify_robust(
         contractors=contractors,
         model=model,
         half_widths={},
+        outliers=outliers if not wrong else 0,
     )
     question = Question(campaign=campaign, options=options, model=chosen)
     with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         if certificates is None:
             return _answered(question, outliers, tell, place)
-        with answers_into(certificates, ROBUST, campaign) as draft:
+        with answers_into(certificates, RUN, campaign) as draft:
             found = _answered(replace(question, certificates=draft), outliers, tell, place)
-            save_robust(found, draft)
+            save_result(found, draft)
     return found
 
 
-def _answered(question: Question, outliers: int, tell: Told | None, place: Place) -> RobustResult:
+def _answered(question: Question, outliers: int, tell: Told | None, place: Place) -> Result:
     """Raises Stopped where some leg has no answer yet."""
     campaign, model = question.campaign, question.model
-    numbers = sorted(question.options.legs or range(1, campaign.legs + 1))
+    numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
     work = partial(robust_leg, outliers=outliers, tell=tell if isinstance(place[0], Here) else None)
     legs = {}
     for answer in answers(question, work, numbers, place):
@@ -313,11 +320,10 @@ def _answered(question: Question, outliers: int, tell: Told | None, place: Place
             write_file(question.certificates / name, content)
     if len(legs) < len(numbers):
         raise Stopped(asked() or Reason.INTERRUPTED)
-    return RobustResult(
+    return Result(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
         model=ModelNote(model.name, model.extra),
-        outliers=outliers,
         version=__version__,
         legs=tuple(legs[leg] for leg in numbers),
     )

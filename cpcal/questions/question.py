@@ -112,7 +112,7 @@ class Checkpoints:
         lines = [{"leg": encoded(leg)}, *({"file": name, "text": text.decode()} for name, text in files.items())]
         if kept(path, self._of(path.name), lines):
             self._path(leg.leg, "search").unlink(missing_ok=True)
-            _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi}})
+            _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.bracket.lo, "eps_hi": leg.bracket.hi}})
 
     def search_keeper(self, leg: int, recording: Recording | None) -> SearchKeeper:
         """What keeps where the search for a leg stands."""

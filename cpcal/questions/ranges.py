@@ -84,18 +84,18 @@ def _written(folder: Path | None, files: Mapping[str, bytes], ranges: Ranges | N
 def range_eps(options: Options, leg: LegResult) -> float | None:
     """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
     if options.eps is not None:
-        return None if leg.verdict is Verdict.REFUTED else options.eps
-    if leg.point is None or not math.isfinite(leg.eps_hi):
+        return None if leg.bracket.verdict is Verdict.REFUTED else options.eps
+    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
         return None
-    if options.tolerance is not None and leg.eps_hi <= options.tolerance:
+    if options.tolerance is not None and leg.bracket.hi <= options.tolerance:
         return options.tolerance
-    return MARGIN * leg.eps_hi
+    return MARGIN * leg.bracket.hi
 
 
 def _ranges(question: Question, leg: LegResult) -> tuple[Ranges | None, bool]:
     if _asked_at(question.options, leg) is None:
         return _without_search(question.options, leg), False
-    return ranges_of(PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg)
+    return ranges_of(PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg)
 
 
 def _asked_at(options: Options, leg: LegResult) -> float | None:
@@ -106,7 +106,11 @@ def _asked_at(options: Options, leg: LegResult) -> float | None:
 def _without_search(options: Options, leg: LegResult) -> Ranges | None:
     """They are what was asked, where one eps was asked about."""
     eps = range_eps(options, leg)
-    return None if eps is None or leg.enclosure.is_empty else Ranges(eps, leg.enclosure, leg.certificate)
+    return (
+        None
+        if eps is None or leg.bracket.enclosure.is_empty
+        else Ranges(eps, leg.bracket.enclosure, leg.bracket.certificate)
+    )
 
 
 def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
@@ -120,12 +124,12 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
         return None, False
     options = replace(question.options, eps=eps, method="bound")
     asked = replace(question, options=options, prefix=PREFIX, checkpoints=None)
-    start = np.append(leg.center if leg.point is None else leg.point, eps)
+    start = np.append(leg.bracket.center if leg.bracket.point is None else leg.bracket.point, eps)
     answer = by_bound(prepared.asking(asked), start, lambda _: None, domain=domain, hull_only=True)
     box = answer.minimum.enclosure
     if box.is_empty or answer.minimum.interrupted:
         return None, answer.minimum.interrupted
-    return Ranges(eps, type(box)(leg.enclosure.names, box.lo[:-1], box.hi[:-1]), answer.certificate), False
+    return Ranges(eps, type(box)(leg.bracket.enclosure.names, box.lo[:-1], box.hi[:-1]), answer.certificate), False
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -168,7 +172,7 @@ def projections(question: Question, leg: LegResult) -> Projections | None:
     """Those of a leg that has its bracket: see `projections_of`."""
     if range_eps(question.options, leg) is None:
         return None
-    return projections_of(PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg)
+    return projections_of(PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg)
 
 
 def projections_of(prepared: PreparedLeg, leg: LegResult) -> Projections | None:

@@ -20,7 +20,7 @@ from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.legs import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
-from cpcal.solver.accounts import ContractorUse, Trial
+from cpcal.solver.accounts import ContractorUse, Found, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
@@ -60,6 +60,7 @@ class Options:
     method: str = field(default="bound", metadata=INFORMED)
     model: str | None = field(default=None, metadata=INFORMED)
     half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
+    outliers: int = field(default=0, metadata=checked("what the proofs bear"))
 
     def __post_init__(self) -> None:
         problems = [*self._normalised(), *self._problems()]
@@ -73,6 +74,7 @@ class Options:
         for name in ("delta", "gap", "time_limit", "eps", "tolerance"):
             yield from self._set(name, _number)
         yield from self._set("node_limit", _whole)
+        yield from self._set("outliers", _whole)
         yield from self._set("half_widths", _numbers)
 
     def _set(self, name: str, kind: Any) -> Iterator[Problem]:
@@ -106,6 +108,8 @@ class Options:
             value = getattr(self, name)
             if value is not None and not _nonnegative(value):
                 yield Problem(name, f"{value} is no tolerance", "give a number of mm, 0 or more")
+        if self.outliers < 0:
+            yield Problem("outliers", f"{self.outliers} is no number of measurements", "give 0 or more")
         choices = {"center": CENTERS, "support": SUPPORTS, "method": METHODS, "arithmetic": ARITHMETICS}
         for name, known in choices.items():
             if getattr(self, name) not in known:
@@ -133,6 +137,7 @@ class Options:
         for name in ("eps", "tolerance", "time_limit", "node_limit"):
             value = getattr(self, name)
             out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
+        out += ["--outliers", str(self.outliers)] if self.outliers else []
         for name, usual in (("method", "bound"), ("support", "few")):
             out += [f"--{name}", getattr(self, name)] if getattr(self, name) != usual else []
         return out
@@ -182,6 +187,15 @@ class SupportProof:
     def __post_init__(self) -> None:
         if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
             raise ValueError("eps_lo of the support is no bound")
+
+
+@dataclass(frozen=True)
+class Support:
+    """`ids` of measurements that by themselves prove the lower bound up to the gap or, where no few were found to, of
+    all with a weight in some step. `proof`: that they do."""
+
+    ids: tuple[str, ...] = field(default=(), metadata=INFORMED)
+    proof: SupportProof | None = None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -363,7 +377,7 @@ def wide(enclosure: Box, delta: float) -> Wide:
     return Wide(tuple((enclosure.names[k], float(lo[k]), float(hi[k])) for k in found))
 
 
-FORMAT = "cpcal-result/6"
+FORMAT = "cpcal-result/7"
 RESULT_NAME = "result.json"
 
 
@@ -437,75 +451,112 @@ class Uncertified(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LegResult:
-    """One leg: proved, no x in the box satisfies all equations for any eps < `eps_lo`; `point` does at `eps_hi`.
+class LegBracket:
+    """Proved: no x in the box satisfies all equations for any eps < `lo`; `point` does at `hi`. Lengths in mm.
 
-    Where one eps was asked about, `eps_lo` is that eps if no x satisfies the equations at it, else 0, which says
-    nothing: no other bound was asked for; `eps_hi` is that eps with a proved point, else infinite.
+    Where one eps was asked about, `lo` is that eps if no x satisfies the equations at it, else 0, which says nothing:
+    no other bound was asked for; `hi` is that eps with a proved point, else infinite.
 
-    "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
-    bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
-    came first. `point` is (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved
-    point; `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the
-    bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few
-    were found to, of all with a weight in some step.
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `verdict` PROVED: the bracket is closed (or,
+    when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit came first. `point` is
+    (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved point; the box is around
+    `center`; `enclosure` holds every x with eps <= hi. `certificate`: the file that claims exactly these.
 
-    `certificate`: the file that claims exactly these eps_lo, eps_hi, point and enclosure. Where there is none,
-    `not_certified` says why: the numbers were found by the same proofs, but nobody can check them again.
-    Raises ValueError for fields that contradict each other.
+    When some measurements may be wrong: whichever so many are left out, no x satisfies all others for any eps < `lo`,
+    since one of the `proofs` does without them; `point` satisfies all but those `left_out` at `hi`, which
+    `point_certificate` proves. Raises ValueError for fields that contradict each other.
     """
 
-    leg: int = field(metadata=checked("the list of legs, and the certificate"))
     verdict: Verdict = field(metadata=checked("follows from the bounds and the gap", "certificate", json="status"))
-    eps_lo: float = field(metadata=checked("the claim of the certificate", "certificate"))
-    eps_hi: float = field(metadata=checked("the claim of the certificate", "certificate"))
-    point: tuple[float, ...] | None = field(metadata=checked("the claim of the certificate", "certificate"))
-    center: tuple[float, ...] = field(metadata=checked("the box of the certificate", "certificate"))
+    lo: float = field(
+        metadata=checked("the claim of the certificate, or the least of the proofs", "certificate", "proofs")
+    )
+    hi: float = field(metadata=checked("the claim of the certificate", "certificate", "point_certificate"))
+    point: tuple[float, ...] | None = field(
+        metadata=checked("the claim of the certificate", "certificate", "point_certificate")
+    )
+    center: tuple[float, ...] = field(
+        metadata=checked("the box of each certificate", "certificate", "proofs", "point_certificate")
+    )
     enclosure: Box = field(metadata=checked("the claim of the certificate", "certificate"))
-    floor: float = field(metadata=INFORMED)
-    support: tuple[str, ...] = field(metadata=INFORMED)
-    nodes: int = field(metadata=INFORMED)
-    programs: int = field(metadata=informed("lps"))
-    seconds: float = field(metadata=INFORMED)
     certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
-    not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
-    support_proof: SupportProof | None = None  # that the support by itself proves a bound
-    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.questions.ranges
-    # what the report draws; see cpcal.questions.ranges
-    projections: Projections | None = field(default=None, metadata=INFORMED)
-    # the center of the box, as a solution at eps = 0 (or the eps asked about)
-    verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
-    # None: nothing is to be determined, or it was not asked
-    determination: Determination | None = field(default=None, metadata=INFORMED)
-    trials: tuple[Trial, ...] = field(default=(), metadata=INFORMED)  # calls of the solver, with method "timeout"
-    # those asked for: how often each ran, its part in the certificate
-    contractors_used: tuple[ContractorUse, ...] = field(default=(), metadata=INFORMED)
-    # what all contractors together found, where the certificate proves less: nobody can check it
-    found_lo: float | None = field(default=None, metadata=INFORMED)
-    found_enclosure: Box | None = field(default=None, metadata=INFORMED)
-    pending: int = field(default=0, metadata=INFORMED)  # boxes that were left at a limit
+    proofs: tuple[str, ...] = field(default=(), metadata=checked("files of the run, which are accepted"))
+    point_certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
+    left_out: tuple[str, ...] = field(
+        default=(), metadata=checked("the measurements of the certificate", "point_certificate")
+    )
 
     def __post_init__(self) -> None:
-        if self.certified and self.not_certified:
-            raise ValueError("a leg with a certificate is certified")
         size = len(self.center)
         if (self.point is not None and len(self.point) != size) or len(self.enclosure.names) != size:
             raise ValueError("center, point and enclosure have not the same parameters")
         if not all(map(math.isfinite, (*self.center, *(self.point or ())))):
             raise ValueError("the center or the point is not finite")
-        if any(map(math.isnan, (self.eps_lo, self.eps_hi, self.floor, self.seconds))) or self.eps_lo < 0.0:
-            raise ValueError("eps_lo, eps_hi, floor or seconds is no number that it can be")
-        if min(self.nodes, self.programs, self.pending) < 0 or self.leg < 1:
-            raise ValueError("a count or the leg's number is negative")
+        if math.isnan(self.lo) or math.isnan(self.hi) or self.lo < 0.0:
+            raise ValueError("lo or hi is no number that it can be")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """What a bracket cost, and how it was found. Nobody proves it.
+
+    floor             second-order effect of the readings, mm, below which the bracket cannot close
+    pending           boxes that were left at a limit
+    trials            calls of the solver, with method "timeout"
+    contractors_used  those asked for: how often each ran, its part in the certificate
+    """
+
+    nodes: int = 0
+    programs: int = field(default=0, metadata={"json": "lps"})
+    seconds: float = 0.0
+    pending: int = 0
+    floor: float = 0.0
+    trials: tuple[Trial, ...] = ()
+    contractors_used: tuple[ContractorUse, ...] = ()
+
+    def __post_init__(self) -> None:
+        if min(self.nodes, self.programs, self.pending) < 0 or math.isnan(self.floor) or math.isnan(self.seconds):
+            raise ValueError("a count is negative, or floor or seconds is no number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegResult:
+    """One leg. Where it has no certificate `not_certified` says why: the numbers were found by the same proofs, but
+    nobody can check them again. Raises ValueError for fields that contradict each other.
+
+    support        few measurements that prove the lower bound
+    ranges         of the parameters at a tolerance; see cpcal.questions.ranges
+    verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
+    determination  None: nothing is to be determined, or it was not asked
+    projections    what the page draws; see cpcal.questions.ranges
+    found          what all contractors together found, where the certificate proves less: nobody can check it
+    """
+
+    leg: int = field(metadata=checked("the list of legs, and the certificate"))
+    bracket: LegBracket
+    support: Support = Support()
+    ranges: Ranges | None = None
+    not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
+    verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
+    determination: Determination | None = field(default=None, metadata=INFORMED)
+    projections: Projections | None = field(default=None, metadata=INFORMED)
+    found: Found | None = field(default=None, metadata=INFORMED)
+    work: Work = field(default=Work(), metadata=INFORMED)
+
+    def __post_init__(self) -> None:
+        if self.certified and self.not_certified:
+            raise ValueError("a leg with a certificate is certified")
+        if self.leg < 1:
+            raise ValueError("the leg's number is no number of a leg")
 
     @property
     def certified(self) -> bool:
-        return self.certificate is not None
+        return bool(self.bracket.certificate or self.bracket.proofs or self.bracket.point_certificate)
 
     @property
     def not_refuted(self) -> bool:
         """Whether the model without any error is proved to fit: eps* = 0."""
-        return self.point is not None and self.eps_hi == 0.0
+        return self.bracket.point is not None and self.bracket.hi == 0.0
 
     def _repr_html_(self) -> str:
         from cpcal.questions.notebook import leg_html  # which reads results
@@ -540,7 +591,7 @@ class Result:
     def __post_init__(self) -> None:
         if len({leg.leg for leg in self.legs}) < len(self.legs):
             raise ValueError("a leg is there twice")
-        if any(leg.enclosure.names != self.parameters for leg in self.legs):
+        if any(leg.bracket.enclosure.names != self.parameters for leg in self.legs):
             raise ValueError(f"a leg has not the parameters {', '.join(self.parameters)}")
 
     @property

@@ -29,7 +29,7 @@ from cpcal.questions.result import (
     not_compared,
     wide,
 )
-from cpcal.solver.accounts import Found, bracket_sentence
+from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
 
 
@@ -217,9 +217,9 @@ def _verdict(result: Result, leg: LegResult, tolerance: float | None) -> LegVerd
     eps = result.options.eps
     if eps is not None:
         return _verdict_at(result.options, eps, leg, at)
-    hi = leg.eps_hi if leg.point is not None else math.inf
-    closed = leg.verdict is Verdict.PROVED
-    bracket, known = EpsBracket(leg.eps_lo, hi), _wide(result.options, leg)
+    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
+    closed = leg.bracket.verdict is Verdict.PROVED
+    bracket, known = EpsBracket(leg.bracket.lo, hi), _wide(result.options, leg)
     return verdict_on(bracket, at, closed=closed, determination=leg.determination, ranges=known)
 
 
@@ -228,21 +228,21 @@ def _wide(options: Options, leg: LegResult) -> Wide:
 
     The timeout method encloses nothing: what is proved of the parameters are the ranges alone, if they were asked for.
     """
-    ended = leg.verdict is Verdict.PROVED or not leg.pending
-    if leg.point is None or options.eps:
+    ended = leg.bracket.verdict is Verdict.PROVED or not leg.work.pending
+    if leg.bracket.point is None or options.eps:
         return NOTHING_WIDE
     if options.method == "timeout":
         return NOTHING_WIDE if leg.ranges is None else wide(leg.ranges.box, options.delta)
-    return wide(leg.enclosure, options.delta) if ended else NOTHING_WIDE
+    return wide(leg.bracket.enclosure, options.delta) if ended else NOTHING_WIDE
 
 
 def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
     """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
-    if leg.verdict is Verdict.REFUTED:
+    if leg.bracket.verdict is Verdict.REFUTED:
         bracket = EpsBracket(eps, math.inf)
         failed = tolerance is None or eps >= tolerance
         return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
-    bracket = EpsBracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
+    bracket = EpsBracket(0.0, eps if leg.bracket.verdict is Verdict.PROVED else math.inf)
     at = eps if tolerance is None else tolerance
     found = verdict_on(bracket, at, determination=leg.determination, ranges=_wide(options, leg))
     return replace(found, tolerance=tolerance) if isinstance(found, Explained | Undecided | Undetermined) else found
@@ -310,7 +310,7 @@ def calls_sentence(calls: int, lo: float, hi: float, gap: float, *, closed: bool
 def contractors_sentences(leg: LegResult) -> list[str]:
     """For each contractor that was asked for how much it took part. Counts are information, nobody proves them."""
     out = []
-    for use in leg.contractors_used:
+    for use in leg.work.contractors_used:
         held = f", {use.certified_steps:,} of them in the certificate" if leg.certified else ""
         out.append(f"{use.name}: {_count(use.calls, 'call')}, {_count(use.steps, 'step')}{held}")
     return out
@@ -326,15 +326,15 @@ def information(options: Options, leg: LegResult) -> list[str]:
 
 def _proved(options: Options, leg: LegResult) -> str:
     if options.eps is not None:
-        return _at(stated(options.eps), leg.verdict)
+        return _at(stated(options.eps), leg.bracket.verdict)
     if leg.not_refuted:
         how = "proved in exact arithmetic" if leg.certified else "proved"
         return f"Some x in the box satisfies every equation exactly for some readings: {how}."
-    hi = leg.eps_hi if leg.point is not None else math.inf
+    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
     if options.method == "timeout":
-        closed = leg.verdict is Verdict.PROVED
-        return calls_sentence(len(leg.trials), leg.eps_lo, hi, options.gap, closed=closed)
-    return bracket_sentence(leg.verdict, leg.eps_lo, hi, floor=leg.floor, undecided=leg.pending)
+        closed = leg.bracket.verdict is Verdict.PROVED
+        return calls_sentence(len(leg.work.trials), leg.bracket.lo, hi, options.gap, closed=closed)
+    return bracket_sentence(leg.bracket.verdict, leg.bracket.lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
 
 
 def _at(eps: str, verdict: Verdict) -> str:
@@ -349,12 +349,10 @@ def _at(eps: str, verdict: Verdict) -> str:
 
 
 def _beyond(options: Options, leg: LegResult) -> str:
-    if leg.found_lo is None and leg.found_enclosure is None:
+    if leg.found is None:
         return ""
-    lo = leg.eps_lo if leg.found_lo is None else leg.found_lo
-    none_at_eps = options.eps is not None and leg.found_lo is not None
-    enclosure = leg.enclosure if leg.found_enclosure is None else leg.found_enclosure
-    return Found(math.inf if none_at_eps else lo, enclosure).sentence(leg.eps_lo)
+    none_at_eps = options.eps is not None and leg.found.lo > leg.bracket.lo
+    return (replace(leg.found, lo=math.inf) if none_at_eps else leg.found).sentence(leg.bracket.lo)
 
 
 def _count(number: int, thing: str) -> str:

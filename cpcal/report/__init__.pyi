@@ -1,6 +1,7 @@
 from .figures import errors_svg, paving_svg
 from .run_page import (
     bounds_table,
+    outliers_section,
     parameters_drawing,
     parameters_section,
     reading_sensitivity,
@@ -19,6 +20,7 @@ __all__ = [
     "errors_svg",
     "leg_sentence",
     "notices",
+    "outliers_section",
     "parameters_drawing",
     "parameters_section",
     "paving_svg",

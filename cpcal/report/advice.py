@@ -47,7 +47,7 @@ class Fitted:
 def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Fitted:
     """The fit that was the center of the box, or else one made now."""
     known = result.options.center == "fit"
-    x = np.array(leg.center) if known else fit_model(campaign, leg.leg, model)
+    x = np.array(leg.bracket.center) if known else fit_model(campaign, leg.leg, model)
     with np.errstate(all="ignore"):  # the center of a damaged result may be anywhere
         values, slopes = model_residuals(campaign, leg.leg, x, model), model_jacobian(campaign, leg.leg, x, model)
         return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))
@@ -123,7 +123,7 @@ def measurement_names(campaign: Campaign, numbers: tuple[int, ...]) -> list[str]
 
 def support_numbers(campaign: Campaign, leg: LegResult) -> tuple[int, ...]:
     """The support, counted from 0, in the order of the campaign."""
-    chosen = set(leg.support)
+    chosen = set(leg.support.ids)
     return tuple(k for k, name in enumerate(campaign.measurement_ids) if name in chosen)
 
 
@@ -224,5 +224,5 @@ def _row(position: Floats, turn: Floats, x: Floats) -> Floats:
 
 def forcing_numbers(campaign: Campaign, result: Result) -> tuple[int, ...]:
     """The measurements, from 0, of the small supports of all legs: they force eps."""
-    small = [support_numbers(campaign, leg) for leg in result.legs if len(leg.support) <= FEW]
+    small = [support_numbers(campaign, leg) for leg in result.legs if len(leg.support.ids) <= FEW]
     return tuple(sorted({k for numbers in small for k in numbers}))

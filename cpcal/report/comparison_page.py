@@ -271,7 +271,7 @@ class CampaignRow:
 
     @property
     def seconds(self) -> float:
-        return sum(leg.seconds for leg in self.result.legs)
+        return sum(leg.work.seconds for leg in self.result.legs)
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ class CampaignsSummary:
 
 def row_of(name: str, result: Result) -> CampaignRow:
     """A result with at least one leg."""
-    return CampaignRow(name, result, max(result.legs, key=lambda leg: (leg.eps_lo, leg.eps_hi)))
+    return CampaignRow(name, result, max(result.legs, key=lambda leg: (leg.bracket.lo, leg.bracket.hi)))
 
 
 def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> CampaignsSummary:
@@ -292,7 +292,7 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
 
     Raises InputError.
     """
-    ordered = sorted(rows, key=lambda row: (-row.worst.eps_lo, row.name))
+    ordered = sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
     write_file(folder / SUMMARY_TABLE, summary_table(ordered))
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
     table = Table(head, tuple(map(_cells, ordered)), ("names word", "names word", "word"), "cards")
@@ -345,7 +345,7 @@ def _judged(row: CampaignRow) -> tuple[str, str]:
 
 
 def _eps(leg: LegResult) -> str:
-    lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)
+    lo, hi = bracket_text(leg.bracket.lo, leg.bracket.hi)
     return f"{lo} to {hi}"
 
 
@@ -355,10 +355,10 @@ def summary_table(rows: Sequence[CampaignRow]) -> str:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(_HEADER)
     for row in rows:
-        for leg in sorted(row.result.legs, key=lambda leg: (-leg.eps_lo, leg.leg)):
+        for leg in sorted(row.result.legs, key=lambda leg: (-leg.bracket.lo, leg.leg)):
             word = verdict_of(row.result, leg).word
-            bounds = (repr(leg.eps_lo), repr(leg.eps_hi))
+            bounds = (repr(leg.bracket.lo), repr(leg.bracket.hi))
             table.writerow(
-                (guarded(row.name), leg.leg, word, *bounds, leg.certified, leg.nodes, nearest(leg.seconds, 3))
+                (guarded(row.name), leg.leg, word, *bounds, leg.certified, leg.work.nodes, nearest(leg.work.seconds, 3))
             )
     return text.getvalue()

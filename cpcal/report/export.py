@@ -53,7 +53,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> dict[str, Any]:
     nominal = np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra)))
     fit = fitted(campaign, result, leg, model_of(result)).x
-    certified = None if leg.point is None or not leg.certified else np.array(leg.point)
+    certified = None if leg.bracket.point is None or not leg.certified else np.array(leg.bracket.point)
     ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
     box = None if ranges is None else (ranges.box.lo, ranges.box.hi)
     if frames is not None:
@@ -68,13 +68,13 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
         }
         for k, name in enumerate(result.parameters)
     }
-    files = [leg.certificate, None if ranges is None else ranges.certificate]
+    files = [leg.bracket.certificate, None if ranges is None else ranges.certificate]
     return _known(
         leg=leg.leg,
         verdict=verdict_of(result, leg).word if leg.certified else NOT_CERTIFIED,
         not_certified=str(leg.not_certified) or None,
-        eps_lo=leg.eps_lo if leg.certified and math.isfinite(leg.eps_lo) else None,
-        eps_hi=leg.eps_hi if leg.certified and math.isfinite(leg.eps_hi) else None,
+        eps_lo=leg.bracket.lo if leg.certified and math.isfinite(leg.bracket.lo) else None,
+        eps_hi=leg.bracket.hi if leg.certified and math.isfinite(leg.bracket.hi) else None,
         range_eps=None if ranges is None else ranges.eps,
         certificates=[name for name in files if name is not None],
         parameters=parameters,

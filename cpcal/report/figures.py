@@ -343,7 +343,7 @@ def errors_svg(result: Result, least_squares: Sequence[float | None] = ()) -> Sv
     `least_squares`: of each leg, in mm, None where it is not known.
     """
     asked = result.options.tolerance
-    known = [v for leg in result.legs for v in (leg.eps_lo, leg.eps_hi)]
+    known = [v for leg in result.legs for v in (leg.bracket.lo, leg.bracket.hi)]
     known += [v for v in (*least_squares, asked, result.options.eps) if v is not None]
     most = 1.06 * max((v for v in known if math.isfinite(v)), default=0.0) or 1.0
     count = len(result.legs)
@@ -364,15 +364,15 @@ def errors_svg(result: Result, least_squares: Sequence[float | None] = ()) -> Sv
 
 
 def _bracket(axes: Axes, row: int, leg: LegResult, colour: str, most: float) -> None:
-    if math.isinf(leg.eps_lo):
+    if math.isinf(leg.bracket.lo):
         axes.area(_row(0.0, most, row, 0.22), GRID)
         return
-    axes.area(_row(0.0, leg.eps_lo, row, 0.22), GRID)
-    if leg.point is None or not math.isfinite(leg.eps_hi):
-        axes.marks([(leg.eps_lo, row)], ">", colour, 9.0)
+    axes.area(_row(0.0, leg.bracket.lo, row, 0.22), GRID)
+    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
+        axes.marks([(leg.bracket.lo, row)], ">", colour, 9.0)
         return
-    width = max(leg.eps_hi - leg.eps_lo, 0.012 * most)  # the narrowest is still seen
-    axes.area(_row(leg.eps_lo, leg.eps_lo + width, row, 0.36), colour)
+    width = max(leg.bracket.hi - leg.bracket.lo, 0.012 * most)  # the narrowest is still seen
+    axes.area(_row(leg.bracket.lo, leg.bracket.lo + width, row, 0.36), colour)
 
 
 def _row(lo: float, hi: float, row: int, half: float) -> list[tuple[float, float]]:

@@ -56,6 +56,7 @@ from cpcal.report.words import (
 from cpcal.robot import Campaign, rotation_matrix
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.accounts import TimeoutAnswer, Trial
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
@@ -105,6 +106,14 @@ def render(
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise InputError([Problem("result", what, remedy)])
+    if result.options.outliers:
+        return page_text(
+            f"Certified calibration: {campaign.robot.name}",
+            "cpcal: certified calibration, some measurements may be wrong",
+            campaign.robot.name,
+            [outliers_section(result), *_about(campaign, result)],
+            notices=[notices(result, campaign.legs) or ""],
+        )
     known, lacking = _known(result, model)
     fits = [None if known is None else fitted(campaign, result, leg, known) for leg in result.legs]
     proof = None if run is None else embedded(Path(run), result, study=study is not None)
@@ -226,17 +235,37 @@ def bounds_table(result: Result) -> Table:
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if eps is None else ("eps asked [mm]",)
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
-        lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)
+        lo, hi = bracket_text(leg.bracket.lo, leg.bracket.hi)
         between: tuple[Words, ...] = (
-            claim(lo, "eps_lo", leg=leg.leg, value=leg.eps_lo.hex()),
-            claim(hi, "eps_hi", leg=leg.leg, value=leg.eps_hi.hex()),
-            gap_text(leg.eps_lo, leg.eps_hi),
+            claim(lo, "eps_lo", leg=leg.leg, value=leg.bracket.lo.hex()),
+            claim(hi, "eps_hi", leg=leg.leg, value=leg.bracket.hi.hex()),
+            gap_text(leg.bracket.lo, leg.bracket.hi),
         )
-        work = ("yes" if leg.certified else "no", str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}")
+        work = (
+            "yes" if leg.certified else "no",
+            str(len(leg.support.ids)),
+            f"{leg.work.nodes:,}",
+            f"{leg.work.programs:,}",
+        )
         cells = between if eps is None else (stated(eps),)
-        rows.append((str(leg.leg), badge(result, leg), *cells, *work, nearest(leg.seconds, 2)))
+        rows.append((str(leg.leg), badge(result, leg), *cells, *work, nearest(leg.work.seconds, 2)))
     head = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
     return Table(head, tuple(rows), ("", "word"))
+
+
+def outliers_section(result: Result) -> Section:
+    """The brackets when some measurements may be wrong, nobody knows which."""
+    rows = []
+    for leg in result.legs:
+        of, left_out = leg.bracket, ", ".join(leg.bracket.left_out) or "none"
+        closed = "closed" if of.verdict is Verdict.PROVED else "open: the search stopped at a limit"
+        rows.append((str(leg.leg), *bracket_text(of.lo, of.hi), closed, left_out, str(len(of.proofs))))
+    said = (
+        f"Whichever {result.options.outliers} measurements of a leg are wrong, no parameters in the box explain the "
+        "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved."
+    )
+    head = ("leg", "eps_lo [mm]", "eps_hi [mm]", "gap", "left out", "proofs")
+    return Section(sentences=[said], tables=[Table(head, tuple(rows), ("", "", "", "word", "word"))], name="answer")
 
 
 def _bounds(result: Result) -> Iterator[Section]:
@@ -280,7 +309,10 @@ def _bounds(result: Result) -> Iterator[Section]:
 
 def _about(campaign: Campaign, result: Result) -> Iterator[Section]:
     yield Section("What was assumed", data=dict(assumptions(campaign, result)), name="assumed")
-    options, certificates = result.options, [leg.certificate for leg in result.legs if leg.certificate is not None]
+    options, certificates = (
+        result.options,
+        [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None],
+    )
     checking: Words = (
         Mark("cpcal verify RUN --campaign CAMPAIGN", "command"),
         Mark(
@@ -340,7 +372,9 @@ def leg_section(
     drawn = None if model is None else residuals_drawing(campaign, leg, model, fit)
     if drawn is None:
         why = (
-            f"The residuals of the proved point are not drawn: {lacking}." if lacking and leg.point is not None else ""
+            f"The residuals of the proved point are not drawn: {lacking}."
+            if lacking and leg.bracket.point is not None
+            else ""
         )
         sentences.append(why or "There is no proved point whose residuals could be drawn.")
     return Section(
@@ -362,7 +396,9 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
     at: list[Words] = []
     if leg.ranges is not None:
         eps = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg=leg.leg, value=leg.ranges.eps.hex())
-        times = f", {about(leg.ranges.eps / leg.eps_hi)} times eps_hi" if 0.0 < leg.eps_hi < leg.ranges.eps else ""
+        times = (
+            f", {about(leg.ranges.eps / leg.bracket.hi)} times eps_hi" if 0.0 < leg.bracket.hi < leg.ranges.eps else ""
+        )
         name = leg.ranges.certificate
         proof = (
             "Proved in outward-rounded arithmetic; no certificate holds it."
@@ -375,11 +411,11 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
             eps,
             f" mm{times}: so well do the measurements determine the parameter. {proof}",
         )
-    elif leg.enclosure.is_empty:
+    elif leg.bracket.enclosure.is_empty:
         said = "No parameters in the box satisfy the equations, so there is nothing to enclose."
     else:
         said = "No ranges were computed, for no tolerance is known to be reached."
-    digits = " All digits are in result.json; cpcal export writes them." if leg.point is not None else ""
+    digits = " All digits are in result.json; cpcal export writes them." if leg.bracket.point is not None else ""
     return Section(
         (f"Parameters [mm{other}]", *at),
         tables=[parameters_table(campaign, result, leg, fit)],
@@ -409,9 +445,11 @@ def _label(result: Result, name: str) -> str:
 
 
 def _point(leg: LegResult, name: str, k: int, decimals: int) -> Words:
-    if leg.point is None:
+    if leg.bracket.point is None:
         return "—"
-    return claim(nearest(leg.point[k], decimals), "point", leg=leg.leg, parameter=name, value=leg.point[k].hex())
+    return claim(
+        nearest(leg.bracket.point[k], decimals), "point", leg=leg.leg, parameter=name, value=leg.bracket.point[k].hex()
+    )
 
 
 def _claimed_sides(leg: LegResult, of: str, box: Box, k: int, decimals: int) -> tuple[Words, ...]:
@@ -434,7 +472,7 @@ def eps_text(result: Result, eps: float) -> str:
 
 def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
     """The ranges, or where there are none the enclosure, against nominal values and fit."""
-    box, what = (leg.enclosure, "enclosure") if leg.ranges is None else (leg.ranges.box, "range")
+    box, what = (leg.bracket.enclosure, "enclosure") if leg.ranges is None else (leg.ranges.box, "range")
     at_fit = None if fit is None else fit.x[:7]
     data = Enclosure(PARAMETERS, campaign.robot.parameters[leg.leg - 1], box.lo[:7], box.hi[:7], at_fit)
     svg = enclosure_svg(data, label=f"Leg {leg.leg}: {what} of each parameter, relative to its nominal value")
@@ -450,12 +488,12 @@ def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = 
 
 def _enclosed(result: Result, leg: LegResult, frames: DrawingFrames | None) -> Iterator[Section]:
     """Further tables: the enclosure at eps_hi, and the ranges in the drawing's frames."""
-    if not leg.enclosure.is_empty:
+    if not leg.bracket.enclosure.is_empty:
         asked = result.options.eps
         rows = []
         for k, name in enumerate(result.parameters):
             decimals = 2 + _DECIMALS.get(result.model.unit(name), _MORE)
-            sides = _claimed_sides(leg, "enclosure", leg.enclosure, k, decimals)
+            sides = _claimed_sides(leg, "enclosure", leg.bracket.enclosure, k, decimals)
             rows.append((_label(result, name), _point(leg, name, k, decimals), *sides))
         at = "eps_hi" if asked is None else f"{stated(asked)} mm"
         where = at if asked is None else f"eps = {at}"
@@ -466,8 +504,8 @@ def _enclosed(result: Result, leg: LegResult, frames: DrawingFrames | None) -> I
         )
         table = Table(("parameter", "proved point", "at least", "at most", "width"), tuple(rows))
         yield Section(title, tables=[table], notes=[note], folded=True)
-    if frames is not None and leg.point is not None and leg.ranges is not None:
-        point, moved_ends = frames.point(np.array(leg.point)), frames.box(leg.ranges.box.lo, leg.ranges.box.hi)
+    if frames is not None and leg.bracket.point is not None and leg.ranges is not None:
+        point, moved_ends = frames.point(np.array(leg.bracket.point)), frames.box(leg.ranges.box.lo, leg.ranges.box.hi)
         box, decimals = Box(leg.ranges.box.names, *moved_ends), _DECIMALS["mm"]
         cells = [
             (name, nearest(float(point[k]), decimals), *_sides(box, k, decimals)) for k, name in enumerate(box.names)
@@ -481,10 +519,10 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[Sect
     """Parameters two at a time, calls of the solver, contractors, support."""
     if leg.projections is not None:
         yield Section("Two parameters at a time", figures=[_pairs(campaign, result, leg)])
-    if leg.trials:
+    if leg.work.trials:
         head = ("eps asked [mm]", "delay [s]", "answer", "eps_lo then", "eps_hi then", "nodes")
-        table = Table(head, tuple(_trial(leg, trial) for trial in leg.trials), ("", "", "word"))
-        yield Section(f"Calls of the solver: {len(leg.trials)}", tables=[table], folded=True)
+        table = Table(head, tuple(_trial(leg, trial) for trial in leg.work.trials), ("", "", "word"))
+        yield Section(f"Calls of the solver: {len(leg.work.trials)}", tables=[table], folded=True)
     used = contractors_sentences(leg)
     if used:
         yield Section("Contractors: how often each ran, and the steps it made", items=used, folded=True)
@@ -500,8 +538,8 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[Sect
 
 def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
     """A call of the solver; its bounds have the digits of the leg's own, which end the table."""
-    asked, lo = (bracket_text(value, leg.eps_hi)[0] for value in (trial.eps, trial.lo))
-    hi = bracket_text(leg.eps_lo, trial.hi)[1]
+    asked, lo = (bracket_text(value, leg.bracket.hi)[0] for value in (trial.eps, trial.lo))
+    hi = bracket_text(leg.bracket.lo, trial.hi)[1]
     unchecked = trial.answer is TimeoutAnswer.INFEASIBLE and not trial.checked
     answer = "infeasible, unchecked" if unchecked else trial.answer.value
     return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
@@ -510,8 +548,8 @@ def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
 def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
     assert leg.projections is not None
     eps, box = leg.projections.eps, leg.projections.box
-    point = None if leg.point is None else np.array(leg.point[:7])
-    fit = np.array(leg.center[:7]) if result.options.center == "fit" else None
+    point = None if leg.bracket.point is None else np.array(leg.bracket.point[:7])
+    fit = np.array(leg.bracket.center[:7]) if result.options.center == "fit" else None
     nominal, start = campaign.robot.parameters[leg.leg - 1], box.mid[:7] if point is None else point
     panels, figures = [], []
     for pair in leg.projections.pairs:
@@ -525,7 +563,11 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
     legend += [(key("dot"), "proved point")] if point is not None else []
     legend += [(key("cross"), "least-squares fit")] if any(in_view(panel, panel.fit) for panel in panels) else []
     legend += [(key("square"), "nominal value")] if any(in_view(panel, panel.nominal) for panel in panels) else []
-    times = f": {about(eps / leg.eps_hi)} times eps_hi" if result.options.eps is None and 0.0 < leg.eps_hi < eps else ""
+    times = (
+        f": {about(eps / leg.bracket.hi)} times eps_hi"
+        if result.options.eps is None and 0.0 < leg.bracket.hi < eps
+        else ""
+    )
     caption = (
         "Solutions are here all parameters in the box that satisfy the equations to within "
         f"eps = {eps_text(result, eps)} mm, for some readings{times}. "
@@ -538,14 +580,14 @@ def residuals_drawing(
     campaign: Campaign, leg: LegResult, model: LegModel = PLAIN, fit: Fitted | None = None
 ) -> Drawing | None:
     """The residuals of the proved point over the measurements, beside those of the fit; None without such a point."""
-    if leg.point is None or not math.isfinite(leg.eps_hi):
+    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
         return None
-    residual = model_residuals(campaign, leg.leg, leg.point, model)
-    room = reading_sensitivity(campaign, leg.leg, leg.point, model)
-    support, count, small = np.zeros(len(campaign), dtype=bool), len(campaign), len(leg.support) <= FEW
+    residual = model_residuals(campaign, leg.leg, leg.bracket.point, model)
+    room = reading_sensitivity(campaign, leg.leg, leg.bracket.point, model)
+    support, count, small = np.zeros(len(campaign), dtype=bool), len(campaign), len(leg.support.ids) <= FEW
     support[list(support_numbers(campaign, leg))] = small
     names = measurement_names(campaign, tuple(range(count)))
-    data = Residuals(residual, room, support, leg.eps_hi, None if fit is None else fit.residuals, names)
+    data = Residuals(residual, room, support, leg.bracket.hi, None if fit is None else fit.residuals, names)
     many, label = count > MOST_POINTS, "residuals of the proved point over the measurements, and the band of eps_hi"
     legend: list[tuple[Markup, Words]] = [
         (key("mass"), "residuals, smallest to largest of neighbours, of the proved point")
@@ -555,11 +597,11 @@ def residuals_drawing(
         legend.append((key("warmline" if many else "cross"), f"of least squares, {about(fit.largest)} mm at most"))
     if room.any():
         legend.append((key("room"), f"sensitivity to the reading set{'s' * many}"))
-    band = claim(bracket_text(leg.eps_hi, leg.eps_hi)[1], "eps_hi", leg=leg.leg, value=leg.eps_hi.hex())
+    band = claim(bracket_text(leg.bracket.hi, leg.bracket.hi)[1], "eps_hi", leg=leg.leg, value=leg.bracket.hi.hex())
     legend.append((key("band"), ("±eps_hi = ±", band, " mm")))
     if support.any():
         legend.append((key("support"), "support: these measurements were found to be enough"))
-    beyond, said = int(np.sum(np.abs(residual) > leg.eps_hi)), ""
+    beyond, said = int(np.sum(np.abs(residual) > leg.bracket.hi)), ""
     if not room.any():
         said = (
             "The readings are taken as exact, so all residuals of the proved point lie in the band, up to the "
@@ -573,7 +615,8 @@ def residuals_drawing(
         )
     if not small:
         said += (
-            f" The bound rests on {len(leg.support):,} measurements together: no few of them were found to be enough."
+            f" The bound rests on {len(leg.support.ids):,} measurements together: "
+            "no few of them were found to be enough."
         )
     return Drawing((residual_svg(data, label=f"Leg {leg.leg}: {label}"),), tuple(legend), said.strip())
 
@@ -671,7 +714,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     """
     certificates = []
     for leg in result.legs:
-        named = {"bracket": leg.certificate, "ranges": None if leg.ranges is None else leg.ranges.certificate}
+        named = {"bracket": leg.bracket.certificate, "ranges": None if leg.ranges is None else leg.ranges.certificate}
         for kind, name in named.items():
             if name is not None and (run / name).is_file():
                 content = _deflated((run / name).read_bytes())

@@ -579,8 +579,8 @@ def _table7(found: StudyFound) -> Table:
     """Both methods' brackets, lower ends rounded down and upper ends up, beside the paper's; a column a leg, mm."""
     legs = [leg.leg for leg in found.result.legs]
     timed = {leg.leg: leg for leg in found.timeout.legs}
-    bounds = [bracket_text(leg.eps_lo, leg.eps_hi) for leg in found.result.legs]
-    tried = [bracket_text(timed[leg].eps_lo, timed[leg].eps_hi) if leg in timed else ("—", "—") for leg in legs]
+    bounds = [bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in found.result.legs]
+    tried = [bracket_text(timed[leg].bracket.lo, timed[leg].bracket.hi) if leg in timed else ("—", "—") for leg in legs]
     rows = [
         ("bound: none below", *(lo for lo, _ in bounds)),
         ("bound: attained", *(hi for _, hi in bounds)),
@@ -612,9 +612,9 @@ def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:
 
 def _exact_sentence(result: Result) -> str:
     """The paper's second question: has any x in the box no model error at all?"""
-    none = [str(leg.leg) for leg in result.legs if leg.eps_lo > 0.0]
+    none = [str(leg.leg) for leg in result.legs if leg.bracket.lo > 0.0]
     some = [str(leg.leg) for leg in result.legs if leg.not_refuted]
-    rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.eps_lo <= 0.0]
+    rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.bracket.lo <= 0.0]
     said, delta = [], stated(result.options.delta)
     if none:
         said.append(f"proved: no parameters within ±{delta} mm satisfy all equations exactly (leg {', '.join(none)})")

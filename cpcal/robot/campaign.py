@@ -226,23 +226,49 @@ QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
-def shape_problems(campaign: Campaign) -> Iterator[Problem]:
-    """What is wrong with the sizes and the texts."""
-    count, legs = len(campaign.pose), campaign.robot.legs
+def table_problems(
+    where: str,
+    row: str,
+    names: Mapping[str, Sequence[str]],
+    arrays: Mapping[str, tuple[Floats, int]],
+    widths: Mapping[str, tuple[Floats, int]],
+) -> Iterator[Problem]:
+    """What is wrong with a table of measurements, where it is called `where` and a row `row`: columns of names, which
+    together are unique; arrays with so many columns, "quaternion" among them; and such that hold no negative number.
+    Sizes first: only where they are right are the values looked at."""
+    count, every = len(names["pose"]), {**arrays, **widths}
     remedy = f"give one row for each of the {count} measurements"
-    if count == 0:
-        yield Problem("campaign", "holds no measurements", "give at least one")
-    if len(campaign.run) != count:
-        yield Problem("campaign run", f"has {len(campaign.run)} names", remedy)
-    for name, width in zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True):
-        shape = getattr(campaign, name).shape
-        if shape != (count, width):
-            yield Problem(f"campaign {name}", f"has the shape {shape}, not {(count, width)}", remedy)
-    stated = campaign.uncertainty
-    if stated is not None and stated.length.shape != (legs,):
-        what = f"has {len(stated.length)} numbers for {legs} legs"
-        yield Problem("campaign uncertainty.length", what, "give one for each leg")
-    yield from provenance_problems("campaign", campaign.provenance)
+    wrong = [] if count else [Problem(where, "holds no measurements", "give at least one")]
+    for kind, some in names.items():
+        if len(some) != count:
+            wrong.append(Problem(f"{where} {kind}", f"has {len(some)} names", remedy))
+    for name, (array, width) in every.items():
+        if array.shape != (count, width):
+            what = f"has the shape {array.shape}, not {(count, width)}"
+            wrong.append(Problem(f"{where} {name}", what, remedy))
+    yield from wrong
+    if wrong:
+        return
+    for kind, some in names.items():
+        for bad in sorted({shown(name) for name in set(some) if not is_identifier(name)}):
+            yield Problem(f"{where} {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
+    keys = ["/".join(map(str, key)) for key in zip(*names.values(), strict=True)]
+    for key, times in Counter(keys).items() if len(set(keys)) < count else ():
+        if times > 1:
+            kinds = " and ".join([", ".join([*names][:-1]), [*names][-1]])
+            yield Problem(f"{row} {key}", f"is given {times} times", f"give each {kinds} once")
+    for name, (array, _) in every.items():
+        allowed = sizes(array) if name in widths else good_numbers(array)
+        what = f"is {'negative, ' * (name in widths)}NaN, infinite or above {LARGEST:g}"
+        for k in np.flatnonzero(~allowed.all(axis=1)):
+            yield Problem(f"{row} {keys[k]}", f"its {name} {what}", "correct it, or leave it out")
+    quaternion = arrays["quaternion"][0]
+    with np.errstate(all="ignore"):  # what is not finite was named above
+        far = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 0.5 * QUATERNION_TOLERANCE
+    for k in np.flatnonzero(far):
+        norm = math.hypot(*quaternion[k].tolist())
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            yield Problem(f"{row} {keys[k]}", *quaternion_problem(norm))
 
 
 def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
@@ -252,30 +278,6 @@ def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[P
             yield Problem(f"{where} provenance", f"{shown(key)} cannot be a name", NAME_REMEDY)
         if not is_text(text):
             yield Problem(f"{where} provenance {shown(key)}", f"is {shown(text)}", TEXT_REMEDY)
-
-
-def value_problems(campaign: Campaign) -> Iterator[Problem]:
-    """What is wrong with the values, measurement by measurement."""
-    for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
-        for bad in sorted({shown(name) for name in set(names) if not is_identifier(name)}):
-            yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
-    keys = list(zip(campaign.pose, campaign.run, strict=True))
-    if len(set(keys)) < len(keys):
-        for key, times in Counter(keys).items():
-            if times > 1:
-                yield Problem(f"measurement {'/'.join(key)}", f"is given {times} times", "give each pose and run once")
-    for name in ARRAYS:
-        array: Floats = getattr(campaign, name)
-        allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
-        what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
-        for row in np.flatnonzero(~allowed.all(axis=1)):
-            yield Problem(f"measurement {'/'.join(keys[row])}", f"its {name} {what}", "correct it, or leave it out")
-    with np.errstate(all="ignore"):  # what is not finite was named above
-        far = np.abs(np.linalg.norm(campaign.quaternion, axis=1) - 1.0) > 0.5 * QUATERNION_TOLERANCE
-    for row in np.flatnonzero(far):
-        norm = math.hypot(*campaign.quaternion[row].tolist())
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            yield Problem(f"measurement {'/'.join(keys[row])}", *quaternion_problem(norm))
 
 
 def quaternion_problem(norm: float) -> tuple[str, str]:
@@ -331,12 +333,18 @@ class Campaign(Value):
         object.__setattr__(self, "pose", tuple(self.pose))
         object.__setattr__(self, "run", tuple(self.run))
         object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        legs, stated = self.robot.legs, self.uncertainty
+        columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
+        every = [(name, (getattr(self, name), width)) for name, width in columns]
+        arrays, widths = dict(every[:3]), dict(every[3:])
         problems = Problems()
-        for problem in shape_problems(self):
+        if stated is not None and stated.length.shape != (legs,):
+            what = f"has {len(stated.length)} numbers for {legs} legs"
+            problems.add(Problem("campaign uncertainty.length", what, "give one for each leg"))
+        for problem in provenance_problems("campaign", self.provenance):
             problems.add(problem)
-        if not problems:
-            for problem in value_problems(self):
-                problems.add(problem)
+        for problem in table_problems("campaign", "measurement", {"pose": self.pose, "run": self.run}, arrays, widths):
+            problems.add(problem)
         problems.raise_any()
 
     @classmethod

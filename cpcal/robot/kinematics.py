@@ -339,3 +339,34 @@ def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
     """P + R x for points (..., n, 3) mm: coordinates in the pose's own frame become those in its reference."""
     turned = np.einsum("...ij,...nj->...ni", pose.rotation, np.asarray(points, dtype=np.float64))
     return np.asarray(pose.position[..., None, :] + turned)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Two frames from pairs of poses: X and Z of `X B_i = A_i Z`.
+
+
+def world_hand_eye(a: Pose, b: Pose) -> tuple[Pose, Pose]:
+    """X and Z of `X B_i = A_i Z` for N poses each, by Shah's closed form (J. Mechanisms and Robotics 5(3), 2013).
+
+    R_X = R_A R_Z R_B^T, so with K = sum_i R_A kron R_B the vectors vec(R_X) and vec(R_Z) are its left and right
+    singular vectors of the largest singular value (N, without noise), up to factors that make them rotations.
+    """
+    kron = np.einsum("kij,kpq->ipjq", a.rotation, b.rotation).reshape(9, 9)
+    left, _, right = np.linalg.svd(kron)
+    x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
+    sign = np.sign(np.linalg.det(x))  # that of z is the same: K maps rotations to near-multiples of rotations
+    return with_translations(a, b, nearest_rotation(sign * x), nearest_rotation(sign * z))
+
+
+def with_translations(a: Pose, b: Pose, x: Floats, z: Floats) -> tuple[Pose, Pose]:
+    """Both motions, given their rotations (3, 3): t_X - R_A t_Z = t_A - R_X t_B by least squares."""
+    count = len(a.position)
+    matrix = np.concatenate([np.tile(np.eye(3), (count, 1)), -a.rotation.reshape(-1, 3)], axis=1)
+    found = np.linalg.lstsq(matrix, (a.position - b.position @ x.T).ravel(), rcond=None)[0]
+    return Pose(found[:3], quaternion_from_matrix(x)), Pose(found[3:], quaternion_from_matrix(z))
+
+
+def nearest_rotation(matrix: Floats) -> Floats:
+    """The rotation (3, 3) nearest to a matrix in the Frobenius norm."""
+    u, _, v = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Floats
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -30,12 +30,11 @@ from cpcal.robot.kinematics import (
     compose,
     forward_poses,
     inverse,
-    normalised,
     quaternion_conjugate,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
-    rotation_matrix,
     rotation_vector,
+    world_hand_eye,
 )
 from cpcal.robot.robot import Robot
 from cpcal.robot.units import LENGTHS, NAMES, TAIT_BRYAN, quaternion_from_euler
@@ -87,33 +86,10 @@ def other_frames(given: Given) -> Variants:
     if len(rows) < max(_LEAST, len(few.length) // 2):
         return
     part, seen = few.rows(rows), Pose(found.pose.position[rows], found.pose.quaternion[rows])
-    base, target = _frames(part.pose, seen)
-    moved = compose(compose(inverse(base), part.pose), inverse(target))
+    tracker, target = world_hand_eye(seen, part.pose)
+    moved = compose(compose(tracker, part.pose), inverse(target))
     name = "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame"
     yield f"{name}: `cpcal calibrate` finds both", part.posed(moved.position, moved.quaternion)
-
-
-def _frames(measured: Pose, seen: Pose) -> tuple[Pose, Pose]:
-    """X and Z with measured = X seen Z, by least squares: the axes of relative turns, then the positions."""
-    last, first = np.tril_indices(len(measured.position), -1)
-    a = rotation_vector(quaternion_from_matrix(_relative(measured, last, first)))
-    b = rotation_vector(quaternion_from_matrix(_relative(seen, last, first)))
-    u, _, v = np.linalg.svd(a.T @ b)
-    x = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    u, _, v = np.linalg.svd(np.einsum("kji,jl,klm->im", seen.rotation, x.T, measured.rotation))
-    z = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
-    left = np.concatenate(
-        [np.broadcast_to(np.eye(3), seen.rotation.shape), np.einsum("ij,kjl->kil", x, seen.rotation)], axis=2
-    )
-    right = measured.position - seen.position @ x.T
-    solution, *_ = np.linalg.lstsq(left.reshape(-1, 6), right.ravel(), rcond=None)
-    return Pose(solution[:3], quaternion_from_matrix(x)), Pose(solution[3:], normalised(quaternion_from_matrix(z)))
-
-
-def _relative(pose: Pose, last: Indices, first: Indices) -> Floats:
-    """R_i R_j' of pairs of rows."""
-    rotation = rotation_matrix(pose.quaternion)
-    return np.asarray(np.einsum("kij,klj->kil", rotation[last], rotation[first]))
 
 
 # ------------------------------------------------------------------------------------------------------------------

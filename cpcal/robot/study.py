@@ -7,19 +7,15 @@ private copies and read-only. cpcal.files has the files (docs/calibration.md).
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
-from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier
-from cpcal.common.values import Bools, Floats, Value, frozen_array, frozen_mapping
-from cpcal.robot.campaign import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.values import Floats, Value, frozen_array, frozen_mapping
+from cpcal.robot.campaign import provenance_problems, table_problems
 from cpcal.robot.kinematics import Pose, compose, inverse
-from cpcal.robot.robot import LARGEST, Mechanisms, Robot, good_numbers
+from cpcal.robot.robot import Mechanisms, Robot
 
 _ARRAYS = ("position", "quaternion", "length")
 
@@ -54,12 +50,13 @@ class PoseTable(Value):
         for name in ("pose", "run", "image"):
             names = getattr(self, name)
             object.__setattr__(self, name, None if names is None else tuple(names))
+        legs = self.length.shape[1] if self.length.ndim == 2 else 1
+        names = {name: some for name in ("pose", "run", "image") if (some := getattr(self, name)) is not None}
+        arrays = {name: (getattr(self, name), width) for name, width in zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True)}
+        deviations = {} if self.shared is None else {"shared deviation": (self.shared, 6)}
         problems = Problems()
-        for problem in _shape_problems(self):
+        for problem in table_problems("table", "row", names, arrays, deviations):
             problems.add(problem)
-        if not problems:
-            for problem in _value_problems(self):
-                problems.add(problem)
         problems.raise_any()
 
     @property
@@ -153,49 +150,3 @@ class Study(Value):
     def __repr__(self) -> str:
         rows = f"{len(self.calibration)} + {len(self.validation)} rows"
         return f"<Study of {self.robot.name!r}: {rows}, {self.robot.legs} legs>"
-
-
-def _shape_problems(table: PoseTable) -> Iterator[Problem]:
-    count = len(table.pose)
-    remedy = f"give one row for each of the {count} measurements"
-    if count == 0:
-        yield Problem("table", "holds no measurements", "give at least one")
-    for name in ("run", "image"):
-        names = getattr(table, name)
-        if names is not None and len(names) != count:
-            yield Problem(f"table {name}", f"has {len(names)} names", remedy)
-    legs = table.length.shape[1] if table.length.ndim == 2 else 1
-    for name, width in zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True):
-        shape = getattr(table, name).shape
-        if shape != (count, width):
-            yield Problem(f"table {name}", f"has the shape {shape}, not {(count, width)}", remedy)
-    if table.shared is not None and table.shared.shape != (count, 6):
-        yield Problem("table shared", f"has the shape {table.shared.shape}, not {(count, 6)}", remedy)
-
-
-def _value_problems(table: PoseTable) -> Iterator[Problem]:
-    nameless = False
-    for kind in ("pose", "run", "image"):
-        for bad in sorted({shown(name) for name in getattr(table, kind) or () if not is_identifier(name)}):
-            yield Problem(f"table {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
-            nameless = True
-    if nameless:
-        return  # what follows could not say which row it means
-    keys = table.row_ids
-    for key, times in Counter(keys).items():
-        if times > 1:
-            yield Problem(f"row {key}", f"is given {times} times", "give each pose, run and image once")
-    for name in _ARRAYS:
-        for row in np.flatnonzero(~good_numbers(getattr(table, name)).all(axis=1)):
-            what = f"its {name} is NaN, infinite or above {LARGEST:g}"
-            yield Problem(f"row {keys[row]}", what, "correct it, or leave it out")
-    for row in np.flatnonzero(~_deviations(table.shared).all(axis=1)) if table.shared is not None else ():
-        what = "its shared deviation is negative, NaN or infinite"
-        yield Problem(f"row {keys[row]}", what, "give standard deviations >= 0, mm and rad")
-    norms = np.sqrt(np.sum(table.quaternion**2, axis=1))
-    for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
-        yield Problem(f"row {keys[row]}", *quaternion_problem(float(norms[row])))
-
-
-def _deviations(values: Floats) -> Bools:
-    return good_numbers(values) & (values >= 0.0)

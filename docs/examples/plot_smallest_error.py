@@ -22,11 +22,11 @@ for leg in result.legs:
 # other parameters within 100 mm do better, because these measurements (the support) contradict each other below it.
 
 leg = result.legs[0]
-residual = residuals(campaign, leg.leg, leg.point)  # ||P + R b - a|| - (L + l)
-support = np.isin(campaign.measurement_ids, leg.support)
+residual = residuals(campaign, leg.leg, leg.bracket.point)  # ||P + R b - a|| - (L + l)
+support = np.isin(campaign.measurement_ids, leg.support.ids)
 
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
-axes.axhspan(-leg.eps_hi, leg.eps_hi, color="#e3ecf7", label="within eps_hi")
+axes.axhspan(-leg.bracket.hi, leg.bracket.hi, color="#e3ecf7", label="within eps_hi")
 axes.plot(np.flatnonzero(~support), residual[~support], "o", color="#2b6cb0", markersize=4, label="measurement")
 axes.plot(np.flatnonzero(support), residual[support], "o", color="#c53030", markersize=5, label="support")
 axes.set(xlabel="measurement", ylabel="residual [mm]", title="Leg 1: the proved point")

@@ -50,7 +50,7 @@ def certified(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Certifi
             folder = tmp_path_factory.mktemp("campaign")
             campaign = saved(folder, **options)
             result = cpcal.certify(campaign, certificates=folder / "run", **({"legs": [1]} | (ask or {})))
-            known[name] = Certified(folder, folder / "run" / str(result.legs[0].certificate), result)
+            known[name] = Certified(folder, folder / "run" / str(result.legs[0].bracket.certificate), result)
         return known[name]
 
     return make
@@ -60,13 +60,13 @@ def _leg_proof(folder: Path, name: str = "plain", **options: Any) -> Proof:
     """In a small box about the best point: bounds on eps and two other unknowns."""
     campaign, model = saved(folder, **options), leg_model(name)
     leg = cpcal.certify(campaign, legs=[1], delta=20.0, model=name).legs[0]
-    assert leg.point is not None
-    box = leg_box(np.asarray(leg.point), 1e-2)
-    extra = np.array(leg.point[7:])
+    assert leg.bracket.point is not None
+    box = leg_box(np.asarray(leg.bracket.point), 1e-2)
+    extra = np.array(leg.bracket.point[7:])
     small = 1e-4 * model.half_widths
     box = Box(model.parameters, np.append(box.lo, extra - small), np.append(box.hi, extra + small))
-    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.eps_hi), model=model)
-    return short(folder, leg_statement(campaign, 1, model=name), network, "eps", (*leg.point, leg.eps_hi))
+    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.bracket.hi), model=model)
+    return short(folder, leg_statement(campaign, 1, model=name), network, "eps", (*leg.bracket.point, leg.bracket.hi))
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker import Refused, check
+from cpcal.checker import Refused, check, check_run
 from cpcal.checker.files import Budget
-from cpcal.checker.robust_claim import check_robust, meeting
+from cpcal.checker.robust_claim import meeting
 from cpcal.files import load_campaign_json
 from cpcal.questions.outliers import certify_robust
-from cpcal.questions.robust_result import load_robust
 from cpcal.simulate import simulate
 
 
@@ -35,29 +34,28 @@ def copy(good, tmp_path):
 
 
 def changed(folder, change):
-    path = folder / "robust.json"
+    path = folder / "result.json"
     value = json.loads(path.read_text())
-    change(value, value["legs"][0])
+    change(value, value["legs"][0]["bracket"])
     path.write_text(json.dumps(value))
-    return check_robust(folder)
+    for certificate in folder.glob("*.cert.jsonl"):
+        if certificate.name not in path.read_text():  # what lies beside is refused as well
+            certificate.unlink()
+    return check_run(folder)
 
 
 def test_the_claim_as_written_is_accepted(good):
-    (leg,) = check_robust(good)
+    (leg,) = check_run(good)
     assert leg.refused is None
-    assert leg.lo > 0
-    assert len(leg.left_out) == 1
-
-
-def _set(**values):
-    return lambda value, leg: leg.update(values)
+    assert leg.robust.lo > 0
+    assert len(leg.robust.left_out) == 1
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda v, leg: leg.update(eps_lo=leg["eps_lo"] * 1.001), "eps_lo"),
-        (lambda v, leg: leg.update(eps_hi=leg["eps_hi"] * 0.999), "eps_hi"),
+        (lambda v, leg: leg.update(lo=leg["lo"] * 1.001), "eps_lo"),
+        (lambda v, leg: leg.update(hi=leg["hi"] * 0.999), "eps_hi"),
         (lambda v, leg: leg["proofs"].pop(), "could spoil all of its proofs"),
         (lambda v, leg: leg.update(proofs=[leg["proofs"][0]] * 1000), "names a proof twice"),
         (lambda v, leg: leg["point"].__setitem__(0, leg["point"][0] + 1e-9), "point"),
@@ -71,6 +69,10 @@ def _set(**values):
         (lambda v, leg: leg["proofs"].append("../leg1.point.cert.jsonl"), "names no certificate"),
         (lambda v, leg: leg.pop("point"), "lacks the key"),
         (lambda v, leg: leg.update(center=None), "wrong kind"),
+        (lambda v, leg: v["options"].update(eps=0.1), "another eps asked about"),
+        (lambda v, leg: v["options"].update(outliers=0), "another proofs"),
+        (lambda v, leg: leg.update(certificate=leg["point_certificate"]), "another certificate of all measurements"),
+        (lambda v, leg: leg.update(status="proved"), "states status without a proof"),
     ],
 )
 def test_whatever_says_more_is_refused(copy, change, said):
@@ -80,7 +82,7 @@ def test_whatever_says_more_is_refused(copy, change, said):
 
 
 def test_proofs_for_one_outlier_prove_nothing_for_two(copy):
-    (leg,) = changed(copy, lambda v, leg: (v.update(outliers=2), leg.update(outliers=2)))
+    (leg,) = changed(copy, lambda v, leg: v["options"].update(outliers=2))
     assert leg.refused == "states a bound, but so many wrong measurements could spoil all of its proofs"
 
 
@@ -89,24 +91,23 @@ def test_proofs_for_one_outlier_prove_nothing_for_two(copy):
     [
         (lambda v, leg: v["campaign"].update(sha256="0" * 64), "another campaign SHA-256"),
         (lambda v, leg: v["campaign"].update(measurements=15), "another number of measurements"),
-        (lambda v, leg: v.update(outliers=True), "another number of outliers"),
-        (lambda v, leg: v.update(outliers=0), "another number of outliers"),
-        (lambda v, leg: v["legs"].append(leg), "another list of legs"),
-        (lambda v, leg: v.update(format="cpcal-robust/1"), "another format"),
+        (lambda v, leg: v["options"].update(outliers=True), "another number of outliers"),
+        (lambda v, leg: v["options"].update(outliers=14), "another number of outliers"),
+        (lambda v, leg: v["legs"].append(v["legs"][0]), "another list of legs"),
+        (lambda v, leg: v.update(format="cpcal-result/6"), "another format"),
         (lambda v, leg: v["campaign"].update(robot="another"), "another name of the robot"),
         (lambda v, leg: v["options"].update(legs=[1, 2]), "another list of legs"),
-        (lambda v, leg: v["options"].update(eps=0.1), "another eps asked about"),
         (lambda v, leg: v["model"].update(name="pl\u0430in"), "ASCII identifier"),
-        (lambda v, leg: leg.update(leg=2), "another list of legs"),
+        (lambda v, leg: v["legs"][0].update(leg=2), "another list of legs"),
     ],
 )
 def test_a_claim_that_is_not_of_this_campaign_is_refused_as_a_whole(copy, change, said):
-    with pytest.raises(Refused, match=rf"robust\.json .*{said}"):
+    with pytest.raises(Refused, match=rf"result\.json .*{said}"):
         changed(copy, change)
 
 
 @pytest.mark.parametrize(
-    ("proof", "numbers"), [("proofs", {"eps_lo": 50.0}), ("point_certificate", {"eps_hi": 1e-9, "left_out": []})]
+    ("proof", "numbers"), [("proofs", {"lo": 50.0}), ("point_certificate", {"hi": 1e-9, "left_out": []})]
 )
 def test_a_number_without_its_proof_is_refused(copy, proof, numbers):
     for path in copy.glob("leg1.0*.cert.jsonl" if proof == "proofs" else "leg1.point.cert.jsonl"):
@@ -114,14 +115,14 @@ def test_a_number_without_its_proof_is_refused(copy, proof, numbers):
     (leg,) = changed(copy, lambda v, leg: leg.update({**numbers, proof: [] if proof == "proofs" else None}))
     assert f"states {next(iter(numbers))} without a proof" in leg.refused
     with pytest.raises(cpcal.InputError, match="without a proof"):
-        load_robust(copy)
+        cpcal.load_result(copy)
 
 
 def test_a_damaged_certificate_is_refused_with_its_line(copy):
     path = next(copy.glob("leg1.0*.cert.jsonl"))
     text = path.read_text()
     path.write_text(text[:-200])
-    (leg,) = check_robust(copy)
+    (leg,) = check_run(copy)
     assert leg.refused.startswith(f"line {text.count(chr(10))}: is not JSON of this format")
 
 
@@ -137,7 +138,7 @@ def test_measurements_that_share_a_name_are_refused_by_every_reader(copy, names,
     path.write_text(json.dumps(value))
     shared = "/".join(names[0])
     with pytest.raises(Refused, match=f"two measurements have the name '{shared}'") as caught:
-        check_robust(copy)
+        check_run(copy)
     assert (caught.value.code, caught.value.line) == ("campaign", 0)
     said = "is given 10 times" if len(names) > 2 else "'b/c' cannot be a name"
     with pytest.raises(cpcal.InputError, match=said):
@@ -174,7 +175,7 @@ def test_all_certificates_of_a_claim_have_one_budget(good):
     spent = []
 
     def refused(work):
-        (leg,) = check_robust(good, work=work)
+        (leg,) = check_run(good, work=work)
         spent.append(leg.refused)
         return leg.refused is not None
 

@@ -52,10 +52,10 @@ def test_it_goes_the_whole_way(demo):
 def test_the_model_is_refuted_and_both_methods_agree(demo):
     folder, outcome = demo
     leg, timed = cpcal.load_result(folder / "run").legs[0], cpcal.load_result(folder / "timeout").legs[0]
-    assert leg.verdict is cpcal.Verdict.PROVED
-    assert leg.eps_lo > 0.0
-    assert timed.eps_lo <= leg.eps_hi
-    assert leg.eps_lo <= timed.eps_hi
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
+    assert leg.bracket.lo > 0.0
+    assert timed.bracket.lo <= leg.bracket.hi
+    assert leg.bracket.lo <= timed.bracket.hi
     for _, verified in load_fits(folder / "fits").both:
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     for text in (
@@ -124,7 +124,7 @@ def test_a_forged_certificate_is_told(demo, tmp_path):
 
 @pytest.mark.parametrize(
     ("file", "old", "new"),
-    [("run/result.json", '"eps_hi": ', '"eps_hi": 1'), ("fits/fits.json", '"fails": ', '"fails": 1')],
+    [("run/result.json", '"hi": ', '"hi": 1'), ("fits/fits.json", '"fails": ', '"fails": 1')],
 )
 def test_no_page_is_made_of_a_study_that_was_touched(demo, tmp_path, file, old, new):
     copy = tmp_path / "demo"

@@ -90,7 +90,7 @@ def test_the_suffix_decides_what_is_written(folder, tmp_path):
 def test_it_holds_what_the_run_proves_with_frame_and_provenance(folder, data):
     result = cpcal.load_result(folder / "run")
     leg, (written,) = result.legs[0], data["legs"]
-    assert [p["certified"] for p in written["parameters"].values()] == list(leg.point)
+    assert [p["certified"] for p in written["parameters"].values()] == list(leg.bracket.point)
     assert [p["range_lo"] for p in written["parameters"].values()] == leg.ranges.box.lo.tolist()
     assert (written["range_eps"], written["verdict"], data["verdict"]) == (3.0, "pass", "pass")
     assert written["certificates"] == ["leg2.cert.jsonl", "ranges-leg2.cert.jsonl"]

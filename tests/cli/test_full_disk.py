@@ -59,7 +59,11 @@ def test_a_certificate_that_cannot_be_written_costs_no_answer(campaign, tmp_path
 
     monkeypatch.setattr(Recording, method, full)
     leg = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "full").legs[0]
-    assert (leg.eps_lo, leg.eps_hi, leg.point) == (whole.eps_lo, whole.eps_hi, whole.point)
+    assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
+        whole.bracket.lo,
+        whole.bracket.hi,
+        whole.bracket.point,
+    )
     assert leg.not_certified is Uncertified.UNWRITTEN
     assert not leg.certified
 

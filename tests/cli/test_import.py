@@ -50,7 +50,7 @@ def test_the_newcomer_gets_a_page_with_a_verdict_in_four_commands(tmp_path, log)
     assert [step.exit_code for step in steps] == [0, 0, 0, 0], [step.output for step in steps]
     page = (answers / "report.html").read_text(encoding="utf-8")
     assert "pass" in page
-    assert cpcal.load_result(answers).legs[0].eps_hi <= 0.5
+    assert cpcal.load_result(answers).legs[0].bracket.hi <= 0.5
 
 
 def test_the_newcomer_gets_a_page_with_a_verdict_in_six_lines_of_python(tmp_path, log):

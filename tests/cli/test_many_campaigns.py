@@ -66,7 +66,7 @@ def test_the_summary_is_sorted_by_the_worst_leg(done):
     assert list(worst.values()) == sorted(worst.values(), reverse=True)
     for row in rows(runs):
         leg = next(leg for leg in cpcal.load_result(runs / row["campaign"]).legs if leg.leg == int(row["leg"]))
-        assert (float(row["eps_lo_mm"]), float(row["eps_hi_mm"])) == (leg.eps_lo, leg.eps_hi)
+        assert (float(row["eps_lo_mm"]), float(row["eps_hi_mm"])) == (leg.bracket.lo, leg.bracket.hi)
     page = (runs / "summary.html").read_text(encoding="utf-8")
     assert [page.index(f">{name}</a>") for name in worst] == sorted(page.index(f">{name}</a>") for name in worst)
     assert said.index(next(iter(worst))) < said.index(list(worst)[-1])

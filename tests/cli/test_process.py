@@ -70,7 +70,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     assert data["information"]["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
     assert "REFUSED" not in CliRunner().invoke(app, ["verify", str(tmp_path)]).output
-    assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
+    assert [leg["bracket"]["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "campaign.json",
         "checkpoint",

@@ -34,11 +34,20 @@ def test_what_was_written_is_proved_again(folder):
     assert "leaving out r005/1" in done.output
 
 
+def test_the_page_names_what_is_left_out(folder):
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    done = CliRunner().invoke(app, ["report", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert (folder / "report.html").read_text(encoding="utf-8") == page
+    assert "r005/1" in page
+    assert "Whichever 1 measurements of a leg are wrong" in page
+
+
 def test_a_bound_that_says_more_is_refused(folder):
-    path = folder / "robust.json"
+    path = folder / "result.json"
     text = path.read_text()
     value = json.loads(text)
-    value["legs"][0]["eps_lo"] *= 1.01
+    value["legs"][0]["bracket"]["lo"] *= 1.01
     path.write_text(json.dumps(value))
     done = CliRunner().invoke(app, ["verify", str(folder)])
     path.write_text(text)

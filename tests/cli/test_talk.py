@@ -43,7 +43,13 @@ def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(c
 
 def test_verbose_shows_tables_with_their_frame_and_quiet_shows_nothing(campaign, tmp_path):
     loud = run("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").stdout
-    for piece in ("eps_lo [mm]", "b_z [mm]", "in the base frame of the campaign's poses", "there exists a reading"):
+    for piece in (
+        "eps_lo [mm]",
+        "Parameters [mm]",
+        "b_z",
+        "in the base frame of the campaign's poses",
+        "there exists a reading",
+    ):
         assert piece in " ".join(loud.split())
     silent = run("certify", campaign, "-o", tmp_path / "q", "--legs", "1", "-q")
     assert (silent.exit_code, silent.stdout, silent.stderr) == (0, "", "")

@@ -63,14 +63,31 @@ def leg(**changes: Any) -> Tamper:
     def change(data: dict[str, Any]) -> None:
         first = data["legs"][0]
         for name, value in changes.items():
-            first[name] = value(first[name]) if callable(value) else value
+            part, key = (first["bracket"], name.removeprefix("eps_")) if name in _OF_BRACKET else (first, name)
+            part[key] = value(part[key]) if callable(value) else value
 
     return stated(change)
 
 
+_OF_BRACKET = {"eps_lo", "eps_hi", "point", "center", "enclosure", "status", "certificate"}
+
+
 def told(**changes: Any) -> Tamper:
     """The same of the information on the first leg."""
-    return leg(information=lambda old: old | {k: v(old[k]) if callable(v) else v for k, v in changes.items()})
+
+    def change(data: dict[str, Any]) -> None:
+        first = data["legs"][0]
+        for name, value in changes.items():
+            part, key = first["information"], name
+            if name in _OF_BRACKET:
+                part, key = first["bracket"]["information"], name.removeprefix("eps_")
+            elif name == "support":
+                part, key = first["support"]["information"], "ids"
+            elif name == "floor":
+                part = first["information"]["work"]
+            part[key] = value(part[key]) if callable(value) else value
+
+    return stated(change)
 
 
 def text(name: str, change: Callable[[str], str]) -> Tamper:

@@ -122,7 +122,7 @@ def test_certify_writes_and_prints_the_answer(certified):
     ]
     result = cpcal.load_result(folder)
     leg = result.legs[0]
-    assert leg.verdict is cpcal.Verdict.PROVED
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
     text = squeezed(outcome.stdout)
     for piece in (
         "64 measurements",
@@ -151,7 +151,7 @@ def test_certify_replaces_an_earlier_run(campaign, tmp_path):
     assert run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1").exit_code == 0
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "leg2.cert.jsonl").exists()
-    assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.REFUTED
+    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
     assert "does not fit to within 0.1 mm" in outcome.stdout
     assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -160,7 +160,7 @@ def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9")
     assert outcome.exit_code == 1
     assert "undecided" in outcome.stdout
-    assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.UNKNOWN
+    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.UNKNOWN
 
 
 @pytest.mark.parametrize(

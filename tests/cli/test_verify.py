@@ -23,12 +23,14 @@ def run(tmp_path_factory):
 
 def test_a_fresh_run_is_proved(run):
     leg = cpcal.load_result(run).legs[0]
-    assert leg.certificate == "leg2.cert.jsonl"
+    assert leg.bracket.certificate == "leg2.cert.jsonl"
     done = CliRunner().invoke(app, ["verify", str(run)])
     assert done.exit_code == 0
     assert "PROVED" in done.output
     assert "REFUSED" not in done.output
-    one = CliRunner().invoke(app, ["verify", str(run / leg.certificate), "--campaign", str(run.parent / "campaign")])
+    one = CliRunner().invoke(
+        app, ["verify", str(run / leg.bracket.certificate), "--campaign", str(run.parent / "campaign")]
+    )
     assert one.exit_code == 0
 
 

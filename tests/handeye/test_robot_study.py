@@ -52,7 +52,8 @@ def test_joints_in_the_robots_frames_hold_the_true_ones(case, frames):
     for k, (a, b) in enumerate(zip(seen, carried, strict=True)):
         middle = np.concatenate([a, b, [0.0]])
         box = Box(("ax", "ay", "az", "bx", "by", "bz", "l"), middle - 0.01, middle + 0.01)
-        legs.append(SimpleNamespace(leg=k + 1, eps_lo=0.1, eps_hi=0.2, ranges=SimpleNamespace(eps=0.2, box=box)))
+        bracket, ranges = SimpleNamespace(lo=0.1, hi=0.2), SimpleNamespace(eps=0.2, box=box)
+        legs.append(SimpleNamespace(leg=k + 1, bracket=bracket, ranges=ranges))
     for leg, a, b in zip(
         legs_in_frames(SimpleNamespace(legs=legs), frames), truth.robot.base, truth.robot.mobile, strict=True
     ):

@@ -135,10 +135,10 @@ def test_extra_parameters_fixed_to_zero_reproduce_the_plain_model(exact, name):
     )
     ours = cpcal.certify(exact, legs=[1], model=name, half_widths=none).legs[0]
     theirs = cpcal.certify(exact, legs=[1]).legs[0]
-    assert ours.eps_lo <= theirs.eps_hi
-    assert theirs.eps_lo <= ours.eps_hi
-    assert ours.eps_hi - ours.eps_lo <= 2e-6 * ours.eps_hi
-    np.testing.assert_allclose(ours.point, np.append(theirs.point, np.zeros(len(none))), atol=1e-3)
+    assert ours.bracket.lo <= theirs.bracket.hi
+    assert theirs.bracket.lo <= ours.bracket.hi
+    assert ours.bracket.hi - ours.bracket.lo <= 2e-6 * ours.bracket.hi
+    np.testing.assert_allclose(ours.bracket.point, np.append(theirs.bracket.point, np.zeros(len(none))), atol=1e-3)
 
 
 def value(given, at):
@@ -229,14 +229,14 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     result = cpcal.certify(campaign, legs=[1], model=cubic, certificates=tmp_path)
     leg = result.legs[0]
     assert result.parameters[7:] == ("bend",)
-    assert leg.certificate == "leg1.cert.jsonl"
+    assert leg.bracket.certificate == "leg1.cert.jsonl"
     from cpcal.checker import check
 
-    accepted = check(tmp_path / leg.certificate)
-    assert float(accepted.claims.eps_lo) == leg.eps_lo
-    assert float(accepted.claims.eps_hi) == leg.eps_hi
+    accepted = check(tmp_path / leg.bracket.certificate)
+    assert float(accepted.claims.eps_lo) == leg.bracket.lo
+    assert float(accepted.claims.eps_hi) == leg.bracket.hi
     assert accepted.unknowns[-2:] == ("bend", "eps")
-    assert leg.eps_hi < cpcal.certify(campaign, legs=[1]).legs[0].eps_lo
+    assert leg.bracket.hi < cpcal.certify(campaign, legs=[1]).legs[0].bracket.lo
 
 
 def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
@@ -284,9 +284,9 @@ def test_the_table_model_of_a_campaign_comes_back_and_is_asked_for(exact, tmp_pa
     result = cpcal.certify(again, legs=[1])
     assert result.model.name == "gain"
     assert result.model.extra[0].half_width == 0.002
-    assert abs(result.legs[0].enclosure["s"].hi) <= 0.002
+    assert abs(result.legs[0].bracket.enclosure["s"].hi) <= 0.002
     assert cpcal.certify(again, legs=[1], model="plain").parameters == PLAIN.parameters
-    assert cpcal.certify(again, legs=[1], half_widths={"s": 0.0}).legs[0].point[7] == 0.0
+    assert cpcal.certify(again, legs=[1], half_widths={"s": 0.0}).legs[0].bracket.point[7] == 0.0
     # another model's half-widths are its own
     assert cpcal.certify(again, legs=[1], model="lateral").model.extra[0].half_width == 900.0
 

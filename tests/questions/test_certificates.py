@@ -46,14 +46,14 @@ def agrees(leg: cpcal.LegResult, found: Accepted) -> None:
     """The bracket, the point and the enclosure of the result, bit by bit."""
     claims = found.claims
     assert (found.leg, found.chosen) == (leg.leg, tuple(range(found.count)))
-    assert claims.eps_lo == F(leg.eps_lo)
-    assert claims.eps_hi == claims.cap == F(leg.eps_hi)
+    assert claims.eps_lo == F(leg.bracket.lo)
+    assert claims.eps_hi == claims.cap == F(leg.bracket.hi)
     assert claims.point is not None
-    assert leg.point is not None
-    assert claims.point.at == (*map(F, leg.point), F(leg.eps_hi))
+    assert leg.bracket.point is not None
+    assert claims.point.at == (*map(F, leg.bracket.point), F(leg.bracket.hi))
     assert claims.point.holds == found.chosen
     assert claims.enclosure is not None
-    for side, values in zip(claims.enclosure, (leg.enclosure.lo, leg.enclosure.hi), strict=True):
+    for side, values in zip(claims.enclosure, (leg.bracket.enclosure.lo, leg.bracket.enclosure.hi), strict=True):
         assert side[:7] == tuple(F(float(v)) for v in values)
     for a, b, c, d in zip(found.lo, *claims.enclosure, found.hi, strict=True):
         assert a <= b <= c <= d
@@ -62,15 +62,15 @@ def agrees(leg: cpcal.LegResult, found: Accepted) -> None:
 @pytest.mark.parametrize(("joint_error", "factor"), [(10.0, 0.0), (10.0, 3.0), (0.0, 3.0)])
 def test_the_certificate_says_what_the_result_says(asked: Asked, joint_error: float, factor: float) -> None:
     leg, run = asked(SMALL | {"joint_error": joint_error, "factor": factor})
-    assert leg.certificate == "leg1.cert.jsonl"
-    agrees(leg, accepted(run, leg.certificate))
-    assert leg.verdict is cpcal.Verdict.PROVED
-    assert (leg.eps_lo == 0.0) == (joint_error == 0.0)
+    assert leg.bracket.certificate == "leg1.cert.jsonl"
+    agrees(leg, accepted(run, leg.bracket.certificate))
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
+    assert (leg.bracket.lo == 0.0) == (joint_error == 0.0)
 
 
 def test_all_extremal_poses_in_a_large_box(asked: Asked) -> None:
     leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0)
-    found = accepted(run, leg.certificate)
+    found = accepted(run, leg.bracket.certificate)
     agrees(leg, found)
     assert found.count == 64
     assert found.claims.eps_lo is not None
@@ -79,8 +79,8 @@ def test_all_extremal_poses_in_a_large_box(asked: Asked) -> None:
 
 def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
     leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=0.1)
-    found = accepted(run, leg.certificate)
-    assert leg.verdict is cpcal.Verdict.REFUTED
+    found = accepted(run, leg.bracket.certificate)
+    assert leg.bracket.verdict is cpcal.Verdict.REFUTED
     assert found.claims.infeasible
     assert found.claims.cap == F(0.1) == found.lo[7] == found.hi[7]
     assert found.claims.point is None
@@ -89,21 +89,21 @@ def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
 
 def test_a_proved_tolerance_has_a_point(asked: Asked) -> None:
     leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=2.0)
-    claims = accepted(run, leg.certificate).claims
-    assert leg.verdict is cpcal.Verdict.PROVED
+    claims = accepted(run, leg.bracket.certificate).claims
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
     assert not claims.infeasible
     assert claims.point is not None
-    assert leg.point is not None
-    assert claims.point.at == (*map(F, leg.point), F(2))
+    assert leg.bracket.point is not None
+    assert claims.point.at == (*map(F, leg.bracket.point), F(2))
     assert claims.point.holds == tuple(range(16))
     assert claims.eps_lo is claims.eps_hi is None
 
 
 def test_what_was_proved_before_the_time_was_over(asked: Asked) -> None:
     leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.002)
-    assert leg.verdict is cpcal.Verdict.UNKNOWN
-    assert leg.eps_lo < leg.eps_hi
-    agrees(leg, accepted(run, leg.certificate))
+    assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
+    assert leg.bracket.lo < leg.bracket.hi
+    agrees(leg, accepted(run, leg.bracket.certificate))
 
 
 @pytest.mark.parametrize("factor", [0.0, 3.0])
@@ -111,16 +111,16 @@ def test_an_irreducible_support_proves_the_bound_alone(asked: Asked, factor: flo
     leg, run = asked(SMALL | {"joint_error": 10.0, "factor": factor}, support="irreducible")
     found = accepted(run, "leg1.support.cert.jsonl")
     ids = cpcal.load_campaign(run.parent / "campaign").measurement_ids
-    assert tuple(ids[k] for k in found.chosen) == leg.support
+    assert tuple(ids[k] for k in found.chosen) == leg.support.ids
     assert 1 <= len(found.chosen) < 16
     assert found.count == 16
     assert found.used <= set(found.chosen)
     claims = found.claims
     assert claims.eps_lo is not None
     # the bracket of the few is closed to the gap, and so is the leg's
-    assert F(leg.eps_lo) * (1 - F(3, 10**6)) <= claims.eps_lo <= F(leg.eps_hi) * (1 + F(1, 10**6))
+    assert F(leg.bracket.lo) * (1 - F(3, 10**6)) <= claims.eps_lo <= F(leg.bracket.hi) * (1 + F(1, 10**6))
     assert claims.eps_hi is claims.point is claims.enclosure is None
-    agrees(leg, accepted(run, leg.certificate))
+    agrees(leg, accepted(run, leg.bracket.certificate))
 
 
 def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
@@ -144,18 +144,18 @@ def test_one_pose_repeated_64_times(asked: Asked) -> None:
     """Rank deficient: nothing but the length of one arm is determined, and still what is claimed is proved."""
     few = {"seed": 3, "extremal": False, "random_poses": 1, "runs": 64, "factor": 0.0}
     leg, run = asked(few, delta=10.0, gap=1e-3, time_limit=2.0)
-    found = accepted(run, leg.certificate)
+    found = accepted(run, leg.bracket.certificate)
     agrees(leg, found)
     assert found.count == 64
 
 
 def test_contractors_without_weights_write_none(asked: Asked) -> None:
     leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, contractors=("hc4",), time_limit=0.2)
-    assert leg.certificate is None
+    assert leg.bracket.certificate is None
     assert not list(run.glob("*.cert.jsonl"))
 
 
 def test_certify_without_a_folder_names_none() -> None:
     leg = cpcal.certify(cpcal.simulate(**SMALL, joint_error=10.0, factor=0.0), legs=[1], delta=2.0).legs[0]
-    assert leg.certificate is None
-    assert np.isfinite(leg.eps_hi)
+    assert leg.bracket.certificate is None
+    assert np.isfinite(leg.bracket.hi)

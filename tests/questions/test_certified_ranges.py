@@ -9,6 +9,7 @@ import pytest
 import cpcal
 from cpcal.checker import Refused, check_run
 from cpcal.questions.ranges import MARGIN
+from tests.changed import leg_with
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +29,9 @@ def run(campaign, tmp_path_factory):
 
 def test_points_that_reach_the_tolerance_are_in_the_ranges_and_the_ranges_are_wider_than_the_enclosure(campaign, run):
     leg = run[1].legs[0]
-    assert leg.ranges.eps == MARGIN * leg.eps_hi
-    assert (leg.ranges.box.width > 10.0 * leg.enclosure.width).all()
-    point, rng = np.array(leg.point), np.random.default_rng(1)
+    assert leg.ranges.eps == MARGIN * leg.bracket.hi
+    assert (leg.ranges.box.width > 10.0 * leg.bracket.enclosure.width).all()
+    point, rng = np.array(leg.bracket.point), np.random.default_rng(1)
     inside = 0
     for _ in range(20):
         x = point + 1e-3 * leg.ranges.box.width * rng.standard_normal(7)
@@ -70,14 +71,14 @@ def test_ranges_without_a_certificate_are_nearly_as_wide(campaign, run):
     plain = cpcal.certify(campaign, legs=[2], eps=run[1].legs[0].ranges.eps)
     at = cpcal.with_ranges(campaign, plain).legs[0].ranges
     assert at.certificate is None
-    assert at.box == plain.legs[0].enclosure
+    assert at.box == plain.legs[0].bracket.enclosure
     # contraction ends with a pass that gains less than a twentieth, and numbers in a certificate are short
     np.testing.assert_allclose(at.box.width, run[1].legs[0].ranges.box.width, rtol=0.1)
 
 
 def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
     result = run[1]
-    lost = dataclasses.replace(result.legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
+    lost = leg_with(result.legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
     bare = dataclasses.replace(result, legs=(dataclasses.replace(lost, ranges=None),))
     assert cpcal.with_ranges(campaign, bare).legs[0].ranges is None
 

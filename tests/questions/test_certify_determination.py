@@ -69,7 +69,7 @@ def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass(poses):
     result = cpcal.certify(campaign, legs=[1], tolerance=400.0, support="none")
     leg = result.legs[0]
     assert leg.determination.tests_the_model
-    assert leg.enclosure["l"].width > 100.0
+    assert leg.bracket.enclosure["l"].width > 100.0
     verdict = verdict_of(result, leg)
     assert isinstance(verdict, Undetermined)
     assert "l" in verdict.names

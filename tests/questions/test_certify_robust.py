@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker import check
-from cpcal.checker.robust_claim import check_robust
+from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.questions import outliers as robust
 from cpcal.questions.outliers import certify_robust
-from cpcal.questions.robust_result import load_robust
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -32,14 +30,14 @@ def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_pa
     asked = campaign(18, wrong)
     found = certify_robust(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
     (leg,) = found.legs
-    assert leg.left_out == tuple(asked.measurement_ids[k] for k in wrong)
-    assert leg.complete
-    assert 0.0 < leg.eps_lo < leg.eps_hi < 0.05
-    assert load_robust(tmp_path) == found
-    (checked,) = check_robust(tmp_path)
+    assert leg.bracket.left_out == tuple(asked.measurement_ids[k] for k in wrong)
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
+    assert 0.0 < leg.bracket.lo < leg.bracket.hi < 0.05
+    assert cpcal.load_result(tmp_path) == found
+    (checked,) = check_run(tmp_path)
     assert checked.refused is None
-    assert float(checked.lo) == leg.eps_lo
-    assert float(checked.hi) == leg.eps_hi
+    assert float(checked.robust.lo) == leg.bracket.lo
+    assert float(checked.robust.hi) == leg.bracket.hi
 
 
 def asked_of(folder, **options):
@@ -54,20 +52,20 @@ def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
     usual = asked_of(tmp_path / "usual")
     monkeypatch.setattr(robust._Search, "guessed", lambda search, outliers: frozenset({0}))
     leg = asked_of(tmp_path / "other")
-    levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.proofs]
-    assert max(levels) > leg.eps_hi > leg.eps_lo == float(min(levels))
-    assert leg.eps_lo == pytest.approx(usual.eps_lo, rel=1e-4)
+    levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.bracket.proofs]
+    assert max(levels) > leg.bracket.hi > leg.bracket.lo == float(min(levels))
+    assert leg.bracket.lo == pytest.approx(usual.bracket.lo, rel=1e-4)
 
 
 def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path, monkeypatch):
     """Two searches at a second each, where three do not settle it."""
     monkeypatch.setattr(robust, "time", SimpleNamespace(monotonic=count(0.0).__next__))
     leg = asked_of(tmp_path, time_limit=2.5)
-    assert leg.searches == 3
-    assert (leg.eps_lo, leg.proofs, leg.complete) == (0.0, (), False)
-    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.point_certificate]
-    (checked,) = check_robust(tmp_path)
-    assert (checked.refused, checked.lo, float(checked.hi)) == (None, None, leg.eps_hi)
+    assert leg.work.nodes == 3
+    assert (leg.bracket.lo, leg.bracket.proofs, leg.bracket.verdict) == (0.0, (), cpcal.Verdict.UNKNOWN)
+    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.bracket.point_certificate]
+    (checked,) = check_run(tmp_path)
+    assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
 
 
 def test_the_bracket_is_that_of_the_best_choice_among_all():
@@ -81,18 +79,16 @@ def test_the_bracket_is_that_of_the_best_choice_among_all():
             asked.robot, asked.position[keep], asked.quaternion[keep], asked.length[keep], exact=True
         )
         (alone,) = cpcal.certify(part, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
-        best = min(best, alone.eps_hi)
-        assert leg.eps_lo <= alone.eps_hi * (1.0 + 1e-4)
-    assert leg.eps_hi == pytest.approx(best, rel=1e-3)
+        best = min(best, alone.bracket.hi)
+        assert leg.bracket.lo <= alone.bracket.hi * (1.0 + 1e-4)
+    assert leg.bracket.hi == pytest.approx(best, rel=1e-3)
 
 
-def test_without_wrong_measurements_it_is_the_plain_bracket():
+def test_without_wrong_measurements_it_is_no_larger_than_the_plain_bracket():
     asked = campaign(12, ())
-    (leg,) = certify_robust(asked, outliers=0, legs=(1,), delta=8.0, center="nominal").legs
+    (leg,) = certify_robust(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
     (plain,) = cpcal.certify(asked, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
-    assert leg.left_out == ()
-    assert leg.eps_hi == pytest.approx(plain.eps_hi, rel=1e-4)
-    assert leg.eps_lo <= plain.eps_hi
+    assert 0.0 < leg.bracket.lo <= leg.bracket.hi < plain.bracket.lo
 
 
 def test_workers_find_and_prove_the_same(tmp_path):

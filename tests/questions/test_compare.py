@@ -186,23 +186,23 @@ def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path)
 
 def test_the_papers_script_with_a_model(exact):
     leg = cpcal.certify(exact, legs=[1], model="gain", method="timeout", time_limit=20.0, gap=0.05).legs[0]
-    assert leg.verdict is Verdict.PROVED
-    assert leg.eps_lo <= 0.1194 <= leg.eps_hi * 1.01
+    assert leg.bracket.verdict is Verdict.PROVED
+    assert leg.bracket.lo <= 0.1194 <= leg.bracket.hi * 1.01
 
 
 def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):
     asked = {"model": "lateral", "method": "timeout", "time_limit": 60.0, "gap": 0.5, "delta": 5.0}
     leg = cpcal.certify(uncertain, legs=[2], certificates=tmp_path, **asked).legs[0]
-    found = check(tmp_path / leg.certificate)
+    found = check(tmp_path / leg.bracket.certificate)
     assert found.model == "lateral"
-    assert (float(found.claims.eps_lo), found.claims.point.at[-1]) == (leg.eps_lo, leg.eps_hi)
-    assert 0 < leg.eps_lo < leg.eps_hi
+    assert (float(found.claims.eps_lo), found.claims.point.at[-1]) == (leg.bracket.lo, leg.bracket.hi)
+    assert 0 < leg.bracket.lo < leg.bracket.hi
 
 
 def test_an_eps_that_is_asked_about(exact, tmp_path):
     for model, verdict in (("plain", Verdict.REFUTED), ("gain", Verdict.PROVED)):
         leg = cpcal.certify(exact, legs=[1], model=model, eps=TOLERANCE, certificates=tmp_path).legs[0]
-        assert leg.verdict is verdict
+        assert leg.bracket.verdict is verdict
         claims = check(tmp_path / "leg1.cert.jsonl").claims
         assert claims.infeasible == (model == "plain")
         assert (claims.point is None) == (model == "plain")

@@ -76,7 +76,7 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     seen = calls_of(monkeypatch, HC4)
     question: dict[str, Any] = {"method": method, "gap": 0.3, "time_limit": 30.0, "delta": 1.0, "support": "few"}
     leg = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), certificates=tmp_path, **question).legs[0]
-    hc4, lifted = leg.contractors_used
+    hc4, lifted = leg.work.contractors_used
     assert (hc4.name, lifted.name) == ("hc4", "lifted")
     assert 0 < hc4.calls <= len(seen)
     assert lifted.calls > 0
@@ -85,22 +85,22 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     held = sum(len(line.get("bounds", ())) for line in lines) + sum("exclude" in line for line in lines)
     assert lifted.certified_steps == held > 0
     assert lifted.steps >= lifted.certified_steps
-    assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.eps_lo)
+    assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.bracket.lo)
 
 
 def test_contractors_used_are_in_the_file_of_results(campaign: tuple[cpcal.Campaign, Path], tmp_path: Path) -> None:
     result = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), delta=1.0, gap=0.1)
     cpcal.save_result(result, tmp_path, campaign[0])
-    assert cpcal.load_result(tmp_path).legs[0].contractors_used == result.legs[0].contractors_used
-    assert [use.certified_steps for use in result.legs[0].contractors_used] == [0, 0]
-    assert all(use.calls > 0 for use in result.legs[0].contractors_used)
+    assert cpcal.load_result(tmp_path).legs[0].work.contractors_used == result.legs[0].work.contractors_used
+    assert [use.certified_steps for use in result.legs[0].work.contractors_used] == [0, 0]
+    assert all(use.calls > 0 for use in result.legs[0].work.contractors_used)
 
 
 def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     campaign: tuple[cpcal.Campaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A bound of the leg that only one contractor knows: it is told beside the one that the certificate proves."""
-    known = 0.9 * cpcal.certify(campaign[0], legs=[1], delta=2.0).legs[0].eps_lo
+    known = 0.9 * cpcal.certify(campaign[0], legs=[1], delta=2.0).legs[0].bracket.lo
     load = plugins.load
 
     def with_oracle(name: str) -> Any:
@@ -110,16 +110,16 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "certificates": tmp_path, "time_limit": 0.3}
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
-    assert leg.eps_lo == 0.0
-    assert leg.found_lo == known
+    assert leg.bracket.lo == 0.0
+    assert leg.found.lo == known
     assert at_least(known, 10) in proved_sentence(Options(), leg)
-    oracle, lifted = leg.contractors_used
+    oracle, lifted = leg.work.contractors_used
     assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
-    assert leg.certificate is not None
-    claims = check(tmp_path / leg.certificate).claims
-    assert claims.eps_lo == F(leg.eps_lo)
-    assert claims.eps_hi == F(leg.eps_hi)
-    assert decoded(cpcal.LegResult, encoded(leg)).found_lo == known
+    assert leg.bracket.certificate is not None
+    claims = check(tmp_path / leg.bracket.certificate).claims
+    assert claims.eps_lo == F(leg.bracket.lo)
+    assert claims.eps_hi == F(leg.bracket.hi)
+    assert decoded(cpcal.LegResult, encoded(leg)).found.lo == known
 
 
 OPTIMUM = 4.25 / 19

@@ -33,8 +33,8 @@ def test_certified_ranges_lie_within_the_expected_ones_and_are_not_much_smaller(
     campaign = simulate(seed=1, factor=3.0, truncate=0.5, noise=0.2)  # as if without noise: sets as wide as possible
     expected = cpcal.check_data(campaign).legs[0].ranges
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
-    certified = 0.5 * np.array([leg.enclosure[name].width for name in leg.enclosure.names[:7]])
-    assert leg.eps_hi == 0.0
+    certified = 0.5 * np.array([leg.bracket.enclosure[name].width for name in leg.bracket.enclosure.names[:7]])
+    assert leg.bracket.hi == 0.0
     assert (certified < 1.1 * expected).all()  # an outer enclosure beside a first-order estimate
     assert (certified > 0.5 * expected).all()
 

@@ -60,7 +60,7 @@ def test_one_unit_in_the_last_place_decides(toward: float) -> None:
 def test_the_answer_says_that_it_is_exact() -> None:
     campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9)
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
-    assert leg.eps_hi == 0.0
+    assert leg.bracket.hi == 0.0
     assert "satisfies every equation exactly" in proved_sentence(Options(), leg)
     assert "for some readings: proved" in proved_sentence(Options(), leg)
 
@@ -68,4 +68,4 @@ def test_the_answer_says_that_it_is_exact() -> None:
 def test_a_bracket_with_readings_closes_by_contraction_alone() -> None:
     """Boxes are not divided below the second-order effect of the readings: every small product counts there."""
     leg = cpcal.certify(cpcal.simulate(seed=7, joint_error=1.0), legs=[1]).legs[0]
-    assert leg.eps_hi - leg.eps_lo < 1e-6 * leg.eps_hi
+    assert leg.bracket.hi - leg.bracket.lo < 1e-6 * leg.bracket.hi

@@ -25,6 +25,7 @@ from cpcal.questions import (
 )
 from cpcal.report.words import fit_sentence, short_fit
 from cpcal.solver.contract import Verdict
+from tests.changed import leg_with
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 POOR = Determination(measurements=40, of=7, rank=1, undetermined=("a_x", "l"))
@@ -36,7 +37,8 @@ lengths = st.floats(0.0, 1e6)
 
 def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determination=RICH, **others):
     point = (0.0,) * 7 if math.isfinite(hi) else None
-    leg = cpcal.LegResult(
+    leg = leg_with(
+        None,
         leg=1,
         verdict=verdict,
         eps_lo=lo,

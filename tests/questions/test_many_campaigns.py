@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,6 +11,7 @@ from cpcal.legs import residuals
 from cpcal.questions import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
+from tests.changed import leg_with
 
 
 def without_sets(campaign: Campaign) -> Campaign:
@@ -60,20 +59,20 @@ def test_brackets_close_in_small_and_large_boxes_and_agree(joint_error: float, l
     campaign = without_sets(simulate(seed=3, joint_error=joint_error))
     near, far = only(campaign, leg, delta=100.0), only(campaign, leg, delta=1000.0)
     for found in (near, far):
-        assert found.verdict is Verdict.PROVED
-        assert 0.0 < found.eps_lo <= found.eps_hi <= found.eps_lo * (1 + 1.01e-6)
-        assert found.point is not None
-        worst = np.abs(residuals(campaign, leg, found.point)).max()
-        assert worst == pytest.approx(found.eps_hi, rel=1e-9)
-        assert found.point in found.enclosure
-        assert found.support
-        assert set(found.support) <= set(campaign.measurement_ids)
-    least_squares = np.abs(residuals(campaign, leg, near.center)).max()
-    assert near.eps_hi < least_squares
-    if (np.abs(np.subtract(far.point, near.center)) < 99.0).all():  # type: ignore[arg-type]
-        assert near.eps_lo <= far.eps_hi
-        assert far.eps_lo <= near.eps_hi
-    assert far.eps_lo <= near.eps_hi  # the larger box holds the smaller one's optimum
+        assert found.bracket.verdict is Verdict.PROVED
+        assert 0.0 < found.bracket.lo <= found.bracket.hi <= found.bracket.lo * (1 + 1.01e-6)
+        assert found.bracket.point is not None
+        worst = np.abs(residuals(campaign, leg, found.bracket.point)).max()
+        assert worst == pytest.approx(found.bracket.hi, rel=1e-9)
+        assert found.bracket.point in found.bracket.enclosure
+        assert found.support.ids
+        assert set(found.support.ids) <= set(campaign.measurement_ids)
+    least_squares = np.abs(residuals(campaign, leg, near.bracket.center)).max()
+    assert near.bracket.hi < least_squares
+    if (np.abs(np.subtract(far.bracket.point, near.bracket.center)) < 99.0).all():  # type: ignore[arg-type]
+        assert near.bracket.lo <= far.bracket.hi
+        assert far.bracket.lo <= near.bracket.hi
+    assert far.bracket.lo <= near.bracket.hi  # the larger box holds the smaller one's optimum
 
 
 def test_no_point_does_better_than_the_lower_bound(bent: Campaign) -> None:
@@ -81,23 +80,23 @@ def test_no_point_does_better_than_the_lower_bound(bent: Campaign) -> None:
     found = only(campaign)
     rng = np.random.default_rng(0)
     for size in (1e-4, 1e-2, 1.0, 30.0):
-        for x in np.add(found.point, size * rng.normal(size=(100, 7))):
-            assert np.abs(residuals(campaign, 1, x)).max() >= found.eps_lo
+        for x in np.add(found.bracket.point, size * rng.normal(size=(100, 7))):
+            assert np.abs(residuals(campaign, 1, x)).max() >= found.bracket.lo
 
 
 def test_the_support_alone_forces_the_bound(bent: Campaign) -> None:
     campaign = without_sets(bent)
     found = only(campaign)
-    rows = [campaign.measurement_ids.index(name) for name in found.support]
+    rows = [campaign.measurement_ids.index(name) for name in found.support.ids]
     fewer = only(part(campaign, rows, exact=True), center="nominal", delta=110.0)
     assert len(rows) < len(campaign)
-    assert fewer.eps_hi <= found.eps_hi * (1 + 1e-9)
-    assert fewer.eps_lo >= 0.9 * found.eps_lo
+    assert fewer.bracket.hi <= found.bracket.hi * (1 + 1e-9)
+    assert fewer.bracket.lo >= 0.9 * found.bracket.lo
 
 
 def test_results_are_the_same_twice(bent: Campaign) -> None:
     first, second = only(bent), only(bent)
-    assert replace(first, seconds=0.0) == replace(second, seconds=0.0)
+    assert leg_with(first, seconds=0.0) == leg_with(second, seconds=0.0)
 
 
 # reading sets -----------------------------------------------------------------------------------------------
@@ -120,38 +119,38 @@ def sampled(campaign: Campaign, leg: int, x: Floats, rng: np.random.Generator, c
 
 def test_bracket_with_reading_sets(bent: Campaign, certified: LegResult) -> None:
     exact = only(without_sets(bent))
-    assert 0.0 < certified.eps_lo <= certified.eps_hi < exact.eps_lo
-    assert certified.eps_hi - certified.eps_lo <= 2e-3
-    assert certified.verdict is Verdict.PROVED
-    assert certified.point in certified.enclosure
+    assert 0.0 < certified.bracket.lo <= certified.bracket.hi < exact.bracket.lo
+    assert certified.bracket.hi - certified.bracket.lo <= 2e-3
+    assert certified.bracket.verdict is Verdict.PROVED
+    assert certified.bracket.point in certified.bracket.enclosure
 
 
 def test_no_sample_of_readings_refutes_the_lower_bound(bent: Campaign, certified: LegResult) -> None:
     """For every x some measurement has |g| >= eps_lo for ALL readings: sampled ones included."""
     rng = np.random.default_rng(1)
-    assert certified.point is not None
+    assert certified.bracket.point is not None
     for size in (0.0, 1e-3, 1e-2, 0.1, 1.0):
-        for x in np.add(certified.point, size * rng.normal(size=(6, 7))):
-            assert sampled(bent, 1, x, rng).max() >= certified.eps_lo
+        for x in np.add(certified.bracket.point, size * rng.normal(size=(6, 7))):
+            assert sampled(bent, 1, x, rng).max() >= certified.bracket.lo
 
 
 def test_the_witness_is_nearly_attained_by_sampled_readings(bent: Campaign, certified: LegResult) -> None:
     rng = np.random.default_rng(2)
-    worst = sampled(bent, 1, np.array(certified.point), rng, 3000)
-    assert worst.max() == pytest.approx(certified.eps_hi, abs=0.05)
+    worst = sampled(bent, 1, np.array(certified.bracket.point), rng, 3000)
+    assert worst.max() == pytest.approx(certified.bracket.hi, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     campaign = simulate(seed=seed, truncate=3.0)
     found = only(campaign, 4)
-    assert (found.eps_lo, found.eps_hi) == (0.0, 0.0)
+    assert (found.bracket.lo, found.bracket.hi) == (0.0, 0.0)
     assert found.not_refuted
-    assert found.verdict is Verdict.PROVED
+    assert found.bracket.verdict is Verdict.PROVED
     assert "satisfies every equation exactly" in proved_sentence(Options(), found)
     truth = true_robot(campaign)
     assert truth is not None
-    assert truth.parameters[3] in found.enclosure  # all x with eps = 0, the true leg among them
+    assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them
 
 
 def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
@@ -167,14 +166,14 @@ def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResul
 def test_deficient_campaigns_are_answered_truthfully(bent: Campaign, rows: list[int], exact: bool) -> None:
     campaign = part(bent, rows, exact=exact)
     found = only(campaign, 2, delta=50.0, time_limit=10.0)
-    assert 0.0 == found.eps_lo <= found.eps_hi <= 1e-9
-    assert found.point is not None
+    assert 0.0 == found.bracket.lo <= found.bracket.hi <= 1e-9
+    assert found.bracket.point is not None
     if exact:
-        assert np.abs(residuals(campaign, 2, found.point)).max() <= max(found.eps_hi, 1e-12)
+        assert np.abs(residuals(campaign, 2, found.bracket.point)).max() <= max(found.bracket.hi, 1e-12)
     else:
         assert found.not_refuted
     # many other parameters fit as well: shift base and mobile centres together, say
-    assert (found.enclosure.width[:3] > 1.0).all()
+    assert (found.bracket.enclosure.width[:3] > 1.0).all()
 
 
 def test_a_single_measurement(bent: Campaign) -> None:
@@ -189,44 +188,47 @@ def test_a_single_measurement(bent: Campaign) -> None:
 def test_arb_gives_the_same_verdicts(bent: Campaign, exact: bool) -> None:
     campaign = part(bent, list(range(0, 64, 4)), exact=exact)
     fast, slow = only(campaign, delta=20.0), only(campaign, delta=20.0, arithmetic="arb")
-    assert fast.verdict is slow.verdict
-    assert fast.eps_hi == pytest.approx(slow.eps_hi, rel=2e-6, abs=1e-3 * (not exact))
-    assert fast.eps_lo <= slow.eps_hi
-    assert slow.eps_lo <= fast.eps_hi
+    assert fast.bracket.verdict is slow.bracket.verdict
+    assert fast.bracket.hi == pytest.approx(slow.bracket.hi, rel=2e-6, abs=1e-3 * (not exact))
+    assert fast.bracket.lo <= slow.bracket.hi
+    assert slow.bracket.lo <= fast.bracket.hi
 
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_questions_about_one_eps(bent: Campaign, certified: LegResult, exact: bool) -> None:
     campaign = without_sets(bent) if exact else bent
     known = only(campaign) if exact else certified
-    above, below = only(campaign, eps=known.eps_hi * 1.001), only(campaign, eps=known.eps_lo * 0.98)
-    assert above.verdict is Verdict.PROVED
-    assert above.point is not None
+    above, below = only(campaign, eps=known.bracket.hi * 1.001), only(campaign, eps=known.bracket.lo * 0.98)
+    assert above.bracket.verdict is Verdict.PROVED
+    assert above.bracket.point is not None
     assert "Some x" in proved_sentence(Options(eps=1.0), above)
-    assert below.verdict is Verdict.REFUTED
-    assert below.point is None
-    assert below.enclosure.is_empty
+    assert below.bracket.verdict is Verdict.REFUTED
+    assert below.bracket.point is None
+    assert below.bracket.enclosure.is_empty
     assert "No x" in proved_sentence(Options(eps=1.0), below)
-    assert (above.eps_lo, below.eps_lo) == (0.0, known.eps_lo * 0.98)  # of no other eps anything is said
+    assert (above.bracket.lo, below.bracket.lo) == (0.0, known.bracket.lo * 0.98)  # of no other eps anything is said
 
 
 def test_center_and_delta_define_the_box(bent: Campaign) -> None:
     campaign = without_sets(bent)
     nominal = Robot.from_parameters("x", bent.robot.parameters)
     found = only(campaign, center="nominal", delta=0.5)
-    assert np.array_equal(found.center, nominal.parameters[0])
-    assert found.point is None or np.abs(np.subtract(found.point, found.center)).max() <= 0.5 + 1e-12
-    assert found.eps_lo > only(campaign).eps_hi  # the true leg is further off
+    assert np.array_equal(found.bracket.center, nominal.parameters[0])
+    assert (
+        found.bracket.point is None
+        or np.abs(np.subtract(found.bracket.point, found.bracket.center)).max() <= 0.5 + 1e-12
+    )
+    assert found.bracket.lo > only(campaign).bracket.hi  # the true leg is further off
     point = only(campaign, delta=0.0)
-    assert point.eps_hi == pytest.approx(np.abs(residuals(campaign, 1, point.center)).max(), rel=1e-9)
-    assert point.eps_lo == pytest.approx(point.eps_hi, rel=2e-6)
+    assert point.bracket.hi == pytest.approx(np.abs(residuals(campaign, 1, point.bracket.center)).max(), rel=1e-9)
+    assert point.bracket.lo == pytest.approx(point.bracket.hi, rel=2e-6)
 
 
 def test_a_time_limit_gives_a_valid_open_bracket(bent: Campaign, certified: LegResult) -> None:
     found = only(bent, time_limit=1e-9)
-    assert found.eps_lo <= certified.eps_hi
-    assert found.eps_hi >= certified.eps_lo
-    assert found.verdict is Verdict.UNKNOWN
+    assert found.bracket.lo <= certified.bracket.hi
+    assert found.bracket.hi >= certified.bracket.lo
+    assert found.bracket.verdict is Verdict.UNKNOWN
 
 
 def test_ctrl_c_keeps_what_is_proved(bent: Campaign) -> None:

@@ -48,8 +48,8 @@ def test_exact_readings_are_judged_by_the_residual() -> None:
 def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
     campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9)
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
-    assert leg.point is not None
-    found = cpcal.certify_point(campaign, 1, leg.point)
+    assert leg.bracket.point is not None
+    found = cpcal.certify_point(campaign, 1, leg.bracket.point)
     assert found.verified.verdict is cpcal.Verdict.PROVED
     assert len(found.holds) == len(campaign)
     assert "satisfies all 64 equations exactly" in found.verified.sentence("It")
@@ -79,7 +79,7 @@ def test_results_verify_the_center_and_keep_it(tmp_path: Path) -> None:
     campaign = cpcal.simulate(seed=2, joint_error=1.0, factor=3.0, **SMALL)
     result = cpcal.certify(campaign, legs=[2])
     verified = result.legs[0].verified
-    assert verified == cpcal.certify_point(campaign, 2, result.legs[0].center).verified
+    assert verified == cpcal.certify_point(campaign, 2, result.legs[0].bracket.center).verified
     cpcal.save_result(result, tmp_path, campaign)
     assert cpcal.load_result(tmp_path).legs[0].verified == verified
 

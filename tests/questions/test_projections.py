@@ -14,6 +14,7 @@ from cpcal.legs import PARAMETERS, residuals
 from cpcal.questions.question import Question
 from cpcal.questions.ranges import MARGIN, projections, range_eps, with_projections
 from cpcal.simulate import true_robot
+from tests.changed import leg_with
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +36,14 @@ def test_they_hold_the_proved_point_and_the_solutions_farthest_from_it(exact):
     campaign, result = exact
     leg = result.legs[0]
     found = leg.projections
-    assert found.eps == MARGIN * leg.eps_hi
+    assert found.eps == MARGIN * leg.bracket.hi
     assert len(found.pairs) == 7
-    assert holds(found, leg.point)
+    assert holds(found, leg.bracket.point)
     for pair in found.pairs:
         for u, v, c in pair.half_planes[::2]:
             direction = np.zeros(7)
             direction[[PARAMETERS.index(name) for name in pair.parameters]] = u, v
-            x = farthest(campaign, 2, np.array(leg.point), found.eps, direction)
+            x = farthest(campaign, 2, np.array(leg.bracket.point), found.eps, direction)
             assert holds(found, x)
             # the sets are a few mm wide, and all but polyhedra: the bounds are nearly reached
             assert c - direction @ x < 0.02 * np.abs(direction) @ found.box.width
@@ -82,7 +83,7 @@ def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
     campaign = cpcal.simulate(seed=4, truncate=3.0)
     result = with_projections(campaign, cpcal.certify(campaign, legs=[3]))
     leg = result.legs[0]
-    assert leg.eps_hi == leg.projections.eps == 0.0
+    assert leg.bracket.hi == leg.projections.eps == 0.0
     assert holds(leg.projections, true_robot(campaign).parameters[2])
 
 
@@ -105,11 +106,11 @@ def test_the_tolerance_fits_the_question(exact):
     leg = result.legs[0]
     asked = with_options(result, eps=0.7)
     assert range_eps(asked.options, leg) == 0.7
-    assert range_eps(asked.options, dataclasses.replace(leg, verdict=cpcal.Verdict.REFUTED)) is None
-    assert range_eps(result.options, dataclasses.replace(leg, eps_hi=np.inf)) is None
-    assert range_eps(result.options, leg) == MARGIN * leg.eps_hi
-    assert range_eps(with_options(result, tolerance=2.0 * leg.eps_hi).options, leg) == 2.0 * leg.eps_hi
-    assert range_eps(with_options(result, tolerance=0.5 * leg.eps_hi).options, leg) == MARGIN * leg.eps_hi
+    assert range_eps(asked.options, leg_with(leg, verdict=cpcal.Verdict.REFUTED)) is None
+    assert range_eps(result.options, leg_with(leg, eps_hi=np.inf)) is None
+    assert range_eps(result.options, leg) == MARGIN * leg.bracket.hi
+    assert range_eps(with_options(result, tolerance=2.0 * leg.bracket.hi).options, leg) == 2.0 * leg.bracket.hi
+    assert range_eps(with_options(result, tolerance=0.5 * leg.bracket.hi).options, leg) == MARGIN * leg.bracket.hi
 
 
 def test_where_there_is_nothing_to_draw(exact):

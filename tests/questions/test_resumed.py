@@ -39,14 +39,18 @@ def stopped(campaign, run, looks, **options):
 
 def same(one, two):
     """But for the time that it took."""
-    assert [(leg.leg, leg.eps_lo, leg.eps_hi, leg.point, leg.support, leg.nodes, leg.programs) for leg in one.legs] == [
-        (leg.leg, leg.eps_lo, leg.eps_hi, leg.point, leg.support, leg.nodes, leg.programs) for leg in two.legs
+    assert [
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support.ids, leg.work.nodes, leg.work.programs)
+        for leg in one.legs
+    ] == [
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support.ids, leg.work.nodes, leg.work.programs)
+        for leg in two.legs
     ]
-    assert [leg.contractors_used for leg in one.legs] == [leg.contractors_used for leg in two.legs]
+    assert [leg.work.contractors_used for leg in one.legs] == [leg.work.contractors_used for leg in two.legs]
 
 
 def test_the_problem_has_boxes_that_are_divided(whole):
-    assert max(leg.nodes for leg in whole[0].legs) > 1
+    assert max(leg.work.nodes for leg in whole[0].legs) > 1
 
 
 @pytest.mark.parametrize("looks", [2, 5, 12])
@@ -72,7 +76,7 @@ def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, mon
 def test_a_limit_leaves_a_checkpoint_that_another_limit_goes_on_from(campaign, whole, tmp_path):
     part = cpcal.certify(campaign, certificates=tmp_path, node_limit=1, **OPTIONS)
     assert not part.interrupted
-    assert sum(leg.pending for leg in part.legs) > 0
+    assert sum(leg.work.pending for leg in part.legs) > 0
     assert all(leg.certified for leg in part.legs)
     result = cpcal.certify(campaign, certificates=tmp_path, resume=True, **OPTIONS)
     same(result, whole[0])

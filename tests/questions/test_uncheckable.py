@@ -6,7 +6,6 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
-from cpcal.checker.robust_claim import check_robust
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.questions import Uncertified, save_result
@@ -37,7 +36,7 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
     leg = result.legs[0]
     assert leg.not_certified is Uncertified.UNCHECKABLE
     assert not leg.certified
-    assert leg.eps_hi < float("inf")
+    assert leg.bracket.hi < float("inf")
     assert not list(tmp_path.glob("*.cert.jsonl"))
 
 
@@ -77,12 +76,16 @@ def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
             super().spend(work)
 
     monkeypatch.setattr(certificate, "Lines", Counted)
-    check(tmp_path / "whole" / whole.certificate)
+    check(tmp_path / "whole" / whole.bracket.certificate)
     for work, certified in ((sum(spent), True), (sum(spent) - 1, False)):
         limited(monkeypatch, work)
         leg = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path / str(work)).legs[0]
         assert leg.certified is certified
-        assert (leg.eps_lo, leg.eps_hi, leg.point) == (whole.eps_lo, whole.eps_hi, whole.point)
+        assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
+            whole.bracket.lo,
+            whole.bracket.hi,
+            whole.bracket.point,
+        )
 
 
 def test_a_small_certificate_is_not_checked_twice(campaign, tmp_path, monkeypatch):
@@ -97,9 +100,10 @@ def test_a_small_certificate_is_not_checked_twice(campaign, tmp_path, monkeypatc
 def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp_path, monkeypatch):
     limited(monkeypatch, LOW)
     found = certify_robust(campaign, outliers=1, legs=[1], delta=0.5, certificates=tmp_path)
-    assert found.legs[0].eps_lo > 0.0
-    (leg,) = check_robust(tmp_path)
-    assert leg.lo is leg.hi is leg.refused is None
+    assert found.legs[0].bracket.lo > 0.0
+    (leg,) = check_run(tmp_path)
+    assert leg.refused is None
+    assert not leg.robust.certified
     assert not list(tmp_path.glob("*.cert.jsonl"))
 
 

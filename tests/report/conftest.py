@@ -17,6 +17,7 @@ from cpcal.report import write_report
 from cpcal.report.comparison_page import write_comparison
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.simulate import simulate_study
+from tests.changed import leg_with
 from tests.report.made import made_leg, made_result
 
 
@@ -129,7 +130,7 @@ def study():
             0.25,
         )
         made = made_leg(number, *numbers)
-        return dataclasses.replace(made, projections=hexagons(box, 0.1), **changes)
+        return leg_with(made, projections=hexagons(box, 0.1), **changes)
 
     perfect = leg(6, eps_lo=0.0, eps_hi=0.0)
     bound = made_result(campaign, *(leg(k) for k in range(1, 6)), perfect)

@@ -7,13 +7,14 @@ from typing import Any
 import cpcal
 from cpcal.files import campaign_sha256
 from cpcal.questions import CampaignNote, Options
+from tests.changed import leg_with
 
 
 def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:
     """`numbers`: eps_lo, eps_hi, point, center, enclosure, floor, support, nodes, programs, seconds."""
     names = ("eps_lo", "eps_hi", "point", "center", "enclosure", "floor", "support", "nodes", "programs", "seconds")
     fields = {"verdict": cpcal.Verdict.PROVED}
-    return cpcal.LegResult(leg=leg, **(fields | dict(zip(names, numbers, strict=True)) | changes))
+    return leg_with(None, leg=leg, **(fields | dict(zip(names, numbers, strict=True)) | changes))
 
 
 def made_result(campaign: cpcal.Campaign, *legs: cpcal.LegResult, **options: Any) -> cpcal.Result:

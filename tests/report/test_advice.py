@@ -70,7 +70,7 @@ def test_the_first_to_look_at_are_those_with_the_largest_residuals_of_the_suppor
     fit = fitted(CAMPAIGN, result, leg, PLAIN)
     first = advise(CAMPAIGN, result, leg, PLAIN, fit).first
     ids, sizes = CAMPAIGN.measurement_ids, np.abs(fit.residuals)
-    assert {ids[k] for k in first} <= set(leg.support)
+    assert {ids[k] for k in first} <= set(leg.support.ids)
     assert min(sizes[list(first)]) >= max(
-        sizes[ids.index(name)] for name in leg.support if ids.index(name) not in first
+        sizes[ids.index(name)] for name in leg.support.ids if ids.index(name) not in first
     )

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.questions import CampaignNote, Options
+from tests.changed import leg_with
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"
@@ -32,7 +33,7 @@ def leg(**changes):
         "programs": 2,
         "seconds": 0.5,
     }
-    return cpcal.LegResult(**(fields | changes))
+    return leg_with(None, **(fields | changes))
 
 
 def result(*legs, **changes):

@@ -18,6 +18,7 @@ from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
 from cpcal.report.run_page import render
+from tests.changed import leg_with
 from tests.report.made import made_result
 
 NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -46,7 +47,7 @@ def leg_result(campaign, leg=1, **changes):
         "programs": 94,
         "seconds": 0.25,
     }
-    return cpcal.LegResult(leg=leg, **(fields | changes))
+    return leg_with(None, leg=leg, **(fields | changes))
 
 
 def result_of(campaign, *legs, **changes):

@@ -14,6 +14,7 @@ from cpcal.legs import PARAMETERS
 from cpcal.questions import Projection, Projections
 from cpcal.report.figures import Panel, in_view, panel_svg, polygon
 from cpcal.report.run_page import render
+from tests.changed import leg_with
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
@@ -75,7 +76,7 @@ def page(eps, **changes):
     numbers = (0.099, 0.1, tuple(x), tuple(x), box, 0.0, (), 1, 94, 0.25)
     leg = made_leg(1, *numbers, projections=projections)
     result = made_result(CAMPAIGN, leg, eps=changes.pop("asked", None))
-    return " ".join(render(CAMPAIGN, dataclasses.replace(result, legs=(dataclasses.replace(leg, **changes),))).split())
+    return " ".join(render(CAMPAIGN, dataclasses.replace(result, legs=(leg_with(leg, **changes),))).split())
 
 
 def test_the_page_says_to_which_eps_the_polygons_belong():

@@ -11,7 +11,6 @@ import cpcal
 from cpcal.legs import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.comparison import Entry
-from cpcal.questions.robust_result import MARGIN, RobustLeg
 from cpcal.questions.verdict import proved_sentence
 from cpcal.report.run_page import _sides, _trial
 from cpcal.report.words import leg_sentence, overall
@@ -104,15 +103,3 @@ def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(lo, hi, verdict, wo
     assert entry.verdict(0.5) is verdict
     assert entry.word(0.5) == word
     assert "unchecked" not in replace(entry, certificate="leg1.cert.jsonl").word(0.5)
-
-
-def test_a_robust_bracket_is_closed_where_its_ends_meet():
-    found = RobustLeg(
-        leg=1, outliers=1, eps_lo=0.5, eps_hi=0.5 * (1.0 + MARGIN), point=(0.0,) * 7, center=(0.0,) * 7, left_out=(),
-        proofs=(), point_certificate=None, searches=1, seconds=0.1,
-    )  # fmt: skip
-    assert found.complete
-    assert "the gap is closed" in found.sentence
-    for open_ in (replace(found, eps_hi=0.6), replace(found, eps_lo=0.0), replace(found, point=None)):
-        assert not open_.complete
-        assert "stopped at a limit" in open_.sentence

@@ -60,9 +60,9 @@ def test_a_campaign_of_pose_sets_holds_the_truth(tmp_path: Path) -> None:
     assert (campaign.length_radius == 0.03).all()
     assert len(np.unique(campaign.rotation_radius)) == 3 * ROWS  # each row has its own
     [leg] = cpcal.certify(campaign, delta=10.0, legs=[2]).legs
-    assert leg.eps_hi == 0.0
-    assert TRUTH.robot.parameters[1] in leg.enclosure
-    assert leg.enclosure.width.max() < 4.0
+    assert leg.bracket.hi == 0.0
+    assert TRUTH.robot.parameters[1] in leg.bracket.enclosure
+    assert leg.bracket.enclosure.width.max() < 4.0
 
 
 def test_what_is_not_proved_makes_no_campaign() -> None:

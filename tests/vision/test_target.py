@@ -1,12 +1,13 @@
 """Targets as values: what makes one, what every projection keeps, and the default one."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.target import DELTALAB_TARGET, Target, off_line, two_diagonals
+from cpcal.vision.target import DELTALAB_TARGET, Target, off_line, resized, two_diagonals
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])
 
@@ -14,6 +15,40 @@ ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0
 def cross_ratio(a, b, c, d):
     """(AC / BC) : (AD / BD) of four points of a line by their coordinates; every projection keeps it."""
     return ((c - a) * (d - b)) / ((c - b) * (d - a))
+
+
+def log_and_gradient(four):
+    log = np.log(cross_ratio(*four))
+    steps = 1e-5 * np.eye(4)
+    sides = [[np.log(cross_ratio(*(np.array(four) + sign * step))) for sign in (1, -1)] for step in steps]
+    return log, np.linalg.norm([(plus - minus) / 2e-5 for plus, minus in sides])
+
+
+def apart(one, other):
+    (x, gx), (y, gy) = log_and_gradient(one), log_and_gradient(other)
+    return abs(x - y) / np.hypot(gx, gy)
+
+
+def fours(row):
+    for start in range(len(row) - 3):
+        yield row[start : start + 4]
+    for start, missing in itertools.product(range(len(row) - 4), (1, 2, 3)):
+        yield np.delete(row[start : start + 5], missing)
+
+
+def least_separation(target):
+    """The criterion as its docstring has it, dot by dot."""
+    rows = [np.linalg.norm(target.dots[list(line)] - target.dots[line[0]], axis=1) for line in target.lines]
+    signatures = [four for row in rows for four in (row[:4], row[-4:])]
+    others = [four for row in rows for four in fours(row)]
+    on_row = {i for line in target.lines for i in line}
+    grid = np.array([dot for i, dot in enumerate(target.dots) if i not in on_row])
+    turned = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
+    for axis, plane in itertools.product((0, 1), (grid, grid @ turned)):
+        for value in np.unique(np.round(plane[:, 1 - axis], 3)):
+            line = np.sort(plane[np.round(plane[:, 1 - axis], 3) == value, axis])
+            others += list(fours(line))
+    return min(apart(one, other) for one in signatures for other in others if not np.array_equal(one, other))
 
 
 def problems(**changed):
@@ -110,3 +145,13 @@ def test_all_bad_rows_are_named():
 def test_how_far_points_are_off_their_line():
     assert off_line(np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]])) == pytest.approx(0.5)
     assert off_line(np.zeros((3, 2))) == np.inf
+
+
+def test_the_rows_of_the_default_target_are_told_apart_far_better_than_those_of_one_made_by_hand():
+    first, second = (-185.0, -60.0, -30.0, 20.0, 45.0, 70.0, 185.0), (-185.0, -100.0, -75.0, 115.0, 140.0, 185.0)
+    by_hand = two_diagonals("by hand", first, second, side=280.0, pitch=25.0, radius=6.0)
+    assert least_separation(by_hand) < 0.1
+    assert least_separation(DELTALAB_TARGET) > 2.0
+    twice = resized(DELTALAB_TARGET, 2.0)
+    assert twice.radius == 12.0
+    assert least_separation(twice) == pytest.approx(2.0 * least_separation(DELTALAB_TARGET), rel=1e-6)

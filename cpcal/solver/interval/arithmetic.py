@@ -66,11 +66,12 @@ class Arithmetic:
         return out
 
     def dot(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        """Matrix product of shapes (m, k) and (k, n)."""
-        out = _room((x.shape[0], y.shape[1]))
-        if x.shape[1]:
+        """Matrix product of shapes (..., k) and (k, n)."""
+        out = _room((*x.shape[:-1], y.shape[1]))
+        if x.lo.size:
             given = (np.array(bound, np.float64, order="C") for bound in (x.lo, x.hi, y.lo, y.hi))
-            in_arithmetic(self.name).products(*given, out.lo, out.hi)
+            rows = (bound.reshape(-1, bound.shape[-1]) for bound in (*given, out.lo, out.hi))
+            in_arithmetic(self.name).products(*rows)
         return out
 
     def _looped(self, loop: str, first: tuple[int, ...], *operands: IntervalArray) -> IntervalArray:

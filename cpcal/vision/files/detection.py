@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.errors import Problems
 from cpcal.common.values import Floats
-from cpcal.files.tables import csv_table, file_cell, guarded, open_regular, read_table
+from cpcal.files.tables import csv_table, file_cell, guarded, read_table
 from cpcal.robot import PoseTable
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
@@ -100,18 +100,11 @@ def readings_bytes(readings: Readings) -> bytes:
 def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
     problems = Problems()
-    try:
-        with open_regular(path) as file:
-            table = read_table(
-                file, str(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
-            )
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError([Problem(str(path), what, "give a table pose,run,L1,...,Ln in mm")]) from None
+    remedy = "give a table pose,run,L1,...,Ln in mm"
+    table = read_table(path, None, problems, remedy, required=_columns, optional=lambda _: [])
     problems.raise_any()
-    values = np.stack([table.values[name] for name in table.values], axis=1)
-    order = [list(table.values).index(f"L{k}") for k in range(1, values.shape[1] + 1)]
-    return dict(zip(zip(table.pose, table.run, strict=True), values[:, order], strict=True))
+    values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
+    return dict(zip(zip(table.pose, table.run, strict=True), values, strict=True))
 
 
 def _columns(legs: int) -> list[str]:

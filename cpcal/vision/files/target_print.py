@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Rectangle
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
-from cpcal.vision.target import Target
+from cpcal.vision.target import Target, resized
 
 _SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}
 _PAPERS = {**_SIZES, "letter": (215.9, 279.4)}  # mm
@@ -68,14 +68,8 @@ class Sheet:
 
 def on_paper(target: Target, paper: str) -> Target:
     """The target in the largest size, a multiple of 0.05 of its own, that the paper (one of PAPERS) holds."""
-    fits = [_resized(target, k * _STEP) for k in range(1, 101)]
+    fits = [resized(target, k * _STEP) for k in range(1, 101)]
     return [size for size in fits if _sheet_for(size, (paper,))[0]][-1]
-
-
-def _resized(target: Target, factor: float) -> Target:
-    across = factor * float(np.ptp(target.dots, axis=0).max())
-    kept = target.lines, target.bright, target.scale_sigma, target.dot_sigma
-    return Target(f"asymmetric dots, {across:.4g} mm across", factor * target.dots, factor * target.radius, *kept)
 
 
 def _plate(target: Target) -> tuple[Floats, Floats]:

@@ -73,8 +73,9 @@ def of_certificate(line: int, *path: Any, to: Any) -> Callable[[Data, Path], Non
 
 def uncertified(leg: Data) -> None:
     """A leg as it is written without a certificate: nothing stands outside of the information that needs one."""
-    leg["information"] |= {key: leg.pop(key) for key in ("status", "eps_lo", "eps_hi", "point", "center", "enclosure")}
-    leg["certificate"] = None
+    of, proved = leg["bracket"], ("status", "lo", "hi", "point", "center", "enclosure")
+    of["information"] |= {key: of.pop(key) for key in proved}
+    of["certificate"] = None
 
 
 def swapped(data: Data, run: Path) -> None:
@@ -93,31 +94,32 @@ def of_campaign(change: Callable[[Data], object]) -> Callable[[Data, Path], None
 
 
 LEG = ("legs", 0)
+OF = (*LEG, "bracket")
 TAMPERED: dict[str, Callable[[Data, Path], object]] = {
-    "eps_lo up": changed(*LEG, "eps_lo", to=up),
-    "eps_lo down": changed(*LEG, "eps_lo", to=lambda v: v / 2),
-    "eps_lo infinite": changed(*LEG, "eps_lo", to="inf"),
-    "eps_lo a text": changed(*LEG, "eps_lo", to="0.1"),
-    "eps_lo true": changed(*LEG, "eps_lo", to=True),
-    "eps_lo null": changed(*LEG, "eps_lo", to=None),
-    "eps_hi down": changed(*LEG, "eps_hi", to=lambda v: math.nextafter(v, 0.0)),
-    "eps_hi up": changed(*LEG, "eps_hi", to=up),
-    "eps_hi zero": changed(*LEG, "eps_hi", to=0),
-    "eps_hi infinite": changed(*LEG, "eps_hi", to="inf"),
-    "the point moved": changed(*LEG, "point", 2, to=up),
-    "the point shorter": changed(*LEG, "point", to=lambda v: v[:-1]),
-    "no point": changed(*LEG, "point", to=None),
-    "an empty point": changed(*LEG, "point", to=[]),
-    "the enclosure smaller": changed(*LEG, "enclosure", "lo", 0, to=up),
-    "the enclosure larger": changed(*LEG, "enclosure", "hi", 0, to=up),
-    "no enclosure": changed(*LEG, "enclosure", "lo", to=None),
-    "an enclosure of other names": changed(*LEG, "enclosure", "names", 0, to="c"),
-    "the center moved": changed(*LEG, "center", 0, to=lambda v: v + 1e-6),
-    "the center shorter": changed(*LEG, "center", to=lambda v: v[:-1]),
+    "eps_lo up": changed(*OF, "lo", to=up),
+    "eps_lo down": changed(*OF, "lo", to=lambda v: v / 2),
+    "eps_lo infinite": changed(*OF, "lo", to="inf"),
+    "eps_lo a text": changed(*OF, "lo", to="0.1"),
+    "eps_lo true": changed(*OF, "lo", to=True),
+    "eps_lo null": changed(*OF, "lo", to=None),
+    "eps_hi down": changed(*OF, "hi", to=lambda v: math.nextafter(v, 0.0)),
+    "eps_hi up": changed(*OF, "hi", to=up),
+    "eps_hi zero": changed(*OF, "hi", to=0),
+    "eps_hi infinite": changed(*OF, "hi", to="inf"),
+    "the point moved": changed(*OF, "point", 2, to=up),
+    "the point shorter": changed(*OF, "point", to=lambda v: v[:-1]),
+    "no point": changed(*OF, "point", to=None),
+    "an empty point": changed(*OF, "point", to=[]),
+    "the enclosure smaller": changed(*OF, "enclosure", "lo", 0, to=up),
+    "the enclosure larger": changed(*OF, "enclosure", "hi", 0, to=up),
+    "no enclosure": changed(*OF, "enclosure", "lo", to=None),
+    "an enclosure of other names": changed(*OF, "enclosure", "names", 0, to="c"),
+    "the center moved": changed(*OF, "center", 0, to=lambda v: v + 1e-6),
+    "the center shorter": changed(*OF, "center", to=lambda v: v[:-1]),
     "a larger box": changed("options", "delta", to=100.0),
     "a smaller box": changed("options", "delta", to=1.0),
     "another question": changed("options", "eps", to=0.0),
-    "refuted": changed(*LEG, "status", to="refuted"),
+    "refuted": changed(*OF, "status", to="refuted"),
     "the leg's number": changed(*LEG, "leg", to=3),
     "the other leg's number": changed(*LEG, "leg", to=2),
     "a leg that there is not": changed(*LEG, "leg", to=7),
@@ -127,16 +129,20 @@ TAMPERED: dict[str, Callable[[Data, Path], object]] = {
     "a leg left out": changed("legs", to=lambda legs: legs[:1]),
     "no legs": changed("legs", to=[]),
     "legs that are none": changed("legs", to=[1]),
-    "support of nobody": changed(*LEG, "information", "support", to=["p99/1"]),
-    "support of one twice": changed(*LEG, "information", "support", to=lambda v: [v[0], v[0]]),
+    "support of nobody": changed(*LEG, "support", "information", "ids", to=["p99/1"]),
+    "support of one twice": changed(*LEG, "support", "information", "ids", to=lambda v: [v[0], v[0]]),
     "not certified, with a certificate": lambda data, run: uncertified(data["legs"][0]),
-    "numbers without a certificate": changed(*LEG, "certificate", to=None),
-    "certified by 1": changed(*LEG, "certificate", to=1),
-    "certificate left out": lambda data, run: data["legs"][0].pop("certificate"),
+    "numbers without a certificate": changed(*OF, "certificate", to=None),
+    "a point by a certificate of its own": changed(*OF, "point_certificate", to="leg1.cert.jsonl"),
+    "proofs of its own": changed(*OF, "proofs", to=["leg1.cert.jsonl"]),
+    "a measurement may be wrong": changed("options", "outliers", to=1),
+    "no number may be wrong": changed("options", "outliers", to=False),
+    "certified by 1": changed(*OF, "certificate", to=1),
+    "certificate left out": lambda data, run: data["legs"][0]["bracket"].pop("certificate"),
     "a model of other letters": changed("model", "name", to="pl\u0430in"),
     "a model nearly of ours": changed("model", "name", to="Plain"),
-    "the other leg's certificate": changed(*LEG, "certificate", to="leg2.cert.jsonl"),
-    "a certificate elsewhere": changed(*LEG, "certificate", to="../leg1.cert.jsonl"),
+    "the other leg's certificate": changed(*OF, "certificate", to="leg2.cert.jsonl"),
+    "a certificate elsewhere": changed(*OF, "certificate", to="../leg1.cert.jsonl"),
     "another model": changed("model", "name", to="lateral"),
     "a user-defined model": changed("model", "name", to="own"),
     "another campaign": changed("campaign", "sha256", to=lambda v: "0" * 64),
@@ -181,8 +187,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/6"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/6", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/7"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/7", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))

@@ -86,13 +86,13 @@ def test_a_true_claim_that_the_run_does_not_state_is_refused(name: str, stating:
 
 
 STATED: dict[str, Callable[[Data], object]] = {
-    "more": lambda leg: leg["support_proof"].update(eps_lo=up(leg["support_proof"]["eps_lo"])),
-    "less": lambda leg: leg["support_proof"].update(eps_lo=leg["support_proof"]["eps_lo"] / 2),
-    "of fewer": lambda leg: leg["information"]["support"].pop(),
-    "of others": lambda leg: leg["information"].update(support=["p1/1"]),
-    "of another file": lambda leg: leg["support_proof"].update(certificate=BRACKET),
-    "of none": lambda leg: leg.update(support_proof=None),
-    "nothing": lambda leg: leg.update(support_proof={}),
+    "more": lambda leg: leg["support"]["proof"].update(eps_lo=up(leg["support"]["proof"]["eps_lo"])),
+    "less": lambda leg: leg["support"]["proof"].update(eps_lo=leg["support"]["proof"]["eps_lo"] / 2),
+    "of fewer": lambda leg: leg["support"]["information"]["ids"].pop(),
+    "of others": lambda leg: leg["support"]["information"].update(ids=["p1/1"]),
+    "of another file": lambda leg: leg["support"]["proof"].update(certificate=BRACKET),
+    "of none": lambda leg: leg["support"].update(proof=None),
+    "nothing": lambda leg: leg["support"].update(proof={}),
 }
 
 

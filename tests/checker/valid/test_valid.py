@@ -128,8 +128,8 @@ def test_whole_proofs_of_models(certified: Any, model: str) -> None:
     made = certified(ask, factor=1.0, extremal=False, random_poses=24, joint_error=10.0)
     found = check(made.path)
     assert found.model == model
-    assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.eps_lo, made.leg.eps_hi)
-    assert made.leg.eps_hi > made.leg.eps_lo > 0
+    assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.bracket.lo, made.leg.bracket.hi)
+    assert made.leg.bracket.hi > made.leg.bracket.lo > 0
     assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
 
 
@@ -203,7 +203,7 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
     """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
     made, rng = certified(factor=factor, **SMALL), random.Random(1)
     found, measurements = check(made.path), measured(made)
-    claims, best = found.claims, [F(v) for v in made.leg.point]
+    claims, best = found.claims, [F(v) for v in made.leg.bracket.point]
     assert found.chosen == tuple(range(16))
 
     def drawn(radius: F) -> F:
@@ -237,9 +237,9 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
 
 def test_the_known_best_point_is_a_solution_by_the_same_words(certified: Any) -> None:
     made = certified(factor=0.0, **SMALL)
-    rows, best = measured(made), [F(v) for v in made.leg.point]
+    rows, best = measured(made), [F(v) for v in made.leg.bracket.point]
     for scale, good in ((1, True), (F(99, 100), False)):
-        eps = F(made.leg.eps_hi) * scale
+        eps = F(made.leg.bracket.hi) * scale
         pairs = [gap(rows[k], best, [F(0)] * 7) for k in range(16)]
         assert all((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in pairs) == good
 

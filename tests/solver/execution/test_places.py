@@ -25,7 +25,10 @@ def here(campaign, tmp_path_factory):
 
 def certified(campaign, run, **place):
     result = cpcal.certify(campaign, certificates=run, **OPTIONS, **place)
-    brackets = [(leg.leg, leg.eps_lo, leg.eps_hi, leg.support, leg.nodes, leg.certificate) for leg in result.legs]
+    brackets = [
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.support.ids, leg.work.nodes, leg.bracket.certificate)
+        for leg in result.legs
+    ]
     return brackets, {path.name: path.read_bytes() for path in sorted(run.glob("*.cert.jsonl"))}
 
 

@@ -133,8 +133,8 @@ def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
         assert part.interrupted or len(part.legs) == 2
         numbers.add(len(part.legs))
         for leg, complete in zip(part.legs, whole.legs, strict=False):
-            assert leg.eps_lo <= complete.eps_lo
-            assert leg.eps_hi >= complete.eps_hi
+            assert leg.bracket.lo <= complete.bracket.lo
+            assert leg.bracket.hi >= complete.bracket.hi
     assert numbers == {0, 1, 2}
 
 
@@ -148,7 +148,7 @@ def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
         for leg in part.legs:
             assert leg.certified == (run / f"leg{leg.leg}.cert.jsonl").exists()
             if leg.certified:
-                assert check(run / leg.certificate).claims.eps_lo == F(leg.eps_lo)
+                assert check(run / leg.bracket.certificate).claims.eps_lo == F(leg.bracket.lo)
 
 
 def test_what_a_leg_needed_is_free_when_it_is_answered(campaign, tmp_path):

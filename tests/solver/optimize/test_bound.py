@@ -228,6 +228,9 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     assert said[0] is verdict
     assert words in said[1]
     assert ("closed" in said[1]) == (verdict is Verdict.PROVED)
+    incumbent.witness = None
+    for left, at, what in ((0, np.inf, Verdict.REFUTED), (1, np.inf, Verdict.UNKNOWN), (1, lo, Verdict.UNKNOWN)):
+        assert status_of(Bracket(at, np.inf, 1, 1, 0.0), incumbent, left)[0] is what
 
 
 def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:

@@ -63,7 +63,7 @@ def test_one_leg_uses_all_workers_and_its_certificate_is_the_same(tmp_path):
 
     def certified(name, **place):
         found = cpcal.certify(campaign, legs=[6], delta=200.0, support="none", certificates=tmp_path / name, **place)
-        return found.legs[0].nodes, (tmp_path / name / "leg6.cert.jsonl").read_bytes()
+        return found.legs[0].work.nodes, (tmp_path / name / "leg6.cert.jsonl").read_bytes()
 
     with Counting(2) as threads:
         assert certified("there", executor=threads) == certified("here")

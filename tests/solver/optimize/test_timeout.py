@@ -102,16 +102,16 @@ def test_both_methods_agree(seed: int) -> None:
 
     def solve(eps: float, seconds: float) -> TimeoutOutcome:
         leg = cpcal.certify(campaign, eps=eps, **question).legs[0]
-        if leg.verdict is cpcal.Verdict.REFUTED:
+        if leg.bracket.verdict is cpcal.Verdict.REFUTED:
             return TimeoutOutcome(TimeoutAnswer.INFEASIBLE)
-        assert leg.verdict is cpcal.Verdict.PROVED
-        return TimeoutOutcome(TimeoutAnswer.FOUND, Witness(np.append(leg.point, eps), eps))
+        assert leg.bracket.verdict is cpcal.Verdict.PROVED
+        return TimeoutOutcome(TimeoutAnswer.FOUND, Witness(np.append(leg.bracket.point, eps), eps))
 
-    fit = cpcal.certify_point(campaign, 1, bound.center, eps=5.0 * bound.eps_hi).verified
+    fit = cpcal.certify_point(campaign, 1, bound.bracket.center, eps=5.0 * bound.bracket.hi).verified
     assert fit.verdict is cpcal.Verdict.PROVED  # so that it may begin there
-    trials = list(timeout(solve, lo=0.0, hi=5.0 * bound.eps_hi, limits=Limits(gap=1e-2)))
-    assert trials[-1].lo <= bound.eps_hi
-    assert trials[-1].hi >= bound.eps_lo
+    trials = list(timeout(solve, lo=0.0, hi=5.0 * bound.bracket.hi, limits=Limits(gap=1e-2)))
+    assert trials[-1].lo <= bound.bracket.hi
+    assert trials[-1].hi >= bound.bracket.lo
     assert trials[-1].hi - trials[-1].lo <= 1e-2 * trials[-1].hi
 
 
@@ -120,10 +120,10 @@ def test_the_method_of_certify_is_the_script() -> None:
     campaign = cpcal.simulate(seed=8, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
     bound = cpcal.certify(campaign, legs=[1], delta=10.0).legs[0]
     found = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=2.0, gap=1e-2).legs[0]
-    assert found.eps_lo <= bound.eps_hi
-    assert found.eps_hi >= bound.eps_lo
-    assert found.trials
-    assert [t.lo for t in found.trials] == sorted(t.lo for t in found.trials)
+    assert found.bracket.lo <= bound.bracket.hi
+    assert found.bracket.hi >= bound.bracket.lo
+    assert found.work.trials
+    assert [t.lo for t in found.work.trials] == sorted(t.lo for t in found.work.trials)
 
 
 def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
@@ -131,17 +131,17 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     campaign = cpcal.load_campaign(tmp_path)
     question = {"legs": [1], "delta": 10.0, "method": "timeout", "time_limit": 30.0, "gap": 0.2}
     leg = cpcal.certify(campaign, certificates=tmp_path / "run", **question).legs[0]
-    infeasible = [t for t in leg.trials if t.answer is TimeoutAnswer.INFEASIBLE]
+    infeasible = [t for t in leg.work.trials if t.answer is TimeoutAnswer.INFEASIBLE]
     assert infeasible
     assert all(t.checked for t in infeasible)
-    assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate).claims
+    assert leg.bracket.certificate is not None
+    claims = check(tmp_path / "run" / leg.bracket.certificate).claims
     assert claims.infeasible
-    assert float(claims.eps_lo or 0) == leg.eps_lo > 0
+    assert float(claims.eps_lo or 0) == leg.bracket.lo > 0
     assert claims.point is not None
-    assert float(claims.point.at[7]) == leg.eps_hi
+    assert float(claims.point.at[7]) == leg.bracket.hi
     cpcal.save_result(cpcal.certify(campaign, **question), tmp_path, campaign)
-    assert cpcal.load_result(tmp_path).legs[0].trials
+    assert cpcal.load_result(tmp_path).legs[0].work.trials
 
 
 def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> None:
@@ -150,12 +150,12 @@ def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> 
         campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
     )
     leg = result.legs[0]
-    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.trials)
-    assert not any(t.checked for t in leg.trials)
-    assert leg.verdict is cpcal.Verdict.PROVED
+    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.work.trials)
+    assert not any(t.checked for t in leg.work.trials)
+    assert leg.bracket.verdict is cpcal.Verdict.PROVED
     assert "closed" not in proved_sentence(result.options, leg)
     assert "within the relative gap of 0.01" in proved_sentence(result.options, leg)
-    assert leg.eps_hi - leg.eps_lo <= 1e-2 * leg.eps_hi
+    assert leg.bracket.hi - leg.bracket.lo <= 1e-2 * leg.bracket.hi
 
 
 class KnowsMore(Composable):
@@ -176,7 +176,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     sim: dict[str, Any] = {"seed": 4, "joint_error": 3.0, "factor": 0.0, "random_poses": 14, "extremal": False}
     cpcal.save_campaign(cpcal.simulate(**sim), tmp_path / "campaign")
     campaign = cpcal.load_campaign(tmp_path / "campaign")
-    least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].eps_lo
+    least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].bracket.lo
     load = plugins.load
     monkeypatch.setattr(Lifted, "contract", lambda self, box, deadline: Contraction(box))  # weights prove nothing
     monkeypatch.setattr(
@@ -185,13 +185,13 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
     result = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question)
     leg = result.legs[0]
-    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.trials)
-    assert not any(t.checked for t in leg.trials)
-    assert leg.eps_lo == 0.0 < (leg.found_lo or 0.0) < least
-    assert leg.verdict is cpcal.Verdict.UNKNOWN
+    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.work.trials)
+    assert not any(t.checked for t in leg.work.trials)
+    assert leg.bracket.lo == 0.0 < leg.found.lo < least
+    assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
     assert "the certificate proves 0." in proved_sentence(result.options, leg)
-    assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate).claims
+    assert leg.bracket.certificate is not None
+    claims = check(tmp_path / "run" / leg.bracket.certificate).claims
     assert claims.eps_lo is None
 
 

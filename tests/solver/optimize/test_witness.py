@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
 from cpcal.solver.network.rows import exclusive
-from cpcal.solver.optimize.witness import Witness, WitnessProver
+from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
 
 ENGINES = ["float64", "arb"]
 
@@ -72,6 +72,12 @@ def test_a_solution_of_equations_is_proved_in_a_tiny_box_around_the_point(engine
     low, high = (Fraction(v) for v in (found.around.lo[1], found.around.hi[1]))
     assert low**2 <= 25 - Fraction(found.around.lo[0]) ** 2 <= high**2  # x[0] is one number, x[1] is enclosed
     assert found.value == pytest.approx(found.point[0] * found.point[1] - 11)
+    net, x, eps = with_eps()
+    net.add([x[0] ** 2 == 2, x[0] - eps == 0])
+    found = prove(net, [1.4, 1.4], engine)
+    assert found is not None
+    assert found.around is not None
+    assert Fraction(found.around.lo[1]) ** 2 < 2 <= Fraction(found.value) ** 2  # its upper end: sqrt(2) is no float
 
 
 def test_equations_without_a_solution_near_the_point_are_not_proved() -> None:
@@ -166,11 +172,21 @@ def test_one_reading_cannot_serve_two_constraints() -> None:
     r = net.reading(0.0, 1.0)
     net.add([(r + 0 * x[0]).within((-eps, eps)), (r + 0.5).within((-eps, eps))])
     assert prove(net, [0.0, 0.1]) is None
+    found = verify_point(net, [0.0, 0.1], get_arithmetic("float64"))
+    assert (found.holds.tolist(), found.fails.tolist()) == ([False], [False])
     shared, x, eps = with_eps(eps=(0.1, 0.1))
     r = shared.reading(np.zeros(1), 1.0)
     shared.add((r[[0, 0]] + np.array([0.0, 0.05]) + 0 * x[0]).within((-2, 2)))  # holds for every reading
     shared.add((r + 0.5 * x).within((-eps, eps)))
     assert prove(shared, [0.0, 0.1]) is not None
+
+
+@pytest.mark.parametrize("beyond", [-1e-3, -1e-9, 0.0, 1e-9])
+def test_a_point_fails_only_beyond_its_bound(beyond: float) -> None:
+    net, x, _ = with_eps()
+    net.add(x - 1.0 <= 0)
+    found = verify_point(net, [1.0 + beyond, 0.0], get_arithmetic("float64"))
+    assert (found.holds.tolist(), found.fails.tolist()) == ([beyond <= 0.0], [beyond > 0.0])
 
 
 def test_bodies_of_any_shape() -> None:
