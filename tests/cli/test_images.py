@@ -8,7 +8,6 @@ import shutil
 import numpy as np
 import pytest
 from tinyhtml5.parser import HTMLParser
-from typer.testing import CliRunner
 
 from cpcal.files import campaign_sha256
 
@@ -16,7 +15,6 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli import app
 from cpcal.cli.demo import DemoPlan
 from cpcal.cli.report import study_found
 from cpcal.common.errors import InputError
@@ -28,15 +26,10 @@ from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET
 from tests.changed import of_poses
+from tests.cli.command import run
 
 FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
 SMALL = DemoPlan(photographs=FEW, enclosed=2, legs=(6,), timeout_seconds=0.5)
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
 
 
 @pytest.fixture(scope="module", autouse=True)

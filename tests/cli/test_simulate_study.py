@@ -1,17 +1,10 @@
 """`cpcal simulate --study`: what it writes and refuses."""
 
 import pytest
-from typer.testing import CliRunner
 
-from cpcal.cli import app
 from cpcal.files import load_study, save_study
 from cpcal.simulate import simulate_study
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+from tests.cli.command import run
 
 
 def test_a_study_of_the_given_options_is_written(tmp_path):

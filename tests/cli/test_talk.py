@@ -6,24 +6,10 @@ from typing import Any
 
 import pytest
 import typer
-from typer.testing import CliRunner
 
-import cpcal
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("talk") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
-    return folder
+from tests.cli.command import run
 
 
 def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(campaign, tmp_path):

@@ -3,30 +3,15 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.common.files import unwritable
 from cpcal.files import campaign_sha256
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+from tests.cli.command import run
 
 
 def squeezed(text):
     return " ".join(text.replace("│", " ").split())
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """A campaign folder with exact readings, quick to certify."""
-    folder = tmp_path_factory.mktemp("cli") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
-    return folder
 
 
 @pytest.fixture(scope="module")
