@@ -44,7 +44,6 @@ from cpcal.handeye.study import SETUPS, simulate_hand_eye
 from cpcal.handeye.verify import verify_hand_eye
 from cpcal.legs import fit_model
 from cpcal.questions.bracket import verified_rows
-from cpcal.questions.outliers import certify_robust
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE
@@ -184,7 +183,7 @@ def outliers(asked: argparse.Namespace) -> None:
             campaign = cpcal.Campaign.of(*arrays, pose=good.pose, run=good.run, uncertainty=good.uncertainty)
             with tempfile.TemporaryDirectory() as name:
                 began = time.process_time()
-                (leg,) = certify_robust(campaign, outliers=q, legs=(1,), certificates=name).legs
+                (leg,) = cpcal.certify(campaign, outliers=q, legs=(1,), certificates=name).legs
                 seconds = time.process_time() - began
                 (checked,) = check_run(Path(name))
                 size = sum(path.stat().st_size for path in Path(name).glob("*.cert.jsonl"))

@@ -51,7 +51,6 @@ from cpcal.questions import (
 )
 from cpcal.questions.ask import answered, checked_options
 from cpcal.questions.compare import compared, comparison_question
-from cpcal.questions.outliers import certify_robust
 from cpcal.questions.question import HERE, Checkpoints, Question
 from cpcal.report import (
     FRAME,
@@ -108,7 +107,9 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
     talk.say(title)
-    if talk.verbose:
+    if result.options.outliers:
+        show(talk, outliers_section(result))
+    elif talk.verbose:
         _everything(talk, campaign, result, model)
     else:
         for leg in result.legs[:_MOST_LEGS]:
@@ -140,6 +141,18 @@ def _everything(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
 
 # ------------------------------------------------------------------------------------------------------------------
 # Certify, write the run, show it: what the verbs `certify` and `demo` share.
+
+
+def _record(result: Result) -> None:
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = {
+            "eps_lo": leg.bracket.lo,
+            "eps_hi": leg.bracket.hi,
+            "certified": leg.certified,
+            "seconds": leg.work.seconds,
+        }
+        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
 
 
 def certified_into(
@@ -440,15 +453,15 @@ class Support(StrEnum):
 
 @dataclass(frozen=True)
 class CertifyFlags:
-    """The options of `cpcal.certify`, `compare` and `certify_robust`."""
+    """The options of `cpcal.certify` and `compare`."""
 
     tolerance: Annotated[
         float | None, typer.Option(metavar="MM", help="The error that the legs may have: each passes or fails.")
     ] = None
     outliers: Annotated[
-        int | None,
+        int,
         typer.Option(metavar="Q", min=0, help="Measurements of a leg that may be wrong, at most, nobody knows which."),
-    ] = None
+    ] = 0
     model: Annotated[
         str | None,
         typer.Option(
@@ -478,7 +491,7 @@ class CertifyFlags:
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
-        shared = ("time_limit", "delta", "gap", "eps", "tolerance", "node_limit", "model")
+        shared = ("time_limit", "delta", "gap", "eps", "tolerance", "outliers", "node_limit", "model")
         return {name: getattr(self, name) for name in shared} | {
             "legs": numbers_of(self.legs),
             "contractors": names_of(self.contractors),
@@ -500,6 +513,12 @@ class CertifyFlags:
         ]
         if problems:
             raise InputError(problems)
+
+
+_WITH_OUTLIERS = (
+    *("outliers", "model", "legs", "time_limit", "delta", "center", "half_width", "as_json", "no_checker"),
+    *("workers", "scheduler", "memory_limit", "resume"),
+)
 
 
 def certify(
@@ -528,7 +547,7 @@ def certify(
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     models = names_of(options.model or "")
-    one = options.outliers is not None or len(models) > 1
+    one = bool(options.outliers) or len(models) > 1
     if len(campaigns) > 1:
         if options.as_json:
             raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
@@ -541,10 +560,10 @@ def certify(
     (campaign,) = campaigns
     if options.as_json:
         talk = replace(talk, quiet=True)
-    if options.outliers is not None:
-        return _with_outliers(campaign, run, options, where, talk)
     if len(models) > 1:
         return _models_compared(campaign, run, models, options, where, talk)
+    if options.outliers:
+        options.only(*_WITH_OUTLIERS, where=where, because="with --outliers")
     given = options.given()
     check_target(run, RUN, campaign)
     with where.place() as place:
@@ -569,44 +588,6 @@ def half_widths_of(texts: list[str]) -> dict[str, float]:
             message = f"{text!r:.60} is no half-width: give a name and a number, such as s=0.01"
             raise typer.BadParameter(message, param_hint="--half-width") from None
     return out
-
-
-def _record(result: Result) -> None:
-    for leg in result.legs:
-        verdict = verdict_of(result, leg)
-        bounds = {
-            "eps_lo": leg.bracket.lo,
-            "eps_hi": leg.bracket.hi,
-            "certified": leg.certified,
-            "seconds": leg.work.seconds,
-        }
-        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# With --outliers: brackets when some measurements may be wrong.
-
-
-def _with_outliers(campaign: Path, run: Path, options: CertifyFlags, where: Where, talk: Talk) -> Status:
-    known = ("outliers", "model", "legs", "time_limit", "delta", "center", "workers", "scheduler", "memory_limit")
-    options.only(*known, where=where, because="with --outliers")
-    given = {name: value for name, value in options.given().items() if name in known}
-    check_target(run, RUN, campaign)
-    measured = warn(load_campaign(campaign))
-    with where.stoppable():
-        found = certify_robust(
-            measured,
-            outliers=options.outliers or 0,
-            **given,
-            certificates=run,
-            tell=talk.progress(),
-            workers=where.workers,
-            scheduler=where.scheduler,
-        )
-    _record(found)
-    write_report(measured, found, run)
-    show(talk, outliers_section(found))
-    return Status.ANSWERED if all(leg.bracket.verdict is Verdict.PROVED for leg in found.legs) else Status.UNKNOWN
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -1,11 +1,9 @@
-from .ask import certify
+from .ask import certify, with_ranges
 from .bracket import PointResult, certify_point
 from .compare import COMPARED, compare
 from .compare_networks import compare_networks
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .data_check import DataCheck, Finding, check_data
-from .outliers import certify_robust
-from .ranges import with_ranges
 from .result import (
     ARITHMETICS,
     CENTERS,
@@ -87,7 +85,6 @@ __all__ = [
     "Work",
     "certify",
     "certify_point",
-    "certify_robust",
     "check_data",
     "compare",
     "compare_networks",

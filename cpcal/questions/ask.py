@@ -31,6 +31,7 @@ from cpcal.questions import (
     Uncertified,
     VerifiedPoint,
     Work,
+    model_of,
 )
 from cpcal.questions.bracket import (
     Answered,
@@ -40,6 +41,7 @@ from cpcal.questions.bracket import (
     prove_support,
     verified_center,
 )
+from cpcal.questions.outliers import robust_leg
 from cpcal.questions.question import (
     HERE,
     Checkpoints,
@@ -79,6 +81,8 @@ def certify_leg(question: Question, leg: int | LegResult) -> tuple[LegResult, bo
 
     With what follows the bracket, where the question asks for that; a result that has its bracket gets the rest.
     """
+    if question.options.outliers:
+        return robust_leg(question, leg.leg if isinstance(leg, LegResult) else leg), asked() is not None
     if isinstance(leg, LegResult):
         prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg, False
     else:
@@ -230,6 +234,7 @@ def certify(
     arithmetic: str = "float64",
     eps: float | None = None,
     tolerance: float | None = None,
+    outliers: int = 0,
     support: str = "few",
     method: str = "bound",
     certificates: str | os.PathLike[str] | None = None,
@@ -249,6 +254,7 @@ def certify(
     "nominal". `legs` counts from 1 (default: all). `gap` is relative; `time_limit` (seconds) and `node_limit` (boxes)
     are of each leg. With `eps` (mm) the question is instead whether S(eps) is empty. `progress` is called with
     (leg, Bracket) as the brackets shrink. `tolerance` (mm) is kept with the result: the error that the robot may have.
+    With `outliers` the bracket holds whichever so many measurements of a leg are wrong, nobody knows which.
 
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
     not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
@@ -286,6 +292,7 @@ def certify(
         arithmetic=arithmetic,
         eps=eps,
         tolerance=tolerance,
+        outliers=outliers,
         support=support,
         method=method,
         model=model,
@@ -316,21 +323,54 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
         options = Options(**given)
     except InputError as error:
         raise InputError([*problems, *error.problems]) from None
+    if options.outliers >= len(campaign):
+        remedy = f"give a whole number below {len(campaign)}, such as 1"
+        problems.append(
+            Problem("outliers", f"{options.outliers} is no number of measurements that may be wrong", remedy)
+        )
     if problems:
         raise InputError(problems)
     plugins.check_names(options.contractors)
     return options, model
 
 
-def answered(question: Question, place: Place = HERE) -> Result:
-    """All legs. Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done."""
+def with_ranges(
+    campaign: Campaign,
+    result: Result,
+    *,
+    certificates: str | os.PathLike[str] | None = None,
+    model: LegModel | None = None,
+) -> Result:
+    """The result with `ranges`, and what the page draws, for every leg that has a tolerance to ask them at.
+
+    `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
+    package provides it. Ctrl-C ends it with what is done. Raises InputError without the model.
+    """
+    if result.interrupted:
+        return result
+    question = Question(
+        campaign=campaign,
+        options=replace(result.options, legs=tuple(leg.leg for leg in result.legs)),
+        model=model_of(result, model),
+        certificates=None if certificates is None else Path(certificates),
+        whole=True,
+    )
+    found = answered(question, known=result.legs)
+    return replace(result, legs=found.legs, interrupted=found.interrupted)
+
+
+def answered(question: Question, place: Place = HERE, known: Sequence[LegResult] = ()) -> Result:
+    """All legs; of those that are `known` what is to follow their brackets.
+
+    Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done.
+    """
     campaign, model = question.campaign, question.model
     numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
     beyond = beyond_all_legs(question, numbers)
     if beyond:
         raise InputError(beyond)
     kept = question.checkpoints
-    done = {} if kept is None else _resumed(question, kept, numbers)
+    done = {leg.leg: leg for leg in known} if kept is None else _resumed(question, kept, numbers)
     left = [done.get(leg, leg) for leg in numbers if leg not in done or _begun(question, done[leg])]
     question, place = placed(question, len(left), place)
     here = isinstance(place[0], Here)
@@ -374,7 +414,8 @@ def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> d
 
 def _begun(question: Question, leg: LegResult) -> bool:
     """Whether a leg with its bracket lacks what is to follow."""
-    return question.whole and leg.ranges is None and range_eps(question.options, leg) is not None
+    whole = question.whole and not question.options.outliers
+    return whole and leg.ranges is None and range_eps(question.options, leg) is not None
 
 
 def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:

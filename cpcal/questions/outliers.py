@@ -14,43 +14,29 @@ of q measurements that miss the new support. The proof is the family of refutati
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from cpcal.common.errors import Problem
-from cpcal.common.files import write_file
-from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats, Indices
-from cpcal.common.version import __version__
-from cpcal.files import campaign_sha256
-from cpcal.files.run_folder import RUN, answers_into
-from cpcal.legs import LegModel, leg_box, leg_network
-from cpcal.questions import CampaignNote, LegBracket, LegResult, ModelNote, Result, Uncertified, Work, save_result
-from cpcal.questions.ask import LOADS, checked_options
+from cpcal.legs import leg_box, leg_network
+from cpcal.questions import LegBracket, LegResult, Uncertified, Work
 from cpcal.questions.bracket import all_or_none, written
-from cpcal.questions.question import Question, answers
-from cpcal.robot import Campaign
+from cpcal.questions.question import Question
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.execution.executors import Here, Place, executor_for
-from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
+from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.optimize.local import fit
-from cpcal.solver.optimize.minimum import Minimum, hitting_set
+from cpcal.solver.optimize.minimum import Bracket, Minimum, hitting_set
 from cpcal.solver.search import Contracting
-
-Told = Callable[[str], None]
 
 MARGIN = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
 SMALLEST = 1e-9  # mm, likewise
@@ -80,12 +66,12 @@ class _Progress:
         return np.inf if self.best is None else self.best.hi
 
 
-def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = None) -> LegResult:
-    """The bracket of leg `leg` with at most `outliers` wrong measurements; with certificates where they are asked for.
+def robust_leg(question: Question, leg: int) -> LegResult:
+    """The bracket of leg `leg` when some of its measurements may be wrong; with certificates where they are asked for.
 
     A search that ends at `question.limits` leaves the bracket open, as does one that cannot refute the target.
     """
-    began = time.monotonic()
+    began, outliers = time.monotonic(), question.options.outliers
     search = _Search(question, leg)
     state = _Progress()
     search.begin(state, search.guessed(outliers))
@@ -97,13 +83,13 @@ def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = 
         without = hitting_set([one.members for one in state.supports], outliers)
         if without is None:
             break
-        if tell is not None:
-            tell(f"leg {leg}: eps_hi {at_most(state.hi, 6)} mm, {len(state.supports)} supports")
+        if question.progress is not None:
+            question.progress(leg, Bracket(0.0, state.hi, state.searches, 0, time.monotonic() - began))
         target = search.turn(state, without, target)
-    return _result(search, state, outliers, target, time.monotonic() - began)
+    return _result(search, state, outliers, time.monotonic() - began)
 
 
-def _result(search: _Search, state: _Progress, outliers: int, target: float, seconds: float) -> LegResult:
+def _result(search: _Search, state: _Progress, outliers: int, seconds: float) -> LegResult:
     question, ids = search.question, search.question.campaign.measurement_ids
     settled = hitting_set([one.members for one in state.supports], outliers) is None
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
@@ -253,77 +239,3 @@ class _Search:
 def _members(found: Minimum, kept: Indices) -> frozenset[int]:
     """The measurements with a weight in some step."""
     return frozenset(int(kept[k]) for _, k in found.rows)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Legs of which some measurements may be wrong: the question of `robust_leg` asked of each, here or by workers.
-
-
-def certify_robust(
-    campaign: Campaign,
-    *,
-    outliers: int,
-    legs: Sequence[int] | None = None,
-    delta: float = 100.0,
-    center: str = "fit",
-    time_limit: float | None = None,
-    contractors: Sequence[str] = ("lifted",),
-    model: str | LegModel | None = None,
-    certificates: str | os.PathLike[str] | None = None,
-    tell: Told | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    executor: Executor | None = None,
-) -> Result:
-    """For every leg the smallest eps when at most `outliers` of its measurements may be wrong, bracketed by proofs.
-
-    The other options are those of `certify`. `certificates` names a folder for `result.json` and what proves it to
-    `cpcal verify`. `tell` is called with a line on what is done here. Legs are the tasks of `workers` processes, of a
-    Dask `scheduler` or of an `executor`. Raises InputError, PluginError, LostWorkerError, Stopped.
-    """
-    wrong = []
-    if isinstance(outliers, bool) or not isinstance(outliers, int) or not 0 < outliers < len(campaign):
-        remedy = f"give a whole number from 1 to {len(campaign) - 1}, such as 2"
-        wrong.append(Problem("outliers", f"{outliers!r} is no number of measurements that may be wrong", remedy))
-    options, chosen = checked_options(
-        campaign,
-        wrong,
-        legs=legs,
-        delta=delta,
-        center=center,
-        time_limit=time_limit,
-        contractors=contractors,
-        model=model,
-        half_widths={},
-        outliers=outliers if not wrong else 0,
-    )
-    question = Question(campaign=campaign, options=options, model=chosen)
-    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
-        if certificates is None:
-            return _answered(question, outliers, tell, place)
-        with answers_into(certificates, RUN, campaign) as draft:
-            found = _answered(replace(question, certificates=draft), outliers, tell, place)
-            save_result(found, draft)
-    return found
-
-
-def _answered(question: Question, outliers: int, tell: Told | None, place: Place) -> Result:
-    """Raises Stopped where some leg has no answer yet."""
-    campaign, model = question.campaign, question.model
-    numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
-    work = partial(robust_leg, outliers=outliers, tell=tell if isinstance(place[0], Here) else None)
-    legs = {}
-    for answer in answers(question, work, numbers, place):
-        legs[answer.asked] = answer.found
-        for name, content in answer.files.items():
-            assert question.certificates is not None
-            write_file(question.certificates / name, content)
-    if len(legs) < len(numbers):
-        raise Stopped(asked() or Reason.INTERRUPTED)
-    return Result(
-        campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
-        options=question.options,
-        model=ModelNote(model.name, model.extra),
-        version=__version__,
-        legs=tuple(legs[leg] for leg in numbers),
-    )

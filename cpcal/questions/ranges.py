@@ -3,82 +3,23 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.errors import InputError
-from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.legs import PARAMETERS, LegModel, model_jacobian
-from cpcal.questions import LegResult, Options, Projection, Projections, Ranges, Result, model_of
+from cpcal.questions import LegResult, Options, Projection, Projections, Ranges
 from cpcal.questions.bracket import PreparedLeg, by_bound
-from cpcal.questions.question import HERE, Question, answers
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, Repeat, SupportFunction, Verdict
-from cpcal.solver.execution.executors import Place
 from cpcal.solver.interval import Box
 
 MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left
 PREFIX = "ranges-"  # of the certificates' names
-
-
-def with_ranges(
-    campaign: Campaign,
-    result: Result,
-    *,
-    certificates: str | os.PathLike[str] | None = None,
-    model: LegModel | None = None,
-    place: Place = HERE,
-) -> Result:
-    """The result with `ranges` for every leg that has a tolerance to ask them at (`range_eps`).
-
-    `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
-    package provides it. `place`: where the work is done. Ctrl-C ends it with what is done. Raises InputError without
-    the model.
-    """
-    if result.interrupted:
-        return result
-    folder = None if certificates is None else Path(certificates)
-    question = Question(
-        campaign=campaign,
-        options=result.options,
-        model=model_of(result, model),
-        certificates=folder,
-    )
-    found: dict[int, LegResult] = {leg.leg: leg for leg in result.legs}
-    left = set(found)
-    interrupted = False
-    try:
-        for answer in answers(question, _ranges, result.legs, place):
-            ranges, stopped = answer.found
-            interrupted = interrupted or stopped
-            if stopped:
-                continue
-            leg = answer.asked
-            left.discard(leg.leg)
-            found[leg.leg] = replace(leg, ranges=_written(folder, answer.files, ranges))
-    except KeyboardInterrupt:
-        interrupted = True
-    legs = tuple(found[leg.leg] for leg in result.legs)
-    return replace(result, legs=legs, interrupted=interrupted or bool(left))
-
-
-def _written(folder: Path | None, files: Mapping[str, bytes], ranges: Ranges | None) -> Ranges | None:
-    """The ranges, with their certificate in the folder; without it where it cannot be written."""
-    try:
-        for name, content in files.items():
-            assert folder is not None
-            write_file(folder / name, content)
-    except InputError:
-        return None if ranges is None else replace(ranges, certificate=None)
-    return ranges
 
 
 def range_eps(options: Options, leg: LegResult) -> float | None:
@@ -92,33 +33,15 @@ def range_eps(options: Options, leg: LegResult) -> float | None:
     return MARGIN * leg.bracket.hi
 
 
-def _ranges(question: Question, leg: LegResult) -> tuple[Ranges | None, bool]:
-    if _asked_at(question.options, leg) is None:
-        return _without_search(question.options, leg), False
-    return ranges_of(PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg)
-
-
-def _asked_at(options: Options, leg: LegResult) -> float | None:
-    """The eps of a search for the ranges; None where none is needed."""
-    return None if options.eps is not None else range_eps(options, leg)
-
-
-def _without_search(options: Options, leg: LegResult) -> Ranges | None:
-    """They are what was asked, where one eps was asked about."""
-    eps = range_eps(options, leg)
-    return (
-        None
-        if eps is None or leg.bracket.enclosure.is_empty
-        else Ranges(eps, leg.bracket.enclosure, leg.bracket.certificate)
-    )
-
-
 def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
     """The ranges of a leg that has its bracket, and whether the user interrupted the search for them."""
     question = prepared.question
-    eps = _asked_at(question.options, leg)
+    eps = range_eps(question.options, leg)
     if eps is None:
-        return _without_search(question.options, leg), False
+        return None, False
+    if question.options.eps is not None:  # they are what was asked
+        of = leg.bracket
+        return None if of.enclosure.is_empty else Ranges(eps, of.enclosure, of.certificate), False
     domain = prepared.at(eps)
     if domain.is_empty:
         return None, False
@@ -149,30 +72,6 @@ _ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a pi
 _PASSES = 12  # of the contractor, at most
 _SETTLED = 0.75  # another pass only while some width shrinks below this part of what it was
 _DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
-
-
-def with_projections(campaign: Campaign, result: Result, model: LegModel | None = None, place: Place = HERE) -> Result:
-    """The result with `projections` for every leg that has a tolerance to draw them at; Ctrl-C ends it early.
-
-    `model`: the leg model, where no installed package provides it. `place`: where the work is done. Raises InputError
-    without the model.
-    """
-    if result.interrupted:
-        return result
-    question = Question(campaign=campaign, options=result.options, model=model_of(result, model))
-    drawn: dict[int, Projections | None] = {}
-    with suppress(KeyboardInterrupt):
-        for answer in answers(question, projections, result.legs, place):
-            drawn[answer.asked.leg] = answer.found
-    legs = tuple(replace(leg, projections=drawn.get(leg.leg, leg.projections)) for leg in result.legs)
-    return replace(result, legs=legs, interrupted=len(drawn) < len(legs))
-
-
-def projections(question: Question, leg: LegResult) -> Projections | None:
-    """Those of a leg that has its bracket: see `projections_of`."""
-    if range_eps(question.options, leg) is None:
-        return None
-    return projections_of(PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg)
 
 
 def projections_of(prepared: PreparedLeg, leg: LegResult) -> Projections | None:

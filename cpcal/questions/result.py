@@ -110,6 +110,9 @@ class Options:
                 yield Problem(name, f"{value} is no tolerance", "give a number of mm, 0 or more")
         if self.outliers < 0:
             yield Problem("outliers", f"{self.outliers} is no number of measurements", "give 0 or more")
+        if self.outliers and (self.eps is not None or self.tolerance is not None or self.method != "bound"):
+            what = "asks for the smallest eps, by branch and bound"
+            yield Problem("outliers", what, "leave out eps, tolerance and method")
         choices = {"center": CENTERS, "support": SUPPORTS, "method": METHODS, "arithmetic": ARITHMETICS}
         for name, known in choices.items():
             if getattr(self, name) not in known:

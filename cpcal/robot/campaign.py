@@ -32,7 +32,6 @@ from cpcal.robot.units import (
     half_widths,
     is_angle,
     is_length,
-    length_factor,
     override_columns,
     reading_columns,
     require,
@@ -105,9 +104,9 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     if isinstance(values, Robot):
         remedy = "give positions, rotations and lengths first, and the robot as robot=; or use Campaign.of"
         raise InputError([Problem(where, "are a Robot, not numbers", remedy)])
-    factor = length_factor(unit, where)
-    if isinstance(factor, Problem):
-        raise InputError([factor])
+    if unit not in LENGTHS:
+        raise InputError([Problem(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(LENGTHS))])
+    factor = float(LENGTHS[unit])
     try:
         array = as_floats(values)
     except (TypeError, ValueError) as error:

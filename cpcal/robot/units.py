@@ -28,15 +28,6 @@ NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "microme
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 
 
-def length_factor(unit: str, where: str) -> float | Problem:
-    """How many mm the unit is, or what is wrong with its name; `where` says what is in that unit."""
-    return float(LENGTHS[unit]) if unit in LENGTHS else _unknown(unit, where, LENGTHS)
-
-
-def _unknown(unit: str, where: str, known: dict[str, Decimal] | dict[str, float]) -> Problem:
-    return Problem(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(known))
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # The forms that rotations come in, by name, and their way to unit quaternions, scalar first.
 #

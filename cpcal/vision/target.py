@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,8 +66,9 @@ class Target(Value):
             return [Problem("target dots", what, f"give mm, at most {LARGEST:g}")]
         if len(dots) > MOST_DOTS:
             return [Problem("target dots", f"are {len(dots):,}", f"give at most {MOST_DOTS}")]
-        for i, j in itertools.islice(_overlapping(dots, radius), _TOLD):
-            apart = float(np.linalg.norm(dots[i] - dots[j]))
+        distances = np.linalg.norm(dots[:, None] - dots, axis=2) if len(dots) else np.zeros((0, 0))
+        for i, j in np.argwhere(np.triu(distances <= 2.0 * radius, 1))[:_TOLD].tolist():
+            apart = float(distances[i, j])
             what = f"{i} and {j} are {apart:g} mm apart and overlap" if apart else f"{i} and {j} are in the same place"
             out.append(Problem("target dots", what, "give each dot once, farther apart than its diameter"))
         if len(lines) > MOST_LINES:
@@ -99,13 +99,6 @@ def wrong_deviations(scale_sigma: float, dot_sigma: float, radius: float) -> lis
     if not 0.0 <= dot_sigma <= radius:
         out.append(Problem("target dot_sigma", f"is {dot_sigma:g}", "give mm, from 0 to the radius"))
     return out
-
-
-def _overlapping(dots: Floats, radius: float) -> Iterator[tuple[int, int]]:
-    """Pairs of dots that are not farther apart than a diameter."""
-    for i, dot in enumerate(dots[:-1]):
-        near = np.linalg.norm(dots[i + 1 :] - dot, axis=1) <= 2.0 * radius
-        yield from ((i, int(j)) for j in i + 1 + np.flatnonzero(near))
 
 
 def off_line(points: Floats) -> float:

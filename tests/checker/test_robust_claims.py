@@ -13,7 +13,6 @@ from cpcal.checker import Refused, check, check_run
 from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import meeting
 from cpcal.files import load_campaign_json
-from cpcal.questions.outliers import certify_robust
 from cpcal.simulate import simulate
 
 
@@ -24,7 +23,7 @@ def good(tmp_path_factory):
     length = made.length.copy()
     length[3, 0] += 2.0
     campaign = cpcal.Campaign.of(made.robot, made.position, made.quaternion, length, pose=made.pose, exact=True)
-    certify_robust(campaign, outliers=1, legs=(1,), delta=5.0, certificates=folder)
+    cpcal.save_result(cpcal.certify(campaign, outliers=1, legs=(1,), delta=5.0, certificates=folder), folder)
     return folder
 
 

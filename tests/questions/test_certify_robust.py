@@ -13,7 +13,6 @@ import cpcal
 from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.questions import outliers as robust
-from cpcal.questions.outliers import certify_robust
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -28,11 +27,12 @@ def campaign(measurements, wrong, seed=1, error=3.0):
 @pytest.mark.parametrize("wrong", [(4,), (2, 9)])
 def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_path):
     asked = campaign(18, wrong)
-    found = certify_robust(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
+    found = cpcal.certify(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
     (leg,) = found.legs
     assert leg.bracket.left_out == tuple(asked.measurement_ids[k] for k in wrong)
     assert leg.bracket.verdict is cpcal.Verdict.PROVED
     assert 0.0 < leg.bracket.lo < leg.bracket.hi < 0.05
+    cpcal.save_result(found, tmp_path)
     assert cpcal.load_result(tmp_path) == found
     (checked,) = check_run(tmp_path)
     assert checked.refused is None
@@ -43,8 +43,9 @@ def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_pa
 def asked_of(folder, **options):
     """One leg of twelve measurements, the fourth of which is wrong."""
     given = {"outliers": 1, "legs": (1,), "delta": 8.0, "center": "nominal", "certificates": folder}
-    (leg,) = certify_robust(campaign(12, (3,), error=0.3), **(given | options)).legs
-    return leg
+    found = cpcal.certify(campaign(12, (3,), error=0.3), **(given | options))
+    cpcal.save_result(found, folder)
+    return found.legs[0]
 
 
 def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
@@ -70,7 +71,7 @@ def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path,
 
 def test_the_bracket_is_that_of_the_best_choice_among_all():
     asked = campaign(12, (3,), error=0.3)
-    (leg,) = certify_robust(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
+    (leg,) = cpcal.certify(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
     rows = np.arange(len(asked))
     best = np.inf
     for k in rows:
@@ -86,16 +87,16 @@ def test_the_bracket_is_that_of_the_best_choice_among_all():
 
 def test_without_wrong_measurements_it_is_no_larger_than_the_plain_bracket():
     asked = campaign(12, ())
-    (leg,) = certify_robust(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
+    (leg,) = cpcal.certify(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
     (plain,) = cpcal.certify(asked, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
     assert 0.0 < leg.bracket.lo <= leg.bracket.hi < plain.bracket.lo
 
 
 def test_workers_find_and_prove_the_same(tmp_path):
     asked, options = campaign(12, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 8.0, "center": "nominal"}
-    certify_robust(asked, **options, certificates=tmp_path / "here")
+    cpcal.certify(asked, **options, certificates=tmp_path / "here")
     with ThreadPoolExecutor(2) as threads:
-        certify_robust(asked, **options, certificates=tmp_path / "there", executor=threads)
+        cpcal.certify(asked, **options, certificates=tmp_path / "there", executor=threads)
     here, there = ({p.name: p.read_bytes() for p in (tmp_path / n).glob("*.jsonl")} for n in ("here", "there"))
     assert here
     assert here == there
@@ -103,7 +104,9 @@ def test_workers_find_and_prove_the_same(tmp_path):
 
 def test_more_outliers_than_measurements_are_refused():
     with pytest.raises(InputError, match="no number of measurements"):
-        certify_robust(campaign(9, ()), outliers=9)
+        cpcal.certify(campaign(9, ()), outliers=9)
+    with pytest.raises(InputError, match="leave out eps, tolerance and method"):
+        cpcal.certify(campaign(9, ()), outliers=1, tolerance=1.0)
 
 
 def test_a_hitting_set_meets_every_set_and_none_is_missed():

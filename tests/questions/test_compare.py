@@ -15,7 +15,6 @@ import cpcal
 from cpcal.checker import check
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
-from cpcal.questions.ranges import with_projections
 from cpcal.report import write_report
 from cpcal.report.comparison_page import comparison_sentences, comparison_table, write_comparison
 from cpcal.report.section import plain
@@ -142,7 +141,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
 def test_results_and_comparisons_come_back_from_their_files(found, exact, tmp_path):
     cpcal.save_comparison(found, tmp_path)
     assert cpcal.load_comparison(tmp_path) == found
-    result = with_projections(exact, cpcal.certify(exact, legs=[1], model="gain", certificates=tmp_path))
+    result = cpcal.with_ranges(exact, cpcal.certify(exact, legs=[1], model="gain", certificates=tmp_path))
     cpcal.save_result(result, tmp_path)
     assert cpcal.load_result(tmp_path) == result
     assert result.legs[0].projections is not None
@@ -168,13 +167,13 @@ def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
     page = write_report(exact, foreign, tmp_path).read_text(encoding="utf-8")
     assert "The residuals of the proved point are not drawn: the leg model &#39;someone_elses&#39; is not known" in page
     with pytest.raises(cpcal.InputError, match="'someone_elses' is not known"):
-        with_projections(exact, foreign)
+        cpcal.with_ranges(exact, foreign)
 
 
 def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
     result = cpcal.certify(exact, legs=[1], model=own)
-    drawn = with_projections(exact, result, own)
+    drawn = cpcal.with_ranges(exact, result, model=own)
     assert drawn.legs[0].projections is not None
     page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
     assert "of the proved point are not drawn" not in page

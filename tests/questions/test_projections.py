@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 from fractions import Fraction
 
 import numpy as np
@@ -11,8 +10,10 @@ from scipy.optimize import linprog
 
 import cpcal
 from cpcal.legs import PARAMETERS, residuals
+from cpcal.questions import ask
+from cpcal.questions.bracket import PreparedLeg
 from cpcal.questions.question import Question
-from cpcal.questions.ranges import MARGIN, projections, range_eps, with_projections
+from cpcal.questions.ranges import MARGIN, projections_of, range_eps
 from cpcal.simulate import true_robot
 from tests.changed import leg_with
 
@@ -21,7 +22,7 @@ from tests.changed import leg_with
 def exact():
     """Readings taken as exact, so that a point's eps is its largest residual."""
     campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
-    return campaign, with_projections(campaign, cpcal.certify(campaign, legs=[2]))
+    return campaign, cpcal.with_ranges(campaign, cpcal.certify(campaign, legs=[2]))
 
 
 def holds(found, x):
@@ -81,7 +82,7 @@ def test_they_say_more_than_the_box(exact):
 
 def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
     campaign = cpcal.simulate(seed=4, truncate=3.0)
-    result = with_projections(campaign, cpcal.certify(campaign, legs=[3]))
+    result = cpcal.with_ranges(campaign, cpcal.certify(campaign, legs=[3]))
     leg = result.legs[0]
     assert leg.bracket.hi == leg.projections.eps == 0.0
     assert holds(leg.projections, true_robot(campaign).parameters[2])
@@ -115,23 +116,27 @@ def test_the_tolerance_fits_the_question(exact):
 
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
-    leg = result.legs[0]
+    leg = dataclasses.replace(result.legs[0], ranges=None)
 
     def drawn(**changes):
-        return projections(Question(campaign=campaign, options=with_options(result, **changes).options), leg)
+        question = Question(campaign=campaign, options=with_options(result, **changes).options)
+        return projections_of(PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg)
 
     assert drawn(contractors=("hc4",)) is None
     assert drawn(delta=0.0) is None
     assert drawn(eps=0.01) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
-    assert with_projections(campaign, bare) is bare
+    assert cpcal.with_ranges(campaign, bare) is bare
 
 
 def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules[with_projections.__module__], "projections", stop)
-    found = with_projections(*exact)
+    campaign, result = exact
+    bare = dataclasses.replace(result, legs=(dataclasses.replace(result.legs[0], ranges=None),))
+    monkeypatch.setattr(ask, "projections_of", stop)
+    found = cpcal.with_ranges(campaign, bare)
+    assert found.legs[0].ranges is not None
     assert found.interrupted
     assert found.legs == exact[1].legs

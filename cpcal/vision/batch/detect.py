@@ -14,10 +14,9 @@ import stat
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -156,12 +155,7 @@ class Journal:
             self.file.write(json.dumps(line) + "\n")
             self.file.flush()
 
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         if self.file is not None:
             self.file.close()
 
@@ -317,7 +311,7 @@ def detect(
     """
     opencv()
     names = list(source.names)
-    with heard(), Journal.opened(journal, target, camera, camera_covariance) as kept:
+    with heard(), closing(Journal.opened(journal, target, camera, camera_covariance)) as kept:
         work = _Work(source, target, camera, camera_covariance, overlays)
         known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         done = {name: row for name, row in known.items() if work.pictured(name)}

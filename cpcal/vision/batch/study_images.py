@@ -79,7 +79,9 @@ class RenderedImages:
         scene = self.scene
         if PurePosixPath(name).stem == MEAN:
             scene = replace(scene, noise=scene.noise / math.sqrt(10.0))
-        return render(self.target, self.camera, self.pose(name), scene, seed=_image_seed(self.seed, name))
+        # of one image: it does not depend on which others there are
+        seed = int(np.random.SeedSequence([self.seed, *name.encode()]).generate_state(1, np.uint64)[0])
+        return render(self.target, self.camera, self.pose(name), scene, seed=seed)
 
     def write(
         self, folder: Path, *, workers: int | None = None, progress: Callable[[int, int], None] | None = None
@@ -107,11 +109,6 @@ class _Writing:
                 raise UnreadableImageError(f"{name} cannot be encoded")
             path.write_bytes(content.tobytes())
         return len(names)
-
-
-def _image_seed(seed: int, name: str) -> int:
-    """Of one image: it does not depend on which others there are."""
-    return int(np.random.SeedSequence([seed, *name.encode()]).generate_state(1, np.uint64)[0])
 
 
 def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], npt.ArrayLike]) -> PoseTable:

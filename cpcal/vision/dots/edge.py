@@ -597,11 +597,6 @@ class Edges:
         return axes
 
     @property
-    def fullness(self) -> Floats:
-        """(n,) the share of the contrast that a dot's middle reaches, for circles."""
-        return np.asarray(1.0 - np.exp(-0.5 * self.axes.prod(axis=1) / self.blur**2))
-
-    @property
     def extent(self) -> Floats:
         """(n, 2) half the sides of the upright box around the ellipse, pixels."""
         xx, xy, yy = self.conic[:, 0, 0], self.conic[:, 0, 1], self.conic[:, 1, 1]

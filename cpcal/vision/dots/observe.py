@@ -525,7 +525,8 @@ def _dot_like(
         keep &= np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius
         keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
         keep &= (edges.blur > _SHARPEST) & (edges.blur < axes[:, 1])
-        keep &= sign * edges.contrast * edges.fullness > _NOISE * np.maximum(edges.noise, noise)
+        fullness = 1.0 - np.exp(-0.5 * axes.prod(axis=1) / edges.blur**2)  # of the contrast, in a dot's middle
+        keep &= sign * edges.contrast * fullness > _NOISE * np.maximum(edges.noise, noise)
         around = _CLEAR * edges.blur[:, None]
         keep &= (edges.center - extent > around).all(axis=1)
         keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)

@@ -181,23 +181,11 @@ def camera_yaml(camera: Camera, style: str) -> bytes:
         ros = next(name for name, model in _ROS_MODELS.items() if model == camera.model)
         lines += ["camera_name: camera", f"distortion_model: {ros}"]
         tag, kind = "", []
-    for key, values, rows in (("camera_matrix", matrix, 3), ("distortion_coefficients", lens, 1)):
+    tables = [("camera_matrix", matrix, 3), ("distortion_coefficients", lens, 1)]
+    if style == "ros":  # camera_info holds these besides: no rectification
+        projection = [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
+        tables += [("rectification_matrix", np.eye(3).ravel().tolist(), 3), ("projection_matrix", projection, 3)]
+    for key, values, rows in tables:
         lines += [f"{key}:{tag}", f"   rows: {rows}", f"   cols: {len(values) // rows}", *kind]
         lines.append(f"   data: [{', '.join(map(repr, values))}]")
-    if style == "ros":
-        lines += _ros_rest([*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0])
     return ("\n".join(lines) + "\n").encode()
-
-
-def _ros_rest(projection: list[float]) -> list[str]:
-    """What camera_info holds besides: no rectification."""
-    return [
-        "rectification_matrix:",
-        "   rows: 3",
-        "   cols: 3",
-        "   data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]",
-        "projection_matrix:",
-        "   rows: 3",
-        "   cols: 4",
-        f"   data: [{', '.join(map(repr, projection))}]",
-    ]

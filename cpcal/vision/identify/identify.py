@@ -93,12 +93,7 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
         fit = _grown(view, target, found[found >= 0], numbers[found >= 0])
         if fit is not None:
             yield fit, max(len(candidates), 1)
-    if span >= ONE_ROW:
-        yield from _from_one_row(view, target, rows)
-
-
-def _from_one_row(view: View, target: Target, rows: list[RowMatches]) -> Iterator[tuple[Hypothesis, int]]:
-    for row, matches in enumerate(rows):
+    for row, matches in enumerate(rows if span >= ONE_ROW else []):
         for found, numbers in seeds(view, target, row, matches):
             fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
             if fit is not None:
@@ -373,7 +368,8 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
     reason = "no two rows of the target were recognised among the dots"
     for (neighbours, span), looks in zip(_EFFORTS, _LOOKS, strict=True):
         if looks < len(seen):
-            seen = _straightest(seen, looks)
+            # those in which most dots stand in line: where the distortion is guessed best, rows are straight
+            seen = tuple(sorted(seen, key=lambda view: straightness(view.points, view.fine), reverse=True)[:looks])
         best: Identification | None = None
         for view in seen:
             answer = _in_view(view, target, neighbours, span)
@@ -391,11 +387,6 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
         if best is not None:
             return best
     raise Unidentified(reason)
-
-
-def _straightest(seen: tuple[View, ...], count: int) -> tuple[View, ...]:
-    """The views in which most dots stand in line: where the distortion is guessed best, its rows are straight."""
-    return tuple(sorted(seen, key=lambda view: straightness(view.points, view.fine), reverse=True)[:count])
 
 
 @dataclass(frozen=True)

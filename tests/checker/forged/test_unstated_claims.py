@@ -12,8 +12,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import check
-from cpcal.questions import save_result
-from cpcal.questions.ranges import with_ranges
+from cpcal.questions import save_result, with_ranges
 from tests.checker.forged.test_checker_run import refused, up
 
 Data = dict[str, Any]
