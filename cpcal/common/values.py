@@ -3,7 +3,7 @@
     @dataclass(frozen=True, eq=False)
     class Robot(Value):
         def __post_init__(self):
-            object.__setattr__(self, "base", frozen_array(self.base))
+            fill(self, base=frozen_array(self.base))
 
 Arrays and mappings also stay read-only when a value is copied or unpickled, so that what was computed from one (a
 digest) stays true of it.
@@ -59,6 +59,12 @@ def frozen_mapping(values: Mapping[str, _V]) -> Mapping[str, _V]:
     return MappingProxyType(dict(values))
 
 
+def fill(value: object, **held: object) -> None:
+    """Fields of a frozen dataclass, while it is made."""
+    for name, field in held.items():
+        object.__setattr__(value, name, field)
+
+
 class ByValue:
     """Base of dataclasses that are equal when their fields are, arrays included."""
 
@@ -89,12 +95,10 @@ class Value(ByValue):
         return {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in held.items()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
+        for value in state.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
-            elif isinstance(value, dict):
-                value = MappingProxyType(value)
-            object.__setattr__(self, name, value)
+        fill(self, **{name: MappingProxyType(v) if isinstance(v, dict) else v for name, v in state.items()})
 
 
 def same(one: object, other: object) -> bool:

@@ -379,8 +379,7 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
 # Equations that follow from a network's polynomial equations, found by eliminating terms between them.
 #
 # Two equations whose products with monomials share a term give a third without it (an S-polynomial). What comes of it
-# by Buchberger's algorithm in whole numbers, stopped early, holds wherever the equations hold; the shorter ones of
-# lower
+# by Buchberger's algorithm in whole numbers, stopped early, holds wherever the equations do; the shorter ones of lower
 # degree bound the unknowns far better than the sums of large terms they come from (F. Benhamou, L. Granvilliers:
 # Automatic generation of numerical redundancies for non-linear constraint solving, Reliable Computing 3, 1997).
 

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from cpcal.solver.contract import Contractor, elements
 from cpcal.solver.network import ConstraintNetwork
-
-
-@runtime_checkable
-class Particular(Protocol):
-    """What a contractor may declare besides: the constraints, by number, that it leaves alone. Others use all."""
-
-    @property
-    def unused_constraints(self) -> Collection[int]: ...
 
 
 @dataclass(frozen=True)
@@ -59,6 +50,5 @@ def row_use(
 
 
 def _unused(contractor: Contractor) -> frozenset[int]:
-    """What none of its parts uses."""
-    parts = [p.unused_constraints if isinstance(p, Particular) else () for p in elements(contractor)]
-    return frozenset.intersection(*map(frozenset, parts))
+    """What none of its parts uses: each may declare the constraints, by number, that it leaves alone."""
+    return frozenset.intersection(*(frozenset(getattr(p, "unused_constraints", ())) for p in elements(contractor)))

@@ -66,11 +66,6 @@ def test_the_core_composes_contractors_that_know_nothing_of_composition(network:
     assert [gives_weights(c) for c in (lifted, hc4, Foreign(), lifted >> hc4)] == [True, False, False, False]
 
 
-def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match="no contractor: give its name"):
-        plugins.build(network, ["hc4", 5])  # type: ignore[list-item]
-
-
 def test_repeat_repeats_while_it_pays() -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))

@@ -39,15 +39,6 @@ def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_tru
     assert left.programs == 0
 
 
-def test_what_is_left_does_not_depend_on_the_size_of_the_box() -> None:
-    exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)
-    widths = []
-    for delta in (20.0, 100.0):
-        net, _ = network(exact, delta)
-        widths.append(Regression(net).contract(net.domain).box.width[:7])
-    np.testing.assert_allclose(widths[0], widths[1], rtol=0.2)
-
-
 def test_it_begins_from_1000_mm_once_hc4_has_left_out_legs_of_negative_length() -> None:
     """The squares of lengths say nothing of a leg that is shorter than its tolerance."""
     exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)

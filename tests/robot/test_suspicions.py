@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cpcal.robot import DELTALAB, Robot, Uncertainty
+from cpcal.robot import Uncertainty
 from cpcal.robot.mistakes import suspicions
 from cpcal.simulate import simulate
 
@@ -16,21 +16,15 @@ def changed(**changes):
     return dataclasses.replace(GOOD, **changes)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_good_campaigns_raise_no_suspicion(seed):
     assert suspicions(simulate(seed=seed, joint_error=2.0, deviation=3.0)) == []
 
 
 @pytest.mark.parametrize(
-    ("campaign", "cause"),
+    ("campaign", "cause"),  # every other cause: tests/questions/test_data_check.py
     [
-        (changed(position=GOOD.position / 1e3), "positions are in metres"),
-        (changed(length=GOOD.length / 1e3), "leg readings are in metres"),
-        (changed(position=GOOD.position / 1e3, length=GOOD.length / 1e3), "positions and leg readings are in metres"),
         (changed(position=GOOD.position / 25.4), "positions are in inches"),
-        (changed(robot=Robot.from_parameters("m", DELTALAB.parameters / 1e3)), "the drawing is in metres"),
-        (changed(quaternion=np.roll(GOOD.quaternion, -1, axis=1)), "order qx,qy,qz,qw"),
-        (changed(length=GOOD.length + DELTALAB.offset), "whole leg lengths"),
         (changed(length=np.roll(GOOD.length, 2, axis=1)), "another order than the legs"),
         (changed(position=GOOD.position * [1, 1, -1]), "to be (x, y, -z)"),
     ],

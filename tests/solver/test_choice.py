@@ -55,14 +55,6 @@ def test_the_first_contender_that_ends_wins_and_others_take_turns_before() -> No
     assert race.sentence() == "quick ended first, in turns with slow."
 
 
-def test_a_contender_gives_up_after_its_turns_but_not_the_last_one() -> None:
-    net = circle_and_line()
-    made = [Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-4))), 1, 2) for n in "ab"]
-    race = Race(made)
-    list(race)
-    assert race.leader.ended
-
-
 def test_limits_hold_inside_a_long_contraction() -> None:
     net = cpcal.Network()
     x = net.variable("x", 30, (-5, 5))

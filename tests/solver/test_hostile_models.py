@@ -96,13 +96,6 @@ def test_an_objective_without_a_finite_bound_at_first_is_closed() -> None:
     assert down.hi < -0.25
 
 
-def test_variables_without_bounds_are_named() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x"), net.variable("y", domain=(0, 1))
-    with pytest.raises(ModelError, match="has none for x: give one"):
-        net.minimize((x - 3) ** 2 + y)
-
-
 def test_an_equation_that_no_step_mends_ends_the_local_search() -> None:
     """x^2 = 1e10 at x = 0: the derivative vanishes."""
     net = cpcal.Network()

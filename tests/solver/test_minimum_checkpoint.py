@@ -80,8 +80,8 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path)
     script.write_text(
         "import sys\n"
         f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from cpcal.solver.execution import keeping\n"
-        "keeping._EVERY = keeping._SHARE = 0.0\n"
+        "from cpcal.solver.execution import checkpoint_file\n"
+        "checkpoint_file._EVERY = checkpoint_file._SHARE = 0.0\n"
         "import test_minimum_checkpoint as t\n"
         "t.solved(**t.LIFTED, certificate='part', checkpoint='search', resume=True)\n"
     )
@@ -89,6 +89,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path)
     with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as run:
         while not (tmp_path / "search").exists() and run.poll() is None:
             time.sleep(0.001)
+        assert run.poll() is None
         run.send_signal(signal.SIGKILL)
     found = solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search", resume=True)
     assert answer(found) == answer(whole)

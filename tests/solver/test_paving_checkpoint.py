@@ -39,7 +39,7 @@ def answer(paving: cpcal.Paving) -> tuple[object, ...]:
 
 @pytest.mark.parametrize(
     ("build", "options", "step"),
-    [(ring, {"width": 0.2, "inner": True}, 37), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 7)],
+    [(ring, {"width": 0.2, "inner": True}, 80), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 10)],
 )
 def test_stopped_again_and_again_it_ends_in_the_same_answer(build, options, step, tmp_path, monkeypatch):
     monkeypatch.setattr(model, "_SLICES", (8, 8))  # short turns, so that several methods have some

@@ -75,8 +75,9 @@ assert pickle.loads(pickle.dumps(plugins.load("hc4"))) is plugins.load("hc4")
 """
 
 
-@pytest.mark.parametrize("before", ["import contractors", ""])
-@pytest.mark.parametrize("stranger", ["contractors.py", "contractors/__init__.py"])
+@pytest.mark.parametrize(
+    ("stranger", "before"), [("contractors.py", "import contractors"), ("contractors/__init__.py", "")]
+)
 def test_a_module_of_the_same_name_is_neither_hidden_nor_run_for_ours(
     tmp_path: Path, stranger: str, before: str
 ) -> None:

@@ -73,11 +73,6 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, record)
     assert path.read_bytes() == first == camera_bytes(record)
 
 
-def test_a_camera_alone_can_be_written(tmp_path):
-    save_camera(DELTALAB_CAMERA, tmp_path / "camera.toml")
-    assert load_camera(tmp_path / "camera.toml") == CameraRecord(DELTALAB_CAMERA)
-
-
 def test_a_file_written_by_hand_is_read(tmp_path):
     record = load(tmp_path, TOML)
     np.testing.assert_array_equal(record.camera.numbers, [903.2, 903, 515.3, 380.6, -0.18, 0.07, 4e-4, -3e-4, 0])
@@ -147,11 +142,6 @@ def test_a_camera_that_cannot_be_is_not_written_either(tmp_path):
     camera = Camera(1024, 768, np.array([903200.0, 903.2]), np.array([511.5, 383.5]), np.zeros(5))
     with pytest.raises(InputError, match="no pixel is so long"):
         save_camera(camera, tmp_path / "camera.toml")
-
-
-def test_a_missing_file_is_said_so(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        load_camera(tmp_path / "nothing.toml")
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,11 @@ def test_every_kind_of_image_shows_the_same_dots():
     image = render(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene(gradient=(0.3, 0.2)))
     expected = observe_dots(image, bright=True)
     assert expected.bright
+    assert ((expected.quality > 0.9) & (expected.quality <= 1.0)).all()
+    assert (expected.axes[:, 0] >= expected.axes[:, 1]).all()
+    assert (np.linalg.eigvalsh(expected.covariance) > 0.0).all()
+    with pytest.raises(ValueError, match="read-only"):
+        expected.centers[0] = 0.0
     assert len(expected) == len(DELTALAB_TARGET.dots)
     colours = np.repeat(image[..., None], 4, axis=2)
     kinds = [image, image[..., None], colours[..., :3], colours, image.astype(np.uint16) * 257]
@@ -103,16 +108,6 @@ def test_every_kind_of_image_shows_the_same_dots():
     assert len(observe_dots(image, bright=False)) == 0
     shifted = observe_dots(image[7:, 11:])
     assert np.abs(shifted.centers + [11.0, 7.0] - expected.centers).max() < 2e-3
-
-
-def test_results_are_in_order_and_frozen():
-    found = observe_dots(render(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene()))
-    assert ((found.quality > 0.9) & (found.quality <= 1.0)).all()
-    assert (found.axes[:, 0] >= found.axes[:, 1]).all()
-    assert (np.linalg.eigvalsh(found.covariance) > 0.0).all()
-    assert np.array_equal(found.covariance, found.covariance.transpose(0, 2, 1))
-    with pytest.raises(ValueError, match="read-only"):
-        found.centers[0] = 0.0
 
 
 def test_dots_at_the_border_are_left_out():

@@ -146,21 +146,6 @@ def test_no_dots_are_a_problem(tmp_path):
     assert refused(tmp_path, head + "dots = []\n\n" + tail) == [(10, "dots is not a list of rows")]
 
 
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (b"", "is empty"),
-        (b"\xff\xfe", "is not UTF-8 text"),
-        (b"[[[[", "is not TOML: Invalid"),
-        (b"a.b = 1\n" * 3, "is not TOML: Cannot overwrite"),
-    ],
-)
-def test_what_is_no_such_file_is_refused(tmp_path, content, reason):
-    (tmp_path / "target.toml").write_bytes(content)
-    with pytest.raises(InputError, match=reason):
-        load_target(tmp_path / "target.toml")
-
-
 def test_a_missing_file_and_a_folder_that_cannot_be_written_to(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         load_target(tmp_path / "nothing.toml")

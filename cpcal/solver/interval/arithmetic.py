@@ -18,7 +18,15 @@ from cpcal.common.values import Floats
 from cpcal.solver.compiled import ready, rebound
 from cpcal.solver.interval import functions, kernels, operations
 from cpcal.solver.interval.numbers import IntervalArray
-from cpcal.solver.interval.operations import ABS, ADD, DIV, MAX, MIN, MUL, POWER, SQR, SQRT, SUB
+from cpcal.solver.interval.operations import ABS, ADD, DIV, MAX, MIN, MUL, NEG, POWER, SQR, SQRT, SUB
+
+
+def _unary(code: int) -> Callable[[Arithmetic, IntervalArray], IntervalArray]:
+    return lambda engine, x: engine.apply(code, x)
+
+
+def _binary(code: int) -> Callable[[Arithmetic, IntervalArray, IntervalArray], IntervalArray]:
+    return lambda engine, x, y: engine.apply(code, x, y)
 
 
 class Arithmetic:
@@ -31,44 +39,14 @@ class Arithmetic:
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def neg(self, x: IntervalArray) -> IntervalArray:
-        return IntervalArray(-x.hi, -x.lo)
-
-    def add(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return self.apply(ADD, x, y)
-
-    def sub(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return self.apply(SUB, x, y)
-
-    def mul(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return self.apply(MUL, x, y)
-
-    def div(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        """Hull of `{a / b : a in x, b in y, b != 0}`.
-
-        A zero of y at an end gives a half line, y == [0, 0] the empty interval.
-        """
-        return self.apply(DIV, x, y)
-
-    def sqr(self, x: IntervalArray) -> IntervalArray:
-        return self.apply(SQR, x)
-
-    def sqrt(self, x: IntervalArray) -> IntervalArray:
-        """Square root of the part of x that is >= 0; empty where x < 0."""
-        return self.apply(SQRT, x)
+    add, sub, mul, minimum, maximum = map(_binary, (ADD, SUB, MUL, MIN, MAX))
+    # The hull of `{a / b : a in x, b in y, b != 0}`: a zero of y at an end gives a half line, y == [0, 0] nothing.
+    div = _binary(DIV)
+    neg, sqr, sqrt, abs = map(_unary, (NEG, SQR, SQRT, ABS))  # the square root is of the part that is >= 0
 
     def power(self, x: IntervalArray, n: int) -> IntervalArray:
         """`x ** n` for an integer n of any sign."""
         return self.apply(POWER, x, n=n)
-
-    def abs(self, x: IntervalArray) -> IntervalArray:
-        return self.apply(ABS, x)
-
-    def minimum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return self.apply(MIN, x, y)
-
-    def maximum(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return self.apply(MAX, x, y)
 
     def apply(self, code: int, x: IntervalArray, y: IntervalArray | None = None, n: int = 0) -> IntervalArray:
         """Any operation of the table, element by element; n is a power's exponent."""

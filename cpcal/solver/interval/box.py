@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, fill
 from cpcal.solver.interval.numbers import IntervalArray, Number, float_bounds, round_down, round_up
 from cpcal.solver.interval.scalar import Interval, format_bound
 
@@ -65,9 +65,7 @@ class Box:
                 raise ModelError("one bound is NaN and the other is not: an operation outside its domain?")
             lo, hi = np.full(len(names), np.nan), np.full(len(names), np.nan)
         lo.flags.writeable = hi.flags.writeable = False
-        object.__setattr__(self, "names", names)
-        object.__setattr__(self, "lo", lo)
-        object.__setattr__(self, "hi", hi)
+        fill(self, names=names, lo=lo, hi=hi)
 
     @classmethod
     def _raw(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> Box:
@@ -85,9 +83,7 @@ class Box:
         boxes = []
         for lower, upper in zip(lo, hi, strict=True):
             box = object.__new__(cls)
-            object.__setattr__(box, "names", names)
-            object.__setattr__(box, "lo", lower)
-            object.__setattr__(box, "hi", upper)
+            fill(box, names=names, lo=lower, hi=upper)
             boxes.append(box)
         return boxes
 

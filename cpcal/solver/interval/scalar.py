@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from numbers import Rational
@@ -13,6 +14,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
+from cpcal.common.values import fill
 from cpcal.solver.compiled import rebound
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.numbers import IntervalArray, Number, round_down, round_up
@@ -24,6 +26,17 @@ _NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
 def format_bound(value: float) -> str:
     """The shortest text that reads back as the same float, without a trailing `.0`."""
     return repr(float(value)).removesuffix(".0")
+
+
+def _operator(kernel: str, swapped: bool = False) -> Callable[[Interval, Interval | Number], Interval]:
+    def operate(self: Interval, other: Interval | Number) -> Interval:
+        if not isinstance(other, Interval):
+            if not isinstance(other, _NUMBERS):
+                return NotImplemented  # type: ignore[no-any-return]  # as Python's operators do
+            other = Interval(other)
+        return _computed(kernel, other, self) if swapped else _computed(kernel, self, other)
+
+    return operate
 
 
 @dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
@@ -49,8 +62,7 @@ class Interval:
 
     def _set(self, lo: float, hi: float) -> None:
         # Adding zero turns -0.0 into 0.0, so that equal intervals have equal bits (Box, hash, JSON).
-        object.__setattr__(self, "lo", lo + 0.0)
-        object.__setattr__(self, "hi", hi + 0.0)
+        fill(self, lo=lo + 0.0, hi=hi + 0.0)
 
     @classmethod
     def _raw(cls, lo: float, hi: float) -> Interval:
@@ -127,34 +139,11 @@ class Interval:
     def _array(self) -> IntervalArray:
         return IntervalArray(np.array(self.lo), np.array(self.hi))
 
-    def _binary(self, other: Interval | Number, kernel: str, swapped: bool = False) -> Interval:
-        if not isinstance(other, Interval):
-            if not isinstance(other, _NUMBERS):
-                return NotImplemented  # type: ignore[no-any-return]  # as the operators that call this
-            other = Interval(other)
-        return _computed(kernel, other, self) if swapped else _computed(kernel, self, other)
-
-    def __add__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, "add")
-
-    def __sub__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, "sub")
-
-    def __mul__(self, other: Interval | Number) -> Interval:
-        return self._binary(other, "mul")
-
-    def __truediv__(self, other: Interval | Number) -> Interval:
-        """Hull of the quotients by the divisor's nonzero points."""
-        return self._binary(other, "div")
-
-    __radd__ = __add__
-    __rmul__ = __mul__
-
-    def __rsub__(self, other: Number) -> Interval:
-        return self._binary(other, "sub", swapped=True)
-
-    def __rtruediv__(self, other: Number) -> Interval:
-        return self._binary(other, "div", swapped=True)
+    __add__, __radd__ = _operator("add"), _operator("add", swapped=True)
+    __sub__, __rsub__ = _operator("sub"), _operator("sub", swapped=True)
+    __mul__, __rmul__ = _operator("mul"), _operator("mul", swapped=True)
+    # Hull of the quotients by the divisor's nonzero points.
+    __truediv__, __rtruediv__ = _operator("div"), _operator("div", swapped=True)
 
     def __neg__(self) -> Interval:
         return Interval._raw(-self.hi, -self.lo)

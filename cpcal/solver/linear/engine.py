@@ -720,9 +720,8 @@ class BoxProgram:
     The programs are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; `count` were solved.
     """
 
-    @np.errstate(
-        over="ignore", invalid="ignore"
-    )  # a program that overflows proposes nothing; what is proved is NaN-safe
+    # a program that overflows proposes nothing; what is proved is NaN-safe
+    @np.errstate(over="ignore", invalid="ignore")
     def __init__(self, matrix: Floats, rhs: Floats, box: IntervalArray, arithmetic: Arithmetic) -> None:
         self._matrix, self._rhs, self._box, self._arithmetic = matrix, rhs, box, arithmetic
         self._radius = box.rad
@@ -762,6 +761,7 @@ class BoxProgram:
         objective[k] = sign
         return objective
 
+    @np.errstate(over="ignore")  # an infinite multiplier counts as none
     def _bound(self, objective: Floats, solution: LinearSolution, unit: float) -> tuple[float, Indices]:
         rows = solution.rows
         weights = solution.multipliers / self._scale[rows] * unit

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, Union
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.common.values import fill
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network.data import broadcasts, checked, enclosed, freeze, is_thick, own, pair, positions
 
@@ -50,6 +51,15 @@ SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 
+def _unary(op: str) -> Callable[[Expr], Expr]:
+    return lambda x: Expr(op, (x,), x.shape)
+
+
+def _both_ways(op: str) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr, Operand], Expr]]:
+    """An operator and the reflected one, which has an expression on its right."""
+    return lambda x, y: binary(op, x, y), lambda y, x: binary(op, x, y)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Expr:
     """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
@@ -78,9 +88,8 @@ class Expr:
     def __post_init__(self) -> None:
         if 0 in self.shape:
             raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
-        object.__setattr__(self, "data", own(self.data))
-        object.__setattr__(self, "depth", 1 + max((arg.depth for arg in self.args), default=0))
-        object.__setattr__(self, "ops", frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        depth = 1 + max((arg.depth for arg in self.args), default=0)
+        fill(self, data=own(self.data), depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
         hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
         if isinstance(self.data, IntervalArray):
             hasher.update(self.data.lo.tobytes())
@@ -91,7 +100,7 @@ class Expr:
             hasher.update(os.urandom(16))
         for arg in self.args:
             hasher.update(arg.digest)
-        object.__setattr__(self, "digest", hasher.digest())
+        fill(self, digest=hasher.digest())
 
     def __copy__(self) -> Expr:
         return self
@@ -115,43 +124,17 @@ class Expr:
 
     # arithmetic -----------------------------------------------------------------------------------
 
-    def __neg__(self) -> Expr:
-        return Expr("neg", (self,), self.shape)
-
-    def __add__(self, other: Operand) -> Expr:
-        return binary("add", self, other)
-
-    def __radd__(self, other: Operand) -> Expr:
-        return binary("add", other, self)
-
-    def __sub__(self, other: Operand) -> Expr:
-        return binary("sub", self, other)
-
-    def __rsub__(self, other: Operand) -> Expr:
-        return binary("sub", other, self)
-
-    def __mul__(self, other: Operand) -> Expr:
-        return binary("mul", self, other)
-
-    def __rmul__(self, other: Operand) -> Expr:
-        return binary("mul", other, self)
-
-    def __truediv__(self, other: Operand) -> Expr:
-        return binary("div", self, other)
-
-    def __rtruediv__(self, other: Operand) -> Expr:
-        return binary("div", other, self)
+    __neg__, __abs__ = _unary("neg"), _unary("abs")
+    __add__, __radd__ = _both_ways("add")
+    __sub__, __rsub__ = _both_ways("sub")
+    __mul__, __rmul__ = _both_ways("mul")
+    __truediv__, __rtruediv__ = _both_ways("div")
+    __rpow__ = _both_ways("pow")[1]
 
     def __pow__(self, exponent: Operand) -> Expr:
         from cpcal.solver.network.mathematics import power
 
         return power(self, exponent)
-
-    def __rpow__(self, base: Operand) -> Expr:
-        return binary("pow", base, self)
-
-    def __abs__(self) -> Expr:
-        return Expr("abs", (self,), self.shape)
 
     def __matmul__(self, other: Operand) -> Expr:
         return _matmul(self, as_expr(other))

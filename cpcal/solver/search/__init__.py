@@ -2,7 +2,6 @@
 
 from cpcal.solver.search.passes import (
     Contracting,
-    DepthStrategy,
     Divide,
     Pass,
     Proof,
@@ -40,7 +39,6 @@ __all__ = [
     "Contender",
     "Contracting",
     "Decision",
-    "DepthStrategy",
     "Divide",
     "Event",
     "EventKind",

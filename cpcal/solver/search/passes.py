@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -52,10 +53,7 @@ class Proof:
     complete: bool
 
 
-class StepProver(Protocol):
-    """Proves proposed steps again by their weights."""
-
-    def __call__(self, box: Box, proposed: Contraction) -> Proof: ...
+StepProver = Callable[[Box, Contraction], Proof]  # proves proposed steps again by their weights
 
 
 @dataclass(frozen=True)
@@ -234,13 +232,6 @@ def _next(box: Box, halves: tuple[Piece, ...]) -> tuple[EventKind, tuple[Piece, 
 _BATCH = 64  # nodes
 
 
-@runtime_checkable
-class DepthStrategy(Protocol):
-    """A strategy that wants to know how many divisions led to a box."""
-
-    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]: ...
-
-
 class Divide:
     """The contractors on every box; `strategy` divides what they leave. A node's state is what was found of its box.
 
@@ -293,13 +284,10 @@ class Divide:
             pairs = ((node.box, box), (before, found))
             if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
                 return EventKind.CONTRACTED, (box,)
-        pieces = divided(box, found, lambda part: split(self._strategy, part, node.depth))
+        by = self._strategy
+        turn = partial(by.split_at, depth=node.depth) if isinstance(by, RoundRobin) else by.split
+        pieces = divided(box, found, turn)
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
-
-
-def split(strategy: Strategy, box: Box, depth: int) -> tuple[Box, ...]:
-    """The pieces of a box that `depth` divisions led to."""
-    return strategy.split_at(box, depth) if isinstance(strategy, DepthStrategy) else strategy.split(box)
 
 
 class Rounds:

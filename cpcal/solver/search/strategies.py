@@ -57,9 +57,10 @@ class LargestFirst:
         return out
 
     def split(self, box: Box) -> tuple[Box, ...]:
-        return self._halves(box, 0)
+        return self.split_at(box, 0)
 
-    def _halves(self, box: Box, depth: int) -> tuple[Box, ...]:
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
+        """The pieces of a box that `depth` divisions led to."""
         (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None], np.array([depth]))
         return bisect(box, int(component)) if component >= 0 else ()
 
@@ -91,10 +92,6 @@ class LargestFirst:
 
 class RoundRobin(LargestFirst):
     """Bisect one component after the other: number `depth` (modulo their number), or the next one that is wide."""
-
-    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
-        """The pieces of a box that `depth` divisions led to."""
-        return self._halves(box, depth)
 
     def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
         turn = (np.arange(lo.shape[1])[None] - depths[:, None]) % max(lo.shape[1], 1)

@@ -111,14 +111,6 @@ def test_six_legs_have_the_same_certificates(cluster, campaigns, tmp_path):
     assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
 
 
-def test_four_campaigns_have_the_same_certificates(cluster, campaigns, tmp_path):
-    there = certified(tmp_path / "there", *campaigns, options=["--legs", "2", "--scheduler", cluster.complete()])
-    assert there.exit_code in (0, 1), there.output
-    assert certified(tmp_path / "alone", *campaigns, options=["--legs", "2"]).exit_code == there.exit_code
-    assert len(certificates(tmp_path / "there")) >= 4
-    assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
-
-
 def test_a_worker_that_is_killed_changes_nothing(cluster, campaigns, longer, tmp_path):
     address = cluster.complete()
     killed = once_answered(tmp_path, cluster.workers[0].kill)

@@ -10,7 +10,7 @@ import cpcal
 from cpcal.common.errors import InputError
 from cpcal.solver.execution.executors import executor_for
 
-OPTIONS = {"legs": [2, 3, 5], "delta": 200.0, "support": "none"}
+OPTIONS = {"legs": [2, 3], "delta": 200.0, "support": "none"}
 
 
 @pytest.fixture(scope="module")

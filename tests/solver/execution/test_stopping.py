@@ -55,13 +55,6 @@ def test_sigterm_is_heard_where_that_is_asked_for():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_an_inner_block_forgets_nothing():
-    with heard():
-        with heard():
-            os.kill(os.getpid(), signal.SIGINT)
-        assert asked() is Reason.INTERRUPTED
-
-
 def test_a_thread_leaves_signals_alone():
     def run():
         with heard(terminate=True), raising():

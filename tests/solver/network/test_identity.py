@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,27 +33,6 @@ def test_what_is_made_of_a_network_is_made_once_and_anew_after_a_change() -> Non
 
 
 # A caller's arrays -----------------------------------------------------------------------------------------
-
-
-def test_a_row_that_is_reused_by_its_caller_loses_no_solution() -> None:
-    net = Network()
-    x = net.variable("x", 2, (-5, 5))
-    row = np.zeros(2)
-    for k, value in enumerate([1.0, 2.0]):
-        row[:] = 0
-        row[k] = 1
-        net.add(row @ x == value)
-    assert (1.0, 2.0) in net.contract().box
-
-
-def test_bounds_that_change_after_add_do_not_move_a_minimum(tmp_path: Path) -> None:
-    net = Network()
-    x = net.variable("x", domain=(0, 10))
-    bound = np.array([1.0])
-    net.add(x >= bound)
-    bound[0] = 3.0
-    best = net.minimize(x, certificate=tmp_path / "proof.jsonl")
-    assert best.lo <= 1.0 <= best.hi + 1e-9
 
 
 def _constant(net: Network, x: Expr, a: Any) -> None:
@@ -147,13 +125,6 @@ def test_variables_of_two_networks_do_not_mix() -> None:
         b.minimize(xa)
     with pytest.raises(ModelError, match="'left'"):
         cpcal.evaluate(b, xb + xa, b.domain)
-
-
-def test_networks_without_a_name_are_told_apart_too() -> None:
-    a, b = Network(), Network()
-    assert a.name != b.name
-    with pytest.raises(ModelError, match=f"{a.name!r}, not to {b.name!r}"):
-        b.add(a.variable("x") == 1)
 
 
 def test_a_networks_name_is_no_part_of_its_digest() -> None:

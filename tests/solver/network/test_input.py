@@ -58,12 +58,6 @@ def test_a_number_that_no_float_equals_is_enclosed_at_every_door(door: int, valu
     assert Fraction(float(found.lo)) < real < Fraction(float(found.hi))
 
 
-def test_no_value_of_an_enclosed_constant_is_lost() -> None:
-    net, x = model((Fraction(1, 10), Fraction(1, 10)))
-    net.add(x == Decimal("0.1"))
-    assert not net.contract().box.is_empty
-
-
 NO_NUMBERS: list[Any] = [
     "0.1",
     ["0.1", 1.0],
@@ -126,12 +120,6 @@ def test_a_list_of_expressions_is_no_array() -> None:
 @pytest.mark.parametrize("shape", [(0, 10), 0, (2, 0), (-10, 10), (0, 10.5), 3.0, "ab", True, None, Interval(0, 1)])
 def test_what_has_no_elements_is_no_shape_and_the_domain_is_explained(shape: Any) -> None:
     refused(lambda: Network().variable("x", shape), "domain=")
-
-
-def test_numpys_integers_are_sizes() -> None:
-    net = Network()
-    assert net.variable("x", np.int64(3)).shape == (3,)  # type: ignore[arg-type]
-    assert net.variable("y", [np.int64(2), 1]).shape == (2, 1)  # type: ignore[arg-type]
 
 
 def test_arrays_without_elements_are_refused_wherever_they_arise() -> None:

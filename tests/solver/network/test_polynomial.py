@@ -131,8 +131,6 @@ def test_a_reading_that_several_rows_share_is_not_fixed_for_one_of_them(seed: in
     assert (left <= bound).all()
 
 
-Constrain = Callable[[Expr], list[object]]
-LEVELS = np.linspace(-2, 2, 9)
 KINKS: dict[str, tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], Floats]]] = {
     "sqrt": (lambda x, y: sqrt(x + 4) - 2 * y, lambda x, y: np.sqrt(x + 4) - 2 * y),
     "minus sqrt": (lambda x, y: 0.5 * y - 3 * sqrt(4 + x), lambda x, y: 0.5 * y - 3 * np.sqrt(4 + x)),

@@ -183,29 +183,6 @@ def test_an_unclosed_bracket_is_never_proved() -> None:
     assert (found.verdict is Verdict.PROVED) == (found.hi - found.lo <= 1.01e-6 * abs(found.hi))
 
 
-def test_objective_alone_and_no_constraints() -> None:
-    net = Network()
-    x = net.variable("x", (), (-2, 2))
-    found = net.minimize(x)
-    assert (found.lo, found.hi, found.verdict) == (-2.0, -2.0, Verdict.PROVED)
-    net = Network()
-    x = net.variable("x", (), (0, 3))
-    net.add(x**2 >= 2)
-    found = net.minimize(x)
-    assert found.lo <= np.sqrt(2) <= found.hi
-    assert found.hi - found.lo < 1e-5
-
-
-def test_fit_starts_where_a_norm_has_no_derivative() -> None:
-    corners = np.array([[0, 0], [1.0, 0], [0, 1.0], [1, 1]])
-    net = Network()
-    a, e = net.variable("a", 2, (-3, 3)), net.variable("e", (), (0, 100))
-    net.add((norm(corners - a) - 1).within((-e, e)))
-    found = net.minimize(e)
-    assert found.hi == pytest.approx(1 - np.sqrt(0.5), rel=1e-6)
-    assert found.verdict is Verdict.PROVED
-
-
 def test_objectives_that_make_no_sense_are_refused() -> None:
     net = Network()
     x, y = net.variable("x", (), (0, 1)), net.variable("y")

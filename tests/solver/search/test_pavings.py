@@ -50,7 +50,7 @@ def test_all_solutions_of_a_square_system_are_proved(arithmetic: str) -> None:
         assert sum(abs(box.mid - (p, q)).max() < 1e-12 for box in proved(paving)) == 1
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(5))
 def test_close_zeros_of_polynomials_are_all_in_the_boxes(seed: int) -> None:
     """Some of them closer than boxes are wide: a box that touches the region of one may hold the next. Exact zeros."""
     rng = np.random.default_rng(seed)
@@ -118,16 +118,6 @@ def test_a_double_solution_stays_unknown_next_to_a_proved_one() -> None:
     assert len(paving.clusters) == 2
     assert any((1.0, 1.0) in box for box in paving.boundary)
     assert "more may hold others" in paving.status
-
-
-def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
-    net = Network()
-    x = net.variable("x", (), (0, 4))
-    net.add([sqr(x) == 2, x * x * x * x <= 4])
-    paving = net.solve(contractors=("hc4",))
-    assert proved(paving) == []
-    assert len(paving.clusters) == 1
-    assert "not proved" in paving.status
 
 
 def test_a_limit_or_ctrl_c_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
