@@ -38,8 +38,7 @@ from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
 from cpcal.handeye.certify import Within, certify_hand_eye, save_hand_eye_result
-from cpcal.handeye.files import hand_eye_files
-from cpcal.handeye.rows import unknowns_of
+from cpcal.handeye.files import study_json
 from cpcal.handeye.study import SETUPS, simulate_hand_eye
 from cpcal.handeye.verify import verify_hand_eye
 from cpcal.legs import fit_model
@@ -146,14 +145,15 @@ def hand_eye(asked: argparse.Namespace) -> None:
             folder, began = Path(name), time.process_time()
             found = certify_hand_eye(study, within=within, tolerance=asked.pixel_error, certificates=folder)
             spent = time.process_time() - began
-            for file, content in hand_eye_files(study).items():
-                (folder / file).write_bytes(content)
+            (folder / "study.json").write_bytes(study_json(study))
             save_hand_eye_result(found, folder)
             began = time.process_time()
             accepted = all(good for good, _ in verify_hand_eye(folder))
             checked = time.process_time() - began
             size = sum(path.stat().st_size for path in folder.glob("*.cert.jsonl")) / 1e6
-        x = unknowns_of(case.truth)
+        back = case.truth.e_rotation.T
+        parts = back.ravel(), -back @ case.truth.e_translation, case.truth.f_rotation.ravel(), case.truth.f_translation
+        x = np.concatenate(parts)
         inside = bool(((np.array(found.ranges.lo) <= x) & (x <= np.array(found.ranges.hi))).all())
         width = np.array(found.ranges.high) - np.array(found.ranges.low)
         rows.append([inside, found.complete, accepted, spent, checked, size, width[:3].max(), width[3:6].max()])

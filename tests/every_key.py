@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy
+from cpcal.checker.hand_eye import HAND_EYE_NAME, WRONG_NAME
 from cpcal.files.codec import INFORMATION, keys_of
-from cpcal.handeye.certify import RESULT_NAME as HAND_EYE_NAME
 from cpcal.handeye.certify import HandEyeResult
-from cpcal.handeye.wrong_images import WRONG_NAME, WrongImages
+from cpcal.handeye.wrong_images import WrongImages
 from cpcal.questions import COMPARISON_NAME, RESULT_NAME, Comparison, Result
 from cpcal.questions.fits import FITS_NAME, CertifiedFits
 

@@ -85,6 +85,7 @@ class _Check:
         self.chosen, self.schema = frozenset(problem.chosen), _schema(problem)
         self.open, self.used = {0: root}, set[int]()
         self.steps, self.next_name = 0, 1
+        self.last: tuple[Row, ...] = ()
 
     def accepted(self, header: dict[str, Any]) -> Accepted:
         self.about = header.get("campaign"), header.get("leg"), self.problem.model, self.problem.chosen
@@ -100,6 +101,7 @@ class _Check:
             leg=header.get("leg"), model=p.model, about=about, campaign=header.get("campaign"), unknowns=p.unknowns,
             objective=p.objective, count=p.count, chosen=p.chosen, lo=self.root.lo, hi=self.root.hi,
             claims=self.claims, used=frozenset(self.used), steps=self.steps,
+            last=self.last,
         )  # fmt: skip
 
     # the claims ---------------------------------------------------------------------------------------------------
@@ -181,6 +183,7 @@ class _Check:
         if any(n >= len(rows) for *_, weights in proofs for n, _ in weights.rows):
             raise Refused("a weight is on a row that the step has not")
         self.used.update(spoken)
+        self.last = rows
         if box is None:
             return None
         budget, text = self.lines.budget, self.lines.text

@@ -48,3 +48,4 @@ class Accepted:
     claims: Claims
     used: frozenset[int]  # measurements with a weight in some step
     steps: int
+    last: tuple[tuple[str, int, str], ...] = ()  # rows of the last step

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, WORK
+from .files import POSE_SET_SUFFIX, STUDY_NAME, WORK
 from .refusal import Refused, Unusable
 from .run import RobustChecked, check_run
 
@@ -28,6 +28,8 @@ def main(arguments: Sequence[str]) -> int:
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
             return _pose_sets(given.target, given.work or 0)
+        if (given.target / STUDY_NAME).is_file():
+            return _hand_eye(given.target, given.work)
         if given.target.is_dir():
             return _run(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
@@ -65,6 +67,16 @@ def _outliers(leg: RobustChecked) -> str:
     found = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
     found += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
     return "; ".join([*found, f"at most {leg.outliers} wrong"]) if found else ""
+
+
+def _hand_eye(folder: Path, work: int | None) -> int:
+    from .hand_eye import RUN_WORK, check_hand_eye
+
+    found = check_hand_eye(folder, work=work or RUN_WORK)
+    for _, sentence in found:
+        print(sentence)
+    print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")
+    return PROVED if all(accepted for accepted, _ in found) else REFUSED
 
 
 def _pose_sets(target: Path, work: int) -> int:

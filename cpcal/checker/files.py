@@ -18,6 +18,7 @@ WORK = 100_000_000  # of one certificate: see docs/certificate-format.md, "Limit
 RUN_WORK = 100_000_000  # of all legs of a run of up to 1,000 measurements: 10 s
 _A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond
 POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
+STUDY_NAME = "study.json"  # of hand-eye runs
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 

@@ -168,6 +168,7 @@ class Problem:
     model: str | None = None  # of a leg; None: the certificate states the constraints
     settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
     held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
+    in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""

@@ -7,7 +7,18 @@ from fractions import Fraction as F
 from itertools import chain
 from typing import NamedTuple
 
-from .exact_polynomial import MOST_HELD, READINGS, Polynomial, Spend, combined, least, signed, too_many, unknown
+from .exact_polynomial import (
+    MOST_HELD,
+    READINGS,
+    Polynomial,
+    Spend,
+    combined,
+    least,
+    signed,
+    substituted,
+    too_many,
+    unknown,
+)
 from .problem import Box, Problem, Unknowns
 
 Row = tuple[str, int, str]  # side, measurement, signs of the reference reading
@@ -56,9 +67,13 @@ class Rule:
                 terms[monomial] = terms.get(monomial, 0) - weight * c
         products = Polynomial(terms, of_products, self.x.spend)
         self.form(n for n, weight in weights.rows if weight)
-        rows = ((weight, self.row[n].times(1, of_rows)) for n, weight in weights.rows if weight)
+        rows: Iterable[tuple[int, Polynomial]] = (
+            (weight, self.row[n].times(1, of_rows)) for n, weight in weights.rows if weight
+        )
         roots = ((self.x.variable(READINGS + i, -t, F(1)), weight) for i, t, weight in weights.tangents)
         squares = ((-weight, (u * u).times(1, of_tangents)) for u, weight in roots)
+        if not self._problem.in_box:
+            rows = [(1, substituted(combined(rows, self.x.spend), self.x.images))]
         return combined(chain(rows, ((1, products),), squares), self.x.spend)
 
     def excludes(self, weights: Weights) -> bool:

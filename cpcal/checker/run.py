@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import partial
@@ -270,7 +270,7 @@ def nothing_beside(of: Json, *proved: str) -> None:
             raise Refused(f"states {key} without a proof")
 
 
-def compare(stated: Iterator[tuple[str, Any, Any]]) -> None:
+def compare(stated: Iterable[tuple[str, Any, Any]]) -> None:
     for what, value, proved in stated:
         same(what, value, proved)
 

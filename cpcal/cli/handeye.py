@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.options import Status, Talk, answer, check_new, check_target, output
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed
@@ -23,7 +24,7 @@ from cpcal.handeye.certify import (
     load_hand_eye_result,
     save_hand_eye_result,
 )
-from cpcal.handeye.files import hand_eye_files, load_hand_eye, load_hand_poses, save_hand_eye
+from cpcal.handeye.files import load_hand_eye, load_hand_poses, save_hand_eye, study_json
 from cpcal.handeye.next_images import next_poses
 from cpcal.handeye.sources import (
     REMEDY,
@@ -251,8 +252,7 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
 
 def _keep(study: HandEyeStudy, draft: Path) -> None:
     """The study itself, for whoever checks the run."""
-    for name, content in hand_eye_files(study).items():
-        (draft / name).write_bytes(content)
+    (draft / STUDY_NAME).write_bytes(study_json(study))
 
 
 def _wrong(

@@ -249,9 +249,9 @@ def of_folder(folder: Path) -> Iterator[Statement]:
         what = f"{' and '.join(heads)} are the answers of two commands, which share no folder"
         yield False, f"{folder.name}: REFUSED, {what}"
     elif heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
-        from cpcal.handeye.verify import verify_hand_eye, verify_wrong_images
+        from cpcal.handeye.verify import verify_hand_eye
 
-        yield from verify_hand_eye(folder) if heads == [HANDEYE.head] else verify_wrong_images(folder)
+        yield from verify_hand_eye(folder)
     elif heads == [RUN.head]:
         with legs_beside(folder) as legs:
             from cpcal.cli.verified import of_run  # while the legs are being checked
@@ -275,9 +275,9 @@ def of_folder(folder: Path) -> Iterator[Statement]:
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
-        from cpcal.handeye.files import load_hand_eye
+        from cpcal.handeye.files import load_hand_eye, load_study_json
 
-        if load_hand_eye(target) != load_hand_eye(campaign):
+        if load_study_json(target) != load_hand_eye(campaign):
             yield False, "study: REFUSED, the hand-eye study is another one"
         return
     from cpcal.files import campaign_sha256, load_campaign, load_campaign_json

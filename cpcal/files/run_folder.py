@@ -48,10 +48,8 @@ RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
 COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("fits.json")
-HANDEYE = FolderKind(
-    "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
-)
-HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv"))
+HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))
+HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"study\.json",))
 POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 

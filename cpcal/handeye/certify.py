@@ -1,4 +1,4 @@
-"""From a box of the 24 unknowns to ranges of twelve parameters, in exact arithmetic and rounded outward."""
+"""The certified answer to a hand-eye study: eps* between two bounds, ranges of the frames, least squares judged."""
 
 from __future__ import annotations
 
@@ -12,104 +12,38 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.checker.frames import holds
+from cpcal.checker.hand_eye import (
+    HAND_EYE_FORMAT,
+    HAND_EYE_NAME,
+    UNKNOWNS,
+    Readings,
+    above,
+    errors,
+    largest,
+    parameter_ranges,
+)
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.numbers import at_most
+from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files.codec import INFORMED, checked, load, save
-from cpcal.handeye.chain import Chain, ChainProof, prove_chain
-from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
-from cpcal.handeye.lower_end import lower_end, support
+from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer, image_poses
 from cpcal.handeye.minimax_fit import minimax_fit
-from cpcal.handeye.rows import (
-    R_F,
-    R_X,
-    SIZE,
-    T_F,
-    T_X,
-    UNKNOWNS,
-    Matrix,
-    PlacedFrames,
-    Reading,
-    above,
-    exact_errors,
-    exact_rotation,
-    largest,
-)
-from cpcal.handeye.study import HandEyeStudy, PixelModel, ReadFrames, ReadingModel
-from cpcal.solver.certificate.recording import rounded
-from cpcal.solver.interval import Box
+from cpcal.handeye.model import PlacedFrames, Proof, Prover, exact, exact_study
+from cpcal.handeye.study import PARAMETERS as MOTIONS
+from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, PixelModel, ReadFrames, ReadingModel, moved, read_study
 
-Interval = tuple[F, F]
-_DEGREE_UP = F(math.nextafter(180.0, math.inf)) / F(math.nextafter(math.pi, 0.0))  # more than a radian has of them
-
-
-def parameter_ranges(
-    lo: Sequence[float], hi: Sequence[float], about: PlacedFrames
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Lower and upper ends (12): position in mm, turn in degrees from the frames `about`, of camera and target."""
-    low: list[float] = []
-    high: list[float] = []
-    for turn, shift, quaternion in ((R_X, T_X, about.camera_quaternion), (R_F, T_F, about.target_quaternion)):
-        low += [lo[i] for i in shift]
-        high += [hi[i] for i in shift]
-        box = [[(F(lo[turn[3 * a + b]]), F(hi[turn[3 * a + b]])) for b in range(3)] for a in range(3)]
-        for ends in turns(box, exact_rotation(quaternion)):
-            low.append(ends[0])
-            high.append(ends[1])
-    return tuple(low), tuple(high)
-
-
-def turns(box: list[list[Interval]], center: Matrix) -> list[tuple[float, float]]:
-    """Rotation vectors w, in degrees, of all rotations exp([w]) C in a box of matrices; +-180 beyond 60 degrees.
-
-    M = R C^T lies in a box. Its skew part is sin(theta) times the axis, and ||M - I||^2 = 8 sin^2(theta / 2), so with
-    k = sin(theta / 2) <= 1/2, w is the skew part times theta / sin(theta), which lies between 1 and
-    1 / (1 - theta^2 / 6); theta <= 2 k / sqrt(1 - k^2).
-    """
-    product = [[_dot([box[a][j] for j in range(3)], center[b]) for b in range(3)] for a in range(3)]
-    square = F(0)
-    for a in range(3):
-        for b in range(3):
-            low, high = (end - (a == b) for end in product[a][b])
-            square += max(low * low, high * high)
-    k2 = square / 8
-    if k2 > F(1, 4):
-        return [(-180.0, 180.0)] * 3
-    factor = 1 / (1 - 4 * k2 / (1 - k2) / 6)
-    found = []
-    for p, q in ((2, 1), (0, 2), (1, 0)):
-        low = (product[p][q][0] - product[q][p][1]) / 2
-        high = (product[p][q][1] - product[q][p][0]) / 2
-        found.append((-_degrees(-low, factor), _degrees(high, factor)))
-    return found
-
-
-def _dot(row: list[Interval], numbers: list[F]) -> Interval:
-    ends = [(low * c, high * c) if c >= 0 else (high * c, low * c) for (low, high), c in zip(row, numbers, strict=True)]
-    return sum((end[0] for end in ends), F(0)), sum((end[1] for end in ends), F(0))
-
-
-def _degrees(sine: F, factor: F) -> float:
-    """An upper bound in degrees of a component, whose sine-weighted value is at most this."""
-    value = sine * factor * _DEGREE_UP if sine >= 0 else sine
-    # of a negative upper end the factor 1 is the safe one; degrees rounded towards zero
-    if sine < 0:
-        value = sine * F(math.nextafter(180.0, 0.0)) / F(math.nextafter(math.pi, math.inf))
-    near = float(value)
-    return near if F(near) >= value else math.nextafter(near, math.inf)
-
+Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.handeye.study`
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer to a hand-eye study, as plain values.
 
-RESULT_FORMAT = "cpcal-handeye-result/3"
-RESULT_NAME = "handeye.json"
+_FILE = "a file of the run, which is accepted, and so are those that it rests on"
 LARGEST_ERROR = (  # how `eps_hi`, the point and its readings are checked
     "the largest error at the point is computed again, exactly, and is `eps_hi`; the point in the box, readings within "
     "half-widths"
 )
-LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
@@ -137,37 +71,9 @@ class AskedBox:
             remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
             raise InputError([Problem("the box", what, remedy)])
 
-    @property
-    def box(self) -> Box:
-        """Of the unknowns, see `cpcal.handeye.rows`; the same on every machine."""
-        # entries of rotations that differ by an angle differ by at most 2 sin(angle / 2)
-        span = F(2) if self.angle is None else 2 * _sine_above(F(self.angle) * _PI_ABOVE / 360)
-        lo, hi = [], []
-        for k, value in enumerate(self.center.unknowns):
-            shift = k in T_X or k in T_F
-            away = F(self.reach) if shift else span
-            low, high = value - away, value + away
-            lo.append(rounded(low if shift else max(low, F(-1)), True))
-            hi.append(rounded(high if shift else min(high, F(1)), False))
-        return Box(UNKNOWNS, lo, hi)
-
     def holds(self, placed: PlacedFrames) -> bool:
         """Whether frames are in the box, exactly."""
-        box = self.box
-        ends = zip(placed.unknowns, box.lo.tolist(), box.hi.tolist(), strict=True)
-        return all(F(low) <= value <= F(high) for value, low, high in ends)
-
-
-_PI_ABOVE = F(math.nextafter(math.pi, math.inf))
-
-
-def _sine_above(angle: F) -> F:
-    """An upper bound of the sine of an angle from 0: its series, which alternates, to x^17 / 17!."""
-    term, total = angle, angle
-    for k in range(1, 9):
-        term *= -angle * angle / (2 * k * (2 * k + 1))
-        total += term
-    return min(total, F(1))
+        return holds(placed.numbers, self.center.numbers, F(self.reach), None if self.angle is None else F(self.angle))
 
 
 @dataclass(frozen=True)
@@ -176,20 +82,20 @@ class FrameRanges:
 
     In the order of PARAMETERS: positions in mm, and the rotation vector in degrees by which a frame is turned from that
     of the point (in base or hand coordinates); 180 either way where nothing is known. `lo`, `hi` (24): of the unknowns.
-    Without numbers there are no such frames. `chain`: the certificates, which begin with the box that was asked for.
+    Without numbers there are no such frames. `certificate`: the file that claims it.
     """
 
     eps: float = field(metadata=checked("`tolerance`, or 1.1 `eps_hi` without one; the certificates' constraints"))
     low: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
     high: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
-    lo: tuple[float, ...] = field(metadata=checked("the claim of the last certificate of `ranges.chain`"))
-    hi: tuple[float, ...] = field(metadata=checked("the claim of the last certificate of `ranges.chain`"))
-    chain: Chain
+    lo: tuple[float, ...] = field(metadata=checked("the claim of `ranges.certificate`"))
+    hi: tuple[float, ...] = field(metadata=checked("the claim of `ranges.certificate`"))
+    certificate: str = field(metadata=checked(_FILE))
 
     def __post_init__(self) -> None:
         sizes = len(self.low), len(self.high), len(self.lo), len(self.hi)
-        if sizes not in ((0, 0, 0, 0), (len(PARAMETERS), len(PARAMETERS), SIZE, SIZE)):
-            raise ValueError(f"ranges are not of {len(PARAMETERS)} parameters and {SIZE} unknowns")
+        if sizes not in ((0, 0, 0, 0), (len(PARAMETERS), len(PARAMETERS), UNKNOWNS, UNKNOWNS)):
+            raise ValueError(f"ranges are not of {len(PARAMETERS)} parameters and {UNKNOWNS} unknowns")
 
     @property
     def empty(self) -> bool:
@@ -226,25 +132,26 @@ class Classical:
 class HandEyeResult:
     """eps* lies in [eps_lo, eps_hi] px.
 
-    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (certificates `lower`,
-    which begin with the box of the ranges, if that is not empty); `point` explains every one to within `eps_hi` (exact
-    arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel row with
-    a weight in the last step of the proof. Raises ValueError for numbers that are not finite.
+    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (the certificate
+    `lower`); `point` explains every one to within `eps_hi` (exact arithmetic), at the `readings` of uncertain poses,
+    image by image. `support`: image and point of each pixel row with a weight in the last step of the proof. Raises
+    ValueError for numbers that are not finite.
 
     `gap`: relative, that was asked for. Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and
-    F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved.
+    F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved. `timed`: the
+    time limit ended a search.
     """
 
     setup: str = field(metadata=checked("the study"))
     images: int = field(metadata=checked("the study"))
     points: int = field(metadata=checked("the study"))
     asked: AskedBox
-    eps_lo: float = field(metadata=checked("the constraints of the certificates of `lower`; 0 without these"))
+    eps_lo: float = field(metadata=checked("the certificate `lower`; 0 without it"))
     eps_hi: float = field(metadata=checked(LARGEST_ERROR))
     point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
     readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
-    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last step of the certificates of `lower`"))
-    lower: Chain
+    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last step of the certificate `lower`"))
+    lower: str | None = field(metadata=checked(_FILE))
     tolerance: float | None = field(metadata=checked("`ranges.eps`"))
     ranges: FrameRanges
     classical: Classical
@@ -254,6 +161,7 @@ class HandEyeResult:
     sigma: tuple[float, ...] = field(metadata=INFORMED)
     remarks: tuple[str, ...] = field(metadata=INFORMED)
     programs: int = field(metadata=INFORMED)
+    timed: bool = field(metadata=INFORMED)
     seconds: float = field(metadata=INFORMED)
 
     def __post_init__(self) -> None:
@@ -282,12 +190,12 @@ class HandEyeResult:
 
 def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.json` into the folder, all or nothing; its path. Raises InputError."""
-    return save(found, Path(folder) / RESULT_NAME, RESULT_FORMAT)
+    return save(found, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT)
 
 
 def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
     """Read `handeye.json` from the folder. Raises InputError."""
-    return load(HandEyeResult, Path(folder) / RESULT_NAME, RESULT_FORMAT, remedy="run cpcal handeye certify again")
+    return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye certify again")
 
 
 def check_finite(value: object, where: str = "") -> None:
@@ -311,6 +219,11 @@ def check_finite(value: object, where: str = "") -> None:
 REACH = 2000.0  # mm: the box around the classical positions
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
+LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
+_NOTHING = 1e-12  # px: what rounding leaves of pixels that fit exactly
+_SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for the lower end
+_NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
+_BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
 
 Tell = Callable[[str], None]
 
@@ -356,7 +269,7 @@ def certify_hand_eye(
     within        the box; default any rotation, positions within 2 m of the classical answer on each axis
     tolerance     px: are there frames that explain every pixel to it, and in which ranges? Default: ranges at 1.1 eps*
     gap           relative width of the bracket that is asked for
-    certificates  a folder that exists, for `lower-1.cert.jsonl` and `ranges-1.cert.jsonl`, and so on
+    certificates  a folder that exists, for `lower.cert.jsonl`, `ranges.cert.jsonl` and those that these rest on
     time_limit    seconds for each of the proofs; what is proved until then is stated
 
     Raises InputError for studies without a classical answer, and where its points lie outside of the box.
@@ -369,16 +282,18 @@ def certify_hand_eye(
     asked = (within or Within()).about(center)
     best = best_frames(study, classical)
     point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
-    worst = largest(exact_errors(study, point, readings))
+    worst = largest(errors(exact_study(study), point.numbers, exact_readings(readings)))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
-    domain = asked.box
     check_inside(asked, point)
     tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
     at = ranges_tolerance(eps_hi, tolerance)
-    about = about_study(study)
-    wide = prove_chain(study, at, domain, center, about=about, time_limit=time_limit, tell=tell)
-    eps_lo, lower = lower_end(study, wide, center, best, eps_hi, gap, about=about, time_limit=time_limit, tell=tell)
+    prover = Prover(study, center.numbers, asked.reach, asked.angle, best.frames, tell)
+    wide = prover.chain(RANGES, at, range(len(study.images)), time.monotonic() + time_limit)
+    eps_lo, lower = _lower_end(prover, wide, best, eps_hi, gap, time_limit)
+    for proof in (wide, lower):
+        if proof is not None:
+            proof.write(certificates)
     return HandEyeResult(
         setup=study.setup,
         images=len(study.images),
@@ -388,10 +303,10 @@ def certify_hand_eye(
         eps_hi=eps_hi,
         point=point,
         readings=readings,
-        support=support(study, lower),
-        lower=Chain((), (), ()) if lower is None else lower.written(LOWER, certificates),
+        support=_support(study, lower),
+        lower=None if lower is None else lower.certificate,
         tolerance=tolerance,
-        ranges=_ranges(wide, point, wide.written(RANGES, certificates)),
+        ranges=_ranges(wide, point),
         classical=judged(study, center, stated_readings(study, classical.readings), at),
         version=__version__,
         gap=gap,
@@ -399,6 +314,7 @@ def certify_hand_eye(
         sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
         remarks=classical.remarks,
         programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
+        timed=any(proof.timed for proof in (wide, lower) if proof is not None),
         seconds=time.monotonic() - began,
     )
 
@@ -420,37 +336,109 @@ def stated_readings(study: HandEyeStudy, values: Floats) -> tuple[Reading, ...]:
     return tuple(map(tuple, values.tolist())) if study.pose_half_width.any() else ()
 
 
+def exact_readings(readings: Sequence[Reading]) -> Readings:
+    return tuple(map(exact, readings))
+
+
 def check_inside(asked: AskedBox, point: PlacedFrames) -> None:
     """Raises InputError for frames outside of the box."""
     if not asked.holds(point):
         raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
 
 
-def about_study(study: HandEyeStudy) -> str:
-    """What certificates say of themselves."""
-    return (
-        f"cpcal hand-eye, {study.setup}: X camera in {'hand' if study.setup == 'eye-in-hand' else 'base'}, "
-        f"F target in {'base' if study.setup == 'eye-in-hand' else 'hand'}, mm"
-    )
+# the lower end ------------------------------------------------------------------------------------------------------
+
+
+def _lower_end(
+    prover: Prover, wide: Proof, best: ReadFrames, eps_hi: float, gap: float, time_limit: float
+) -> tuple[float, Proof | None]:
+    """eps_lo and its proof, which begins with what `wide` leaves, or with the box that was asked for."""
+    found = (wide.eps, wide) if wide.refuted else (0.0, None)
+    if eps_hi <= _NOTHING:
+        return found
+    end, most = time.monotonic() + time_limit, eps_hi * (1.0 - 0.9 * gap)
+    if prover.exact.uncertain:
+        alone = least_errors(prover.study, best)
+        k = max(alone, key=lambda k: alone[k])
+        for eps in (min(most, alone[k]) * (1.0 - share) for share in _NEAR):
+            if eps <= found[0] or time.monotonic() > end:
+                break
+            prover.tell(f"does {prover.study.images[k]} alone allow anything below {at_least(eps, 7)} px?")
+            proof = prover.alone(LOWER, k, eps)
+            if proof.refuted:
+                found = eps, proof
+                break
+        tried = [found[0] + share * (most - found[0]) for share in _BETWEEN] if most > found[0] * 1.001 else []
+    else:
+        tried = [most * (1.0 - share) for share in _SHARES]
+    for eps in tried:
+        if eps <= found[0] or time.monotonic() > end:
+            break
+        prover.tell(f"is there anything below {at_least(eps, 7)} px?")
+        if wide.refuted or eps > wide.eps:
+            proof = prover.chain(LOWER, eps, range(len(prover.study.images)), end)
+        else:
+            proof = prover.lower(LOWER, wide, eps, end)
+        if proof.refuted:
+            return eps, proof
+    return found
+
+
+class _OneImage:
+    """Residuals of one image by its own pose in the camera frame (6)."""
+
+    def __init__(self, study: HandEyeStudy) -> None:
+        self.study, self.size = study, MOTIONS // 2
+        self._model = PixelModel(study)
+
+    def __call__(self, at: HandEyeFrames) -> Floats:
+        return self._model(at)
+
+    def jacobian(self, at: HandEyeFrames) -> Floats:
+        return self._model.jacobian(at)[:, : self.size]
+
+    def moved(self, at: HandEyeFrames, step: Floats) -> HandEyeFrames:
+        return moved(at, np.append(step, np.zeros(MOTIONS - self.size)))
+
+    def reach(self, at: HandEyeFrames) -> Floats:
+        return self._model.reach(at)[: self.size]
+
+    def room(self, at: HandEyeFrames) -> tuple[Floats, Floats]:
+        low, high = self._model.room(at)
+        return low[: self.size], high[: self.size]
+
+
+def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
+    """By image, about the least error in px that its pixels allow with any pose of the target; found near `best`."""
+    there = read_study(study, best.readings)
+    kept, _ = image_poses(study)
+    return {k: minimax_fit(_OneImage(there.part(np.array([k]))), best.frames, restarts=1)[1] for k in kept}
+
+
+def _support(study: HandEyeStudy, lower: Proof | None) -> tuple[tuple[str, str], ...]:
+    """Image and point of the pixel rows of the last step."""
+    points = () if lower is None else dict.fromkeys(k for side, k in lower.last if side[0] in "uv")
+    return tuple((study.images[study.image[k]], study.names[k]) for k in points)
 
 
 # ranges and verdicts -----------------------------------------------------------------------------------------------
 
 
-def _ranges(wide: ChainProof, point: PlacedFrames, chain: Chain) -> FrameRanges:
-    if wide.refuted:
-        return FrameRanges(wide.eps, (), (), (), (), chain)
-    lo, hi = tuple(wide.left.lo.tolist()), tuple(wide.left.hi.tolist())
-    low, high = parameter_ranges(lo, hi, point)
-    return FrameRanges(wide.eps, low, high, lo, hi, chain)
+def _ranges(wide: Proof, point: PlacedFrames) -> FrameRanges:
+    file = wide.certificate or ""
+    if wide.left is None:
+        return FrameRanges(wide.eps, (), (), (), (), file)
+    lo, hi = (tuple(map(float, side[:UNKNOWNS])) for side in (wide.left.lo, wide.left.hi))
+    low, high = map(tuple, parameter_ranges(exact(lo), exact(hi), point.numbers))
+    return FrameRanges(wide.eps, low, high, lo, hi, file)
 
 
 def judged(study: HandEyeStudy, placed: PlacedFrames, readings: tuple[Reading, ...], tolerance: float) -> Classical:
     """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
-    errors = exact_errors(study, placed, readings)
+    excess = errors(exact_study(study), placed.numbers, exact_readings(readings))
     verdicts = []
     for k, name in enumerate(study.images):
-        worst = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        worst = largest(excess[n] for n in np.flatnonzero(study.image == k))
         if worst is None:
             what = f"puts points of {name} behind the camera"
             raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
 import numpy as np
 
+from cpcal.checker.files import STUDY_NAME
+from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
 from cpcal.files.settings import TomlReader, provenance_lines, quoted
-from cpcal.files.tables import Table, csv_table, read_table, small_file
+from cpcal.files.tables import Table, csv_table, json_object, read_table, small_file
 from cpcal.handeye.study import SETUPS, HandEyeStudy, Setup
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
@@ -153,3 +156,61 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
         ),
         POINTS_NAME: csv_table([*POINT_COLUMNS, "du"] if wide else POINT_COLUMNS, zip(named, points, strict=True)),
     }
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The study in a run, one file that the checker reads: numbers as float64, and each pixel without the lens's distortion.
+
+
+def study_json(study: HandEyeStudy) -> bytes:
+    """The bytes of study.json."""
+    camera, poses = study.camera, study.poses
+    numbers = [study.pixels, study.rays, study.points, study.half_width[:, None]]
+    places = np.concatenate([poses.position, poses.quaternion, study.pose_half_width], axis=1).tolist()
+    points = np.concatenate(numbers, axis=1).tolist()
+    data = {
+        "format": STUDY_FORMAT,
+        "setup": study.setup,
+        "camera": {
+            "size": [camera.width, camera.height],
+            "focal": camera.focal.tolist(),
+            "center": camera.center.tolist(),
+            "distortion": camera.distortion.tolist(),
+            "model": camera.model,
+        },
+        "images": [[name, *row] for name, row in zip(study.images, places, strict=True)],
+        "points": [[k, name, *row] for k, name, row in zip(study.image.tolist(), study.names, points, strict=True)],
+    }
+    return (json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":")) + "\n").encode()
+
+
+def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
+    """The study of a run. Raises InputError."""
+    path = Path(folder) / STUDY_NAME
+    remedy = "run cpcal handeye again"
+    data = json_object(path, remedy, remedy)
+    try:
+        camera, images, points = data["camera"], data["images"], data["points"]
+        poses = np.array([row[1:] for row in images], dtype=np.float64).reshape(-1, 13)
+        numbers = np.array([row[2:] for row in points], dtype=np.float64).reshape(-1, 8)
+        return HandEyeStudy(
+            setup=data["setup"],
+            camera=Camera(
+                width=camera["size"][0],
+                height=camera["size"][1],
+                focal=np.array(camera["focal"], np.float64),
+                center=np.array(camera["center"], np.float64),
+                distortion=np.array(camera["distortion"], np.float64),
+                model=camera["model"],
+            ),
+            images=tuple(row[0] for row in images),
+            poses=Pose(poses[:, :3], poses[:, 3:7]),
+            image=np.array([row[0] for row in points], dtype=np.intp),
+            names=tuple(row[1] for row in points),
+            pixels=numbers[:, :2],
+            points=numbers[:, 4:7],
+            half_width=numbers[:, 7],
+            pose_half_width=poses[:, 7:],
+        )
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise InputError([Problem(str(path), f"lacks or garbles a field: {shown(str(error))}", remedy)]) from None

@@ -40,7 +40,8 @@ def sentences(found: HandEyeResult) -> list[str]:
     else:
         said.append(f"Some frames explain every pixel to within {high} px (proved); nothing is proved from below.")
     if not found.complete:
-        said.append("The bracket is open: more time, or a smaller --within, may close it.")
+        more = "more time (--time-limit)" if found.timed else "a smaller --within"
+        said.append(f"The bracket is open: {more} may close it.")
     if found.tolerance is not None:
         word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]
         said.append(f"Tolerance {stated(found.tolerance)} px: {word}.")
@@ -70,7 +71,7 @@ def wrong_sentences(found: WrongImages) -> list[str]:
     if found.eps_lo > 0.0:
         which = "Whichever one is" if found.outliers == 1 else f"Whichever {found.outliers} are"
         said.append(f"{which} left out, no frames explain all others to {low} px (proved).")
-    tolerance = at_most(found.tolerance, 5)
+    tolerance = at_most(found.asked_tolerance, 5)
     most = "one is" if found.outliers == 1 else f"{found.outliers} are"
     for image, _ in found.blamed:
         said.append(f"{image} is wrong, if at most {most} and right ones fit to {tolerance} px (proved).")

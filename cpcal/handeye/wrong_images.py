@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.checker.hand_eye import WRONG_FORMAT, WRONG_NAME, above, errors, largest
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
@@ -26,22 +27,19 @@ from cpcal.files.codec import INFORMED, checked, informed, load, save
 from cpcal.handeye.certify import (
     LARGEST_ERROR,
     AskedBox,
+    Reading,
     Within,
-    about_study,
     best_frames,
     check_finite,
     check_inside,
+    exact_readings,
     stated_readings,
 )
-from cpcal.handeye.chain import Chain, prove_chain
 from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.minimax_fit import excess
-from cpcal.handeye.rows import PlacedFrames, Reading, above, exact_errors, largest
+from cpcal.handeye.model import PlacedFrames, Proof, Prover, exact_study
 from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, PixelModel, ReadingModel
-from cpcal.solver.interval import Box
 
-WRONG_FORMAT = "cpcal-handeye-wrong/3"
-WRONG_NAME = "handeye-wrong.json"
 _LEAST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
 _BEYOND = 1.1  # of eps_hi: the tolerance at which images are called wrong, unless one is given
@@ -52,13 +50,14 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class RefutedGroup:
-    """PROVED: no frames in the box explain these images to within `eps` px."""
+    """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
 
     images: tuple[str, ...] = field(
-        metadata=checked("more groups than `outliers`, without an image in common; the certificates' constraints")
+        metadata=checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
     )
-    eps: float = field(metadata=checked("`eps_lo`, and the certificates' constraints"))
-    chain: Chain
+    certificate: str = field(
+        metadata=checked("a file of the run, which is accepted, and so are those that it rests on")
+    )
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class WrongImages:
 
     PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
     `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. Each image of `blamed`
-    is wrong if right ones fit to the eps of its reasons, which stand beside it; the others of `left_out` may be right.
+    is wrong if right ones fit to `tolerance`; the others of `left_out` may be right.
     The box is about the least-squares answer of all images but those left out. `asked_tolerance`: px, at which images
     were to be blamed. Raises ValueError for numbers that are not finite.
     """
@@ -81,21 +80,15 @@ class WrongImages:
     left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
     groups: tuple[RefutedGroup, ...]
     blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
-        metadata=checked(
-            "images left out, each once, and in all of its groups; these as `groups`, at one eps; none claims less"
-        )
+        metadata=checked("images left out, each once, and in all of its groups; these as `groups`, at `tolerance`")
     )
+    tolerance: float | None = field(metadata=checked("that of the certificates of `blamed`; null without these"))
     version: str = field(metadata=INFORMED)
     asked_tolerance: float = field(metadata=informed("tolerance"))
     seconds: float = field(metadata=INFORMED)
 
     def __post_init__(self) -> None:
         check_finite(self)
-
-    @property
-    def tolerance(self) -> float:
-        """px: to which right images fit, where some are blamed; else that at which they were to be."""
-        return min((one.eps for _, reasons in self.blamed for one in reasons), default=self.asked_tolerance)
 
 
 def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
@@ -136,22 +129,21 @@ def find_wrong_images(
     classical = classical_answer(part)
     best = best_frames(part, classical)
     point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
-    worst = largest(exact_errors(part, point, readings))
+    worst = largest(errors(exact_study(part), point.numbers, exact_readings(readings)))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
     tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
     center = PlacedFrames.of(classical.frames)
     asked = (within or Within()).about(center)
     check_inside(asked, point)
-    prover = _Groups(study, asked.box, center, folder, tell)
+    prover = _Groups(Prover(study, center.numbers, asked.reach, asked.angle, best.frames, tell), folder)
     eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
     at = _BEYOND * eps_hi if tolerance is None else tolerance
     blamed = []
     for k in left:
-        reasons = [prover.refuted([*group, k], at) for group in _parted(good, outliers + 1)]
-        proved = tuple(reason for reason in reasons if reason is not None)
-        if len(proved) == len(reasons):
-            blamed.append((study.images[k], proved))
+        reasons = prover.refuted([[*group, k] for group in _parted(good, outliers + 1)], at)
+        if reasons is not None:
+            blamed.append((study.images[k], reasons))
     return WrongImages(
         outliers=outliers,
         asked=asked,
@@ -162,6 +154,7 @@ def find_wrong_images(
         left_out=tuple(study.images[k] for k in left),
         groups=groups,
         blamed=tuple(blamed),
+        tolerance=at if blamed else None,
         version=__version__,
         asked_tolerance=at,
         seconds=time.monotonic() - began,
@@ -176,22 +169,16 @@ def _parted(images: list[int], count: int) -> list[list[int]]:
 class _Groups:
     """Proofs about some of the images."""
 
-    def __init__(self, study: HandEyeStudy, domain: Box, center: PlacedFrames, folder: Path, tell: Tell) -> None:
-        self.study, self.domain, self.center, self.folder, self.tell = study, domain, center, folder, tell
-        self.count = 0
+    def __init__(self, prover: Prover, folder: Path) -> None:
+        self.prover, self.study, self.folder, self.count = prover, prover.study, folder, 0
 
     def lower(self, groups: list[list[int]]) -> tuple[float, tuple[RefutedGroup, ...]]:
         """The largest tolerance tried at which every group is refuted."""
         least = min(self.fitted(group) for group in groups)
         for share in _SHARES:
-            found = []
-            for group in groups:
-                one = self.refuted(group, share * least)
-                if one is None:
-                    break
-                found.append(one)
-            else:
-                return share * least, tuple(found)
+            found = self.refuted(groups, share * least)
+            if found is not None:
+                return share * least, found
         return 0.0, ()
 
     def fitted(self, group: list[int]) -> float:
@@ -200,17 +187,21 @@ class _Groups:
         best = best_frames(part, classical_answer(part))
         return excess(ReadingModel(part), best)
 
-    def refuted(self, group: list[int], eps: float) -> RefutedGroup | None:
-        """The proof, written, that no frames explain a group to within eps."""
-        part = self.study.part(np.array(sorted(group)))
-        if self.fitted(group) <= eps:
-            return None
-        self.tell(f"{len(part.images)} images at {at_most(eps)} px")
-        proof = prove_chain(part, eps, self.domain, self.center, about=about_study(part), tell=self.tell)
-        if not proof.refuted:
-            return None
-        self.count += 1
-        return RefutedGroup(part.images, eps, proof.written(f"wrong-{self.count}", self.folder))
+    def refuted(self, groups: list[list[int]], eps: float) -> tuple[RefutedGroup, ...] | None:
+        """The proofs, written, that no frames explain any of the groups to within eps."""
+        found: list[tuple[Proof, RefutedGroup]] = []
+        for group in (sorted(group) for group in groups):
+            if self.fitted(group) <= eps:
+                return None
+            self.prover.tell(f"{len(group)} images at {at_most(eps)} px")
+            proof = self.prover.chain(f"wrong-{self.count + len(found) + 1}", eps, group)
+            if not proof.refuted or proof.certificate is None:
+                return None
+            found.append((proof, RefutedGroup(tuple(self.study.images[k] for k in group), proof.certificate)))
+        for proof, _ in found:
+            proof.write(self.folder)
+        self.count += len(found)
+        return tuple(group for _, group in found)
 
 
 def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:

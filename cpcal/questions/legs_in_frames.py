@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 
+from cpcal.checker.frames import R_F, R_X, T_F, T_X, Interval
 from cpcal.common.errors import InputError, Problem
-from cpcal.handeye.certify import HandEyeResult, Interval
-from cpcal.handeye.rows import R_F, R_X, T_F, T_X
+from cpcal.handeye.certify import HandEyeResult
 from cpcal.questions import Result
 from cpcal.solver.certificate.recording import rounded
 

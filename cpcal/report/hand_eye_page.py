@@ -9,16 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.checker.hand_eye import above, errors, largest
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up
-from cpcal.handeye.certify import HandEyeResult
-from cpcal.handeye.rows import PlacedFrames, above, exact_errors, exact_rotation, largest
+from cpcal.handeye.certify import HandEyeResult, exact_readings
+from cpcal.handeye.model import PlacedFrames, exact_study
 from cpcal.handeye.study import HandEyeStudy
 from cpcal.handeye.words import frames_of, names_of, sentences, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages
 from cpcal.report.figures import Enclosure, enclosure_svg
 from cpcal.report.section import Drawing, Section, Table, most, origin, page_text, verdict, versions
 from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Axes, Figure, Svg, label_room, tick_labels, ticks
+from cpcal.robot import normalised, rotation_matrix
 
 # ------------------------------------------------------------------------------------------------------------------
 # A figure: the largest error of a pixel in each image.
@@ -51,18 +53,15 @@ HAND_EYE_PAGE = "handeye.html"
 WRONG_PAGE = "handeye-wrong.html"
 _MOST = 40  # rows of a table
 _CHECKED = (
-    "weights that exact rational arithmetic accepts. cpcal verify checks them again, and that they speak of this study."
+    "weights that exact rational arithmetic accepts, on rows that the checker forms from study.json. cpcal verify "
+    "checks them again."
 )
 
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
     asked, *rest = sentences(found)
-    certificates = len(found.lower.certificates) + len(found.ranges.chain.certificates)
-    proofs = (
-        f"{certificates} certificates (ranges-*.cert.jsonl, lower-*.cert.jsonl): {_CHECKED} "
-        f"{found.programs:,} linear programs, {about(found.seconds)} s."
-    )
+    proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
     page = page_text(
         f"Hand-eye calibration: {found.setup}",
         "cpcal: hand-eye calibration",
@@ -160,9 +159,9 @@ def _numbers(values: Iterable[float], digits: int) -> str:
 def _classical(found: HandEyeResult) -> Section:
     """The largest error of the least-squares answer in each image, with the bracket and the tolerance."""
     images, tolerance = found.classical.images, at_least(found.ranges.eps, 4)
-    errors = [(v.image, v.largest, v.ok) for v in images]
+    drawn = [(v.image, v.largest, v.ok) for v in images]
     label = "Largest error of least squares in each image"
-    svg = image_errors_svg(errors, found.eps_hi, found.ranges.eps, label)
+    svg = image_errors_svg(drawn, found.eps_hi, found.ranges.eps, label)
     readings = ", at the fit's readings of the poses" * found.uncertain
     caption = (
         f"Largest error in each image, in exact arithmetic{readings}. Full line: upper end of the bracket; dashed: "
@@ -228,15 +227,15 @@ def _wrong(study: HandEyeStudy, found: WrongImages) -> Section:
         readings = [(0.0,) * 6] * len(study.images)
         for k, reading in zip(kept, found.readings, strict=True):
             readings[k] = reading
-    errors = exact_errors(study, found.point, readings)
+    excess = errors(exact_study(study), found.point.numbers, exact_readings(readings))
     drawn = []
     for k, name in enumerate(study.images):
-        worst = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        worst = largest(excess[n] for n in np.flatnonzero(study.image == k))
         drawn.append((name, math.inf if worst is None else above(worst), k in kept))
-    svg = image_errors_svg(drawn, found.eps_hi, found.tolerance, "Largest error of the best frames in each image")
+    svg = image_errors_svg(drawn, found.eps_hi, found.asked_tolerance, "Largest error of the best frames in each image")
     caption = (
         "Largest error of the best frames in each image, in exact arithmetic; those left out are marked. Full line: "
-        f"what all others are explained to; dashed: {at_most(found.tolerance, 5)} px."
+        f"what all others are explained to; dashed: {at_most(found.asked_tolerance, 5)} px."
     )
     first, *rest = wrong_sentences(found)
     proved = len(dict(found.blamed)) == len(found.left_out)
@@ -248,8 +247,8 @@ def _blamed(found: WrongImages) -> Iterator[Section]:
     if found.blamed:
         said = (
             "Each group below has no image in common with another, and no frames explain it together with the image "
-            f"to {at_most(found.tolerance, 5)} px. Were the image right, each group would hold a wrong one: one more "
-            "than there may be."
+            f"to {at_most(found.asked_tolerance, 5)} px. Were the image right, each group would hold a wrong one: one "
+            "more than there may be."
         )
         parts = [
             Section(
@@ -330,7 +329,7 @@ def _easy_handeye(found: HandEyeResult) -> str:
 
 def _urdf(found: HandEyeResult) -> str:
     """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
-    r = [[float(v) for v in row] for row in exact_rotation(found.point.camera_quaternion)]
+    r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
     roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
     pitch = math.asin(max(-1.0, min(1.0, -r[2][0])))
     lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
@@ -350,7 +349,7 @@ def _opencv(found: HandEyeResult) -> str:
         (camera, point.camera_position, point.camera_quaternion),
         (target, point.target_position, point.target_quaternion),
     ):
-        turn = [repr(float(v)) for row in exact_rotation(quaternion) for v in row]
+        turn = [repr(v) for row in rotation_matrix(normalised(quaternion)).tolist() for v in row]
         lines += _matrix(f"R_{name}", 3, turn) + _matrix(f"t_{name}", 1, [repr(v) for v in position])
     return "\n".join(lines) + "\n"
 

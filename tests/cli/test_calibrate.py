@@ -1,20 +1,13 @@
 """`cpcal calibrate`: what it writes, prints and refuses."""
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
 from cpcal.calibration.repeatability import KINDS
-from cpcal.cli import app
 from cpcal.files import campaign_sha256, save_study
 from cpcal.simulate import simulate_study
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+from tests.cli.command import run
 
 
 @pytest.fixture(scope="module")

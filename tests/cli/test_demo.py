@@ -3,23 +3,16 @@
 import shutil
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli import app
 from cpcal.cli.demo import DemoPlan, _is_earlier_demo
 from cpcal.cli.verify import check_all
 from cpcal.files import campaign_sha256, load_study
 from cpcal.questions.fits import load_fits
+from tests.cli.command import run
 
 SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
 
 
 @pytest.fixture(scope="module")

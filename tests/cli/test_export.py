@@ -8,20 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.report.export import as_csv, as_json, as_toml, as_yaml, exported
 from cpcal.report.run_page import DrawingFrames, frames_of_run
 from cpcal.robot import rotation_matrix
+from tests.cli.command import run
 
 yaml = pytest.importorskip("yaml")
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
 
 
 @pytest.fixture(scope="module")

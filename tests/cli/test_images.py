@@ -8,7 +8,6 @@ import shutil
 import numpy as np
 import pytest
 from tinyhtml5.parser import HTMLParser
-from typer.testing import CliRunner
 
 from cpcal.files import campaign_sha256
 
@@ -16,7 +15,6 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli import app
 from cpcal.cli.demo import DemoPlan
 from cpcal.cli.report import study_found
 from cpcal.common.errors import InputError
@@ -28,15 +26,10 @@ from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET
 from tests.changed import of_poses
+from tests.cli.command import run
 
 FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
-SMALL = DemoPlan(photographs=FEW, enclosed=3, legs=(6,), timeout_seconds=0.5)
-
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+SMALL = DemoPlan(photographs=FEW, enclosed=2, legs=(6,), timeout_seconds=0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -61,7 +54,7 @@ def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cpcal.cli.demo.PLAN", SMALL)
-        patch.setattr("cpcal.cli.image.simulate_study", every(3))
+        patch.setattr("cpcal.cli.image.simulate_study", every(6))
         outcome = run("demo", "--images", "-o", folder, "--seed", 3)
     return folder, outcome
 
@@ -117,12 +110,12 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
         assert outcome.exit_code == 0, outcome.stderr
         assert f"Table of a study: {shots / table}.csv" in outcome.stdout
     rows = (shots / "poses-calibration.csv").read_text(encoding="utf-8").splitlines()
-    assert len(rows) > 44
+    assert len(rows) > 22
     assert not any(row["reason"] for row in csv.DictReader(rows))
     study = load_study(shots)
-    assert len(study.calibration) == 44
+    assert len(study.calibration) == 22
     again = detect(shots, "calibration")
-    assert "44 poses in 44 images (0 measured now)" in again.stdout
+    assert "22 poses in 22 images (0 measured now)" in again.stdout
     page = shots / "poses-calibration.csv.html"
     assert f"Page: {page}" in again.stdout
     text = page.read_text(encoding="utf-8")
@@ -194,16 +187,16 @@ def test_the_demo_goes_the_whole_road(demo):
     parser.parse(page)
     assert parser.errors == []
     pixel, repeats = (cpcal.load_campaign(folder / name) for name in ("pixel-campaign", "campaign"))
-    assert (len(pixel), len(repeats)) == (8, 22)
-    assert set(pixel.pose) == set(repeats.pose[::3])
+    assert (len(pixel), len(repeats)) == (6, 11)
+    assert set(pixel.pose) == set(repeats.pose[::2])
     assert not pixel.exact
-    assert "The true pose lies in 8 of the 8." in found.images.parts[3].sentences[0]
+    assert "The true pose lies in 6 of the 6." in found.images.parts[3].sentences[0]
     result = cpcal.load_result(folder / "pixel-run")
     assert result.campaign_sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
-    assert len(list((folder / "pixel-sets").glob("*.pose.json"))) == 8
+    assert len(list((folder / "pixel-sets").glob("*.pose.json"))) == 6
     count = len(list(folder.rglob("*.cert.jsonl")))  # of fits, legs, ranges and pose sets
-    assert count > 8
+    assert count > 6
     assert f"accepted all {count} certificates" in found.checked
 
 
@@ -213,7 +206,12 @@ def test_what_is_kept_of_images_is_read_back(demo, tmp_path):
     assert load_images(tmp_path) == found
     assert load_images(tmp_path / "nowhere") is None
     text = (tmp_path / IMAGES_NAME).read_text()
-    for old, new in (('"cpcal-images/1"', '"x"'), ('"counts"', '"count"'), ('"jpeg": "/9j/', '"jpeg": "AAAA')):
+    for old, new, why in (
+        ('"cpcal-images/', '"cpcal-image/', "is not of format"),
+        ('"parts"', '"part"', "lacks parts"),
+        ('"jpeg": "/9j/', '"jpeg": "AAAA', "a picture is no JPEG"),
+    ):
+        assert old in text
         (tmp_path / IMAGES_NAME).write_text(text.replace(old, new, 1))
-        with pytest.raises(InputError, match="is not what cpcal wrote"):
+        with pytest.raises(InputError, match=why):
             load_images(tmp_path)

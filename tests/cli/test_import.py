@@ -7,13 +7,12 @@ import pandas
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli.app import app
 from cpcal.files import load_settings
 from cpcal.robot import ROBOTS, rotation_matrix
 from cpcal.simulate import simulate
+from tests.cli.command import run
 
 TRUE = simulate(seed=4, truncate=2.9)
 EULER = Rotation.from_quat(TRUE.quaternion, scalar_first=True).as_euler("xyz", degrees=True)
@@ -22,10 +21,6 @@ MAP = "pose=Frame, x=Tx (m)[m], y=Ty (m)[m], z=Tz (m)[m], r1=Rx, r2=Ry, r3=Rz, "
 )
 SIGMA = "position=0.0633[mm], rotation=0.0119[deg], length=0.019[mm]"
 LIKE_THIS = ("--robot", "deltalab", "--map", MAP, "--rotation", "euler-xyz-deg", "--sigma", SIGMA)
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -36,13 +36,6 @@ main()
 """
 
 
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cli") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
-    return folder
-
-
 def process(*arguments):
     environment = os.environ | {"COLUMNS": "100"}
     return subprocess.run(

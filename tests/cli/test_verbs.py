@@ -1,32 +1,30 @@
-"""The verbs, in one process: what they write, print and refuse."""
+"""The verbs, in one process: what they write, print and refuse, how much they say, and help that can be tried."""
+
+from __future__ import annotations
 
 import json
+import shlex
+from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from cpcal.cli.app import VERBS
 from cpcal.common.files import unwritable
-from cpcal.files import campaign_sha256
+from cpcal.files import campaign_sha256, load_study, save_campaign, save_study
+from cpcal.simulate import simulate, simulate_study
+from tests.cli.command import run
+from tests.robot.wrong_ways import WRONG_WAYS
 
-runner = CliRunner()
-
-
-def run(*arguments):
-    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+# ------------------------------------------------------------------------------------------------------------------
+# The verbs, in one process: what they write, print and refuse.
 
 
 def squeezed(text):
     return " ".join(text.replace("│", " ").split())
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """A campaign folder with exact readings, quick to certify."""
-    folder = tmp_path_factory.mktemp("cli") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -227,3 +225,217 @@ def test_a_tolerance_is_passed_or_failed(campaign, tmp_path, tolerance, status, 
     assert f"Leg 1: {word}, " in outcome.stdout
     assert f">{word}<" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).options.tolerance == float(tolerance)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How much a verb says: a short end, everything, nothing, a record; and help that can be tried.
+
+
+def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(campaign, tmp_path):
+    outcome = run("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", tmp_path / "log.jsonl")
+    assert outcome.exit_code == 1
+    lines = outcome.stdout.splitlines()
+    assert len(lines) <= 12
+    assert [line[:6] for line in lines if line.startswith("Leg")] == [f"Leg {k}:" for k in range(1, 7)]
+    assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
+    assert "tolerance 0.55 mm: FAIL" in lines[0]
+    records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert {"began", "certify", "bracket", "kept", "leg", "written", "ended"} == {record["event"] for record in records}
+    assert (records[0]["command"], records[-1]["status"]) == ("certify", 1)
+    assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
+    assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)
+
+
+def test_verbose_shows_tables_with_their_frame_and_quiet_shows_nothing(campaign, tmp_path):
+    loud = run("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").stdout
+    for piece in (
+        "eps_lo [mm]",
+        "Parameters [mm]",
+        "b_z",
+        "in the base frame of the campaign's poses",
+        "there exists a reading",
+    ):
+        assert piece in " ".join(loud.split())
+    silent = run("certify", campaign, "-o", tmp_path / "q", "--legs", "1", "-q")
+    assert (silent.exit_code, silent.stdout, silent.stderr) == (0, "", "")
+    assert (tmp_path / "q" / "report.html").exists()
+
+
+def test_a_log_holds_what_went_wrong(campaign, tmp_path):
+    log = tmp_path / "log.jsonl"
+    outcome = run("certify", campaign, "-o", tmp_path / "r", "--eps", "-1", "--log", log)
+    assert outcome.exit_code == 2
+    last = json.loads(log.read_text(encoding="utf-8").splitlines()[-1])
+    assert (last["event"], last["kind"]) == ("failed", "InputError")
+    assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
+
+
+LONG = ("certify", "accuracy", "solve", "image detect", "image sets", "calibrate", "demo", "verify", "handeye certify")
+
+
+@pytest.mark.parametrize("verb", LONG)
+def test_every_verb_that_can_take_long_says_less_or_more_and_keeps_a_record(verb):
+    text = run(*verb.split(), "--help").stdout
+    assert all(option in text for option in ("--quiet", "-q", "--verbose", "-v", "--log"))
+
+
+def test_a_quiet_verb_prints_nothing_and_its_record_says_how_it_ended(campaign, tmp_path):
+    folder, log = tmp_path / "r", tmp_path / "log.jsonl"
+    asked = (
+        ("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"),
+        ("verify", folder),
+        ("verify", folder, "--campaign", folder),  # no folder of a campaign: unusable
+    )
+    ended = []
+    for arguments in asked:
+        outcome = run(*arguments, "-q", "--log", log)
+        assert outcome.stdout == ""
+        ended.append(outcome.exit_code)
+    records = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    assert [one["command"] for one in records if one["event"] == "began"] == ["certify", "verify", "verify"]
+    assert [one.get("status", one.get("kind")) for one in records if one["event"] in ("ended", "failed")] == [
+        0,
+        0,
+        "InputError",
+    ]
+    assert ended == [0, 0, 2]
+
+
+def test_the_help_of_the_command_shows_no_type_of_a_flag():
+    text = run("--help").stdout
+    assert "--version" in text
+    assert "<bool>" not in text
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_type(verb):
+    text = " ".join(run(*verb.split(), "--help").stdout.split())
+    example = VERBS[verb].example
+    assert f"Example: cpcal {example[:30]}" in text
+    assert "<bool>" not in text
+    command: Any = typer.main.get_command(app)
+    arguments = shlex.split(example)
+    context = None
+    for name in verb.split():
+        context = command.make_context(name, [name], parent=context, resilient_parsing=True)
+        command, arguments = command.get_command(context, name), arguments[1:]
+    command.make_context(verb, arguments, parent=context)
+
+
+def test_several_models_end_with_a_line_a_leg(campaign, tmp_path):
+    outcome = run("certify", campaign, "-o", tmp_path, "--model", "plain,gain", "--legs", "1", "--tolerance", "0.01")
+    assert outcome.exit_code == 1
+    lines = outcome.stdout.splitlines()
+    assert len(lines) <= 12
+    assert any(line.startswith("leg 1: plain ") and "fail" in line and "no model passes" in line for line in lines)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal check`: what it prints, and its exit status.
+
+TRUE = simulate(seed=2, random_poses=20)
+
+
+def check(campaign, folder):
+    save_campaign(campaign, folder)
+    return CliRunner().invoke(app, ["check", str(folder)])
+
+
+def test_a_good_campaign_is_called_so_with_status_0(tmp_path):
+    result = check(TRUE, tmp_path)
+    assert result.exit_code == 0
+    assert "84 measurements, 6 legs" in result.stdout
+    assert "7 of 7" in result.stdout
+    assert "Nothing looks wrong." in result.stdout
+
+
+@pytest.mark.parametrize("way", ["quaternion scalar last", "one outlier"])
+def test_a_finding_is_a_line_and_status_1(tmp_path, way):
+    make, expected = WRONG_WAYS[way]
+    result = check(make(TRUE), tmp_path)
+    assert result.exit_code == 1
+    (line,) = (line for line in result.stdout.splitlines() if line.startswith("! "))
+    assert expected in line
+
+
+def test_an_unusable_campaign_is_status_2(tmp_path):
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "none")]).exit_code == 2
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal simulate --study`: what it writes and refuses.
+
+
+def test_a_study_of_the_given_options_is_written(tmp_path):
+    options = ["--seed", 5, "--runs", 2, "--random-poses", 3, "--validation-runs", 2, "--images", 2]
+    options += ["--joint-error", 0.5, "--noise", 0.5, "--truncate", 2, "--deviation", 0.5, "--stroke", 10, 130]
+    options += [
+        "--axis-offset",
+        1,
+        "--joint-offset",
+        2,
+        "--backlash",
+        0.5,
+        "--friction",
+        0.1,
+        "--sag",
+        1,
+        "--gain",
+        0.01,
+    ]
+    outcome = run("simulate", "deltalab", "--study", "-o", tmp_path / "new" / "s", *options)
+    assert outcome.exit_code == 0
+    assert "256 rows for calibration, 12 for validation (seed 5)" in outcome.stdout
+    expected = simulate_study(
+        seed=5,
+        runs=2,
+        random_poses=3,
+        validation_runs=2,
+        images=2,
+        joint_error=0.5,
+        noise=0.5,
+        truncate=2.0,
+        deviation=0.5,
+        stroke=(10.0, 130.0),
+        axis_offset=1.0,
+        joint_offset=2.0,
+        backlash=0.5,
+        friction=0.1,
+        sag=1.0,
+        gain=0.01,
+    )
+    assert load_study(tmp_path / "new" / "s") == expected
+    save_study(expected, tmp_path / "same")
+    for name in ("study.toml", "calibration.csv", "validation.csv"):
+        assert (tmp_path / "same" / name).read_bytes() == (tmp_path / "new" / "s" / name).read_bytes()
+
+
+def test_a_study_is_by_default_the_papers(tmp_path):
+    outcome = run("simulate", "deltalab", "--study", "-o", tmp_path)
+    assert outcome.exit_code == 0
+    assert "704 rows for calibration, 640 for validation (seed 1)" in outcome.stdout
+    assert load_study(tmp_path) == simulate_study(seed=1)
+    assert run("simulate", "deltalab", "--study", "-o", tmp_path).exit_code == 2  # not empty
+
+
+@pytest.mark.parametrize(
+    ("arguments", "texts"),
+    [
+        (["--sag", 1, "--images", 2], ["2 problems", "--images", "--sag", "add --study"]),
+        (["--study", "--factor", 3, "--no-extremal"], ["2 problems", "--factor", "--extremal", "leave it out"]),
+        (["--study", "--sag", -1, "--random-poses", 0], ["2 problems", "option sag", "option random_poses"]),
+        (["--study", "--joint-offset", 400], ["imperfections"]),
+        (["--study", "--gain", "much"], ["--gain"]),
+    ],
+)
+def test_senseless_options_are_refused(tmp_path, arguments, texts):
+    outcome = run("simulate", "deltalab", "-o", tmp_path / "s", *arguments)
+    assert outcome.exit_code == 2
+    assert all(text in outcome.stderr for text in texts)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_names_every_mechanism():
+    text = run("simulate", "--help").stdout
+    for name in ("--study", "--axis-offset", "--joint-offset", "--backlash", "--friction", "--sag", "--gain"):
+        assert name in text

@@ -1,4 +1,5 @@
-"""Runs of the room are verified many times, each with something else edited: certificates are judged once."""
+"""Runs are verified many times, each with something else edited: what was accepted of the same bytes is not judged
+again."""
 
 from __future__ import annotations
 
@@ -10,54 +11,50 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from cpcal.checker import Accepted, check
-from cpcal.checker.files import Budget
-from cpcal.handeye import verify as verify_hand_eye
-from cpcal.handeye.chain import Chain
+from cpcal.checker.hand_eye import HandEyeCertificates
+from cpcal.common.values import Floats
+from cpcal.handeye import verify
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.files import hand_eye_files
-from cpcal.handeye.study import HandEyeStudy
-from cpcal.solver.interval import Box
-from tests.remembered import remembered
+from cpcal.handeye.files import study_json
+from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
 
-Verify = Callable[[Path], list[tuple[bool, str]]]
+
+def unknowns_of(frames: HandEyeFrames) -> Floats:
+    """(24,): R and t of both frames, as users want them."""
+    x = frames.e_rotation.T
+    return np.concatenate([x.ravel(), -x @ frames.e_translation, frames.f_rotation.ravel(), frames.f_translation])
 
 
 @pytest.fixture(scope="package", autouse=True)
 def judged_once() -> Iterator[None]:
-    """What was accepted of the same bytes is not judged again; what is refused is judged each time."""
+    """Certificates beside the same files, and least squares of the same study."""
     claims: dict[object, Any] = {}
     answers: dict[object, Any] = {}
-    claimed, answer = verify_hand_eye._claimed, classical_answer
+    accepted, answer = HandEyeCertificates.accepted, classical_answer
 
-    def of_study(study: HandEyeStudy) -> bytes:
-        return b"".join(hand_eye_files(study).values())
-
-    def remembered_claim(run: Path, chain: Chain, study: HandEyeStudy, box: Box, *more: Any) -> Any:
-        files = [path.read_bytes() for name in chain.certificates if (path := run / name).exists()]
-        whole = chain, box.lo.tolist(), box.hi.tolist(), more[:-1], more[-1].most, of_study(study), files
-        key = sha256(repr(whole).encode()).digest()
+    def remembered(self: HandEyeCertificates, name: Any) -> Any:
+        files = sorted(self.folder.glob("*.cert.jsonl"))
+        digests = [(path.name, sha256(path.read_bytes()).digest()) for path in files]
+        key = repr((name, self.digest, digests))
         if key not in claims:
-            claims[key] = claimed(run, chain, study, box, *more)  # type: ignore[arg-type]
-        return claims[key]
+            before = set(self._known)
+            accepted(self, name)
+            claims[key] = {file: known for file, known in self._known.items() if file == name or file not in before}
+        self._known.update(claims[key])
+        return self._known[name]
 
-    def remembered_answer(study: HandEyeStudy) -> Any:
-        key = of_study(study)
+    def answered(study: HandEyeStudy) -> Any:
+        key = study_json(study)
         if key not in answers:
             answers[key] = answer(study)
         return answers[key]
 
-    known = remembered(check)
-
-    def checked(path: Path, *, work: Budget) -> Accepted:
-        return known(path) if path.is_file() else check(path, work=work)
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verify_hand_eye, "check", checked)
-        patch.setattr(verify_hand_eye, "_claimed", remembered_claim)
-        patch.setattr(verify_hand_eye, "classical_answer", remembered_answer)
+        patch.setattr(HandEyeCertificates, "accepted", remembered)
+        patch.setattr(verify, "classical_answer", answered)
         yield
 
 
@@ -66,7 +63,7 @@ def refused(tmp_path: Path) -> Callable[..., None]:
     """Fails unless a run (a folder) is refused in the sentence that begins with `what` and holds `reason`, when
     `change` was made to the data of a JSON file, or to the text of another."""
 
-    def judge(run: Path, name: str, change: Callable[[Any], Any], verify: Verify, what: str, reason: str) -> None:
+    def judge(run: Path, name: str, change: Callable[[Any], Any], what: str, reason: str) -> None:
         shutil.copytree(run, tmp_path / "run")
         path = tmp_path / "run" / name
         if path.suffix == ".json":
@@ -75,7 +72,7 @@ def refused(tmp_path: Path) -> Callable[..., None]:
             path.write_text(json.dumps(data))
         else:
             path.write_text(change(path.read_text()))
-        found = {sentence.split(":")[0]: (accepted, sentence) for accepted, sentence in verify(tmp_path / "run")}
+        found = {sentence.split(":")[0]: (ok, sentence) for ok, sentence in verify.verify_hand_eye(tmp_path / "run")}
         accepted, sentence = found[what]
         assert not accepted, found
         assert re.search(f"REFUSED, .*{reason}", sentence), found

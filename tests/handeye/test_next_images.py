@@ -29,6 +29,7 @@ def test_each_chosen_pose_narrows_the_widest_range_and_none_does_so_more(case):
     assert found.chosen[0].widest <= min(alone) * (1.0 + 1e-9)
 
 
+@pytest.mark.nightly
 def test_the_estimated_widths_are_nearly_those_that_are_proved(case):
     known = case[0].part(np.arange(5))
     estimated = next_poses(known, case[1], 1, tolerance=0.2).before.widths

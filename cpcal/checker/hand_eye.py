@@ -1,0 +1,557 @@
+"""Runs of hand-eye calibration: every number that they state is claimed by a certificate, or computed again here.
+
+docs/certificate-format.md, "Hand-eye", is the specification. A certificate is of one stage of a study: the poses that
+single images allow, what links them, or the pixels of all images. It begins with the box that was asked for, or where
+the certificate that it names ended, and may use the poses that those of images claim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction as F
+from hashlib import sha256
+from math import inf, nextafter, pi
+from pathlib import Path
+from typing import Any
+
+from .bounds import number as bound
+from .certificate import check_lines
+from .claims import Accepted
+from .files import STUDY_NAME, Budget, Lines, content, opened, parsed
+from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
+from .header import FORMAT
+from .lens import Cameras
+from .problem import Box, Problem
+from .program import dyadics
+from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, whole
+from .refusal import Refused, Unusable
+from .robust_claim import meeting
+from .run import STRANGE, Json, compare, exact, reason_of, same
+
+STUDY_FORMAT = "cpcal-study/1"
+RUN_WORK = 240_000_000  # of all certificates of a run
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
+WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
+UNKNOWNS = 24  # of a result: R and t of both frames
+BEYOND = F(1.1)  # of eps_hi: the tolerance of ranges that nobody asked for
+_LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
+_SETUPS = ("eye-in-hand", "eye-to-hand")
+Readings = Sequence[Sequence[F]]
+
+_HEADER = record(
+    {
+        "format": choice(FORMAT),
+        "study": text,
+        "stage": choice(*STAGES),
+        "images": ascending(1 << 20),
+        "eps": dyadic,
+        "asked": anything,
+        "after": maybe(text),
+        "poses": many(text),
+    }
+)
+_ASKED = record(
+    {
+        "center": many(dyadic, 14),
+        "reach": dyadic,
+        "angle": maybe(dyadic),
+        "hand": many(dyadic, 3),
+        "board": many(dyadic, 3),
+    }
+)
+
+
+# the study ----------------------------------------------------------------------------------------------------------
+
+
+def read_study(path: Path) -> tuple[Study, str]:
+    """The study of a file, and its SHA-256. Raises Unusable, Refused."""
+    given = content(path)
+    try:
+        return _study(parsed(given, lambda number: F(finite(number)))), sha256(given).hexdigest()
+    except (Refused, *STRANGE) as error:
+        raise Refused(f"{STUDY_NAME} {reason_of(error)}", "run", 0) from None
+
+
+def _study(data: Json) -> Study:
+    same("format", data["format"], STUDY_FORMAT)
+    camera, images, points = data["camera"], data["images"], data["points"]
+    if data["setup"] not in _SETUPS:
+        raise Refused(f"holds the setup {shown(data['setup'])}")
+    names, poses = _named(images, 0, 13), [list(map(exact, one[1:])) for one in images]
+    image = tuple(whole(len(images))(one[0]) for one in points)
+    numbers = [list(map(exact, one[2:])) for one in points]
+    if any(len(one) != 8 for one in numbers) or any(min(one[7:]) < 0 for one in [*poses, *(n[:8] for n in numbers)]):
+        raise Refused("holds a row of another length, or a negative half-width")
+    focal, center, distortion = (tuple(map(exact, camera[key])) for key in ("focal", "center", "distortion"))
+    if len(focal) != 2 or len(center) != 2 or min(focal) <= 0:
+        raise Refused("holds no camera")
+    if not all(any(one[3:7]) for one in poses):
+        raise Refused("holds a quaternion that is no rotation")
+    study = Study(
+        data["setup"] == _SETUPS[0], focal, center, names,
+        tuple((tuple(one[:3]), tuple(one[3:7])) for one in poses), tuple(tuple(one[7:]) for one in poses),
+        image, tuple(text(one[1]) for one in points), tuple(tuple(one[2:4]) for one in numbers),
+        tuple(tuple(one[4:7]) for one in numbers), tuple(one[7] for one in numbers),
+    )  # fmt: skip
+    if len(set(zip(study.image, study.names, strict=True))) < len(image):
+        raise Refused("holds a point of an image twice")
+    if text(camera["model"]) == "brown":  # other lenses are no polynomials: see `undistorted` in _Run.box_said
+        _check_lens(study, [one[:2] for one in numbers], distortion)
+    return study
+
+
+def _named(rows: list[Any], place: int, size: int) -> tuple[str, ...]:
+    names = tuple(text(array(one)[place]) for one in rows)
+    if len(set(names)) < len(names) or any(len(one) != size + 1 for one in rows):
+        raise Refused("holds a row of another length, or a name twice")
+    return names
+
+
+def _check_lens(study: Study, pixels: list[list[F]], distortion: Sequence[F]) -> None:
+    """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
+    k1, k2, p1, p2, k3 = distortion
+    farthest = F(0)
+    for ray, pixel in zip(study.rays, pixels, strict=True):
+        # to 80 bits: what that changes of a pixel is nothing beside _LENS
+        x, y = (F(round((ray[a] - study.center[a]) / study.focal[a] * 2**80), 2**80) for a in (0, 1))
+        s = x * x + y * y
+        farthest = max(farthest, s)
+        s = F(round(s * 2**80), 2**80)
+        g = 1 + s * (k1 + s * (k2 + s * k3))
+        bent = (x * g + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * g + 2 * p2 * x * y + p1 * (s + 2 * y * y))
+        for a in (0, 1):
+            if abs(study.center[a] + study.focal[a] * bent[a] - pixel[a]) > _LENS:
+                raise Refused("holds an undistorted pixel that is another one")
+    if not any(distortion):
+        return
+    numbers = [bound(v) for v in (*study.focal, *study.center, k1, k2, p1, p2, k3)]
+    radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.most
+    assert Cameras(numbers, [[] for _ in numbers], False, radius).least
+
+
+# given frames -------------------------------------------------------------------------------------------------------
+
+
+def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F | None]:
+    """For each point the larger excess `|residual| - half-width` of its two axes, px; None where it is not in front.
+
+    `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
+    """
+    (x_turn, x_norm), (f_turn, f_norm) = (rotation(dyadics(placed[k + 3 : k + 7]).values) for k in (0, 7))
+    x_place, f_place = placed[:3], placed[7:10]
+    maps = []
+    for k in range(len(study.images)):
+        rows, norm = rotation(dyadics(study.poses[k][1]).values)
+        place = list(study.poses[k][0])
+        if readings:
+            more, scale = rotation(dyadics([F(1), *(v / 2 for v in readings[k][3:])]).values)
+            rows = [[sum(a * row[j] for a, row in zip(line, rows, strict=True)) for j in AXES] for line in more]
+            norm *= scale
+            place = [p + d for p, d in zip(place, readings[k][:3], strict=True)]
+        if study.in_hand:  # H = (R, P)^-1
+            rows = [list(row) for row in zip(*rows, strict=True)]
+            moved = [f - p for f, p in zip(f_place, place, strict=True)]
+            offset = [F(0)] * 3
+        else:
+            moved, offset = list(f_place), place
+        y = [F(_times(row, moved)) / norm + o - t for row, o, t in zip(rows, offset, x_place, strict=True)]
+        back = [[x_turn[b][a] for b in AXES] for a in AXES]
+        whole_ = x_norm * norm * f_norm
+        inner = [[_times(row, [line[d] for line in f_turn]) for d in AXES] for row in rows]
+        turn = [[F(_times(row, [line[d] for line in inner]), whole_) for d in AXES] for row in back]
+        maps.append((turn, [F(_times(row, y)) / x_norm for row in back]))
+    found: list[F | None] = []
+    for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
+        turn, shift = maps[image]
+        x = [_times(row, p) + t for row, t in zip(turn, shift, strict=True)]
+        if x[2] <= 0:
+            found.append(None)
+        else:
+            off = (abs(study.focal[a] * x[a] / x[2] - (ray[a] - study.center[a])) for a in (0, 1))
+            found.append(max(off) - width)
+    return found
+
+
+def _times(row: Sequence[Any], vector: Sequence[Any]) -> Any:
+    return sum(a * v for a, v in zip(row, vector, strict=True))
+
+
+def largest(excess: Iterable[F | None]) -> F | None:
+    """The largest of them, from 0; None where some point is not in front of the camera."""
+    worst = F(0)
+    for one in excess:
+        if one is None:
+            return None
+        worst = max(worst, one)
+    return worst
+
+
+def above(value: F) -> float:
+    """The least float64 that is not below a number that is not negative."""
+    near = float(value)
+    return near if F(near) >= value else nextafter(near, inf)
+
+
+def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
+    """Lower and upper ends (12): position in mm, turn in degrees from the frames `about` (14), of X and of F.
+
+    Turns are the rotation vectors w, in degrees, of all rotations exp([w]) C in a box of matrices; +-180 beyond 60
+    degrees. M = R C' lies in a box. Its skew part is sin(theta) times the axis, and |M - I|^2 = 8 sin^2(theta / 2); so
+    with k = sin(theta / 2) <= 1/2, w is the skew part times theta / sin(theta), which lies between 1 and
+    1 / (1 - theta^2 / 6); theta <= 2 k / sqrt(1 - k^2).
+    """
+    low, high = list[float](), list[float]()
+    for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
+        low += [-_up(-lo[i]) for i in shift]
+        high += [_up(hi[i]) for i in shift]
+        rows, norm = rotation(dyadics(about[place + 3 : place + 7]).values)
+        product = [[_inner([(lo[i], hi[i]) for i in turn[3 * a : 3 * a + 3]], row, norm) for row in rows] for a in AXES]
+        ends = ((end - (a == b) for end in product[a][b]) for a in AXES for b in AXES)
+        k2 = sum((max(v * v for v in pair) for pair in ends), F(0)) / 8
+        if k2 > F(1, 4):
+            low += [-180.0] * 3
+            high += [180.0] * 3
+            continue
+        factor = 1 / (1 - 4 * k2 / (1 - k2) / 6)
+        for p, q in ((2, 1), (0, 2), (1, 0)):
+            low.append(-_degrees(-(product[p][q][0] - product[q][p][1]) / 2, factor))
+            high.append(_degrees((product[p][q][1] - product[q][p][0]) / 2, factor))
+    return low, high
+
+
+def _inner(row: Sequence[Interval], numbers: Sequence[int], norm: int) -> Interval:
+    ends = [sorted((low * c, high * c)) for (low, high), c in zip(row, numbers, strict=True)]
+    return sum((e[0] for e in ends), F(0)) / norm, sum((e[1] for e in ends), F(0)) / norm
+
+
+def _degrees(sine: F, factor: F) -> float:
+    """An upper bound in degrees of a component, whose sine-weighted value is at most this."""
+    value = sine * factor if sine >= 0 else sine  # of a negative one the factor 1 is the safe one
+    return _up(value * 180 / F(nextafter(pi, 0.0 if value >= 0 else inf)))
+
+
+def _up(value: F) -> float:
+    near = float(value)
+    return near if F(near) >= value else nextafter(near, inf)
+
+
+# certificates -------------------------------------------------------------------------------------------------------
+
+
+class HandEyeCertificates:
+    """Those of a folder, about one study: each is checked once, and all together cost no more than `work`."""
+
+    def __init__(self, folder: Path, study: Study, digest: str, work: Budget) -> None:
+        self.folder, self.study, self.digest, self.budget = folder, study, digest, work
+        self._known: dict[str, tuple[Accepted, list[Any]] | None] = {}
+
+    def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
+        """What a file proves, and its header. Raises Unusable, Refused."""
+        file = text(name)
+        if not file.endswith(".cert.jsonl") or "\0" in file or Path(file).name != file:
+            raise Refused(f"{shown(file)} is no name of a certificate")
+        if file not in self._known:
+            self._known[file] = None
+            with opened(self.folder / file) as stream:
+                header: list[Any] = []
+                try:
+                    found = check_lines(Lines(stream, self.budget), lambda given: self._formed(given, header))
+                except Refused as refused:
+                    raise Refused(f"{file}: {refused}", refused.code, 0) from None
+            self._known[file] = found, header
+        known = self._known[file]
+        if known is None:
+            raise Refused(f"{shown(file)} rests on itself")
+        return known
+
+    def _formed(self, given: Json, header: list[Any]) -> tuple[Problem, Box]:
+        header += _HEADER(given)
+        _, digest, stage, images, eps, asked, after, poses = header
+        if digest != self.digest:
+            raise Refused("the study is another one: its SHA-256 differs", "campaign")
+        if not images or images[-1] >= len(self.study.images) or (stage == "image") != (len(images) == 1):
+            raise Refused("there are no such images")
+        center, reach, angle, hand, board = _ASKED(asked)
+        if min(eps, reach) < 0 or not any(center[3:7]) or not any(center[10:]):
+            raise Refused("eps, or the box that was asked for, is none")
+        frames = asked_box(center, reach, angle, hand, board)
+        if after is not None:
+            frames = self._enclosure(after, header, ("links", "frames"))
+        sets = {}
+        for name in poses:
+            box = self._enclosure(name, header, ("image",))
+            sets[self._known[name][1][3][0]] = box.lo, box.hi  # type: ignore[index]
+        if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
+            raise Refused("it rests on poses of other images")
+        frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
+        rows = Rows(self.study, stage, images, eps, hand, board, sets, frames)
+        return rows.problem(self.budget.spend), rows.root(frames)
+
+    def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
+        """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
+        accepted, other = self.accepted(name)
+        if other[2] not in stages or other[5] != header[5] or other[4] < header[4] or not {*other[3]} <= {*header[3]}:
+            raise Refused(f"it rests on {shown(name)}, which is about something else")
+        if accepted.claims.enclosure is None:
+            raise Refused(f"it rests on {shown(name)}, which claims no box")
+        return Box(*accepted.claims.enclosure)
+
+
+def asked_of(asked: Json) -> list[F]:
+    """The center (14) of a result's box. Raises Refused."""
+    found = _placed(asked["center"])
+    reach, angle = exact(asked["reach"]), asked["angle"]
+    if not 0 < reach < 10**6 or (angle is not None and not 0 < exact(angle) <= 180):
+        raise Refused("states a box that is none")
+    return found
+
+
+def _placed(given: Json) -> list[F]:
+    found = [exact(v) for key, n in _PLACED for v in _list(given[key], n)]
+    if not any(found[3:7]) or not any(found[10:]):
+        raise Refused("states a quaternion of no rotation")
+    return found
+
+
+_PLACED = (("camera_position", 3), ("camera_quaternion", 4), ("target_position", 3), ("target_quaternion", 4))
+
+
+def _list(value: Any, count: int) -> list[Any]:
+    if len(array(value)) != count:
+        raise Refused(f"holds a list that is not of {count}")
+    return array(value)
+
+
+# runs ---------------------------------------------------------------------------------------------------------------
+
+
+def check_hand_eye(folder: Path, *, work: int = RUN_WORK) -> list[tuple[bool, str]]:
+    """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole."""
+    kind = _Wrong if (folder / WRONG_NAME).is_file() else _HandEye
+    return kind(folder, work).statements()
+
+
+class _Run:
+    """What both kinds have: a study, a box, a point, certificates."""
+
+    name: str
+    format: str
+
+    def __init__(self, folder: Path, work: int) -> None:
+        self.study, digest = read_study(folder / STUDY_NAME)
+        given = content(folder / self.name)
+        self.certificates = HandEyeCertificates(folder, self.study, digest, Budget(work))
+        self.result = parsed(given, lambda number: F(finite(number)))
+        self.named: list[str] = []
+        try:
+            same("format", self.result["format"], self.format)
+            self.asked: Json = self.result["asked"]
+            self.center = asked_of(self.asked)
+        except (Refused, *STRANGE) as error:
+            raise Refused(f"{self.name} {reason_of(error)}", "run", 0) from None
+
+    def checks(self) -> tuple[Callable[[], str], ...]:
+        raise NotImplementedError
+
+    def statements(self) -> list[tuple[bool, str]]:
+        found = []
+        for one in (*self.checks(), self.files):
+            try:
+                sentence = one()
+                found += [(True, sentence)] if sentence else []
+            except (Unusable, Refused, *STRANGE) as error:
+                found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, it {reason_of(error)}"))
+        return found
+
+    def files(self) -> str:
+        """No certificate lies about that nothing rests on."""
+        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates._known)
+        if unused:
+            raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
+        return ""
+
+    def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
+        """A certificate about these images and the box that was asked for, at a tolerance."""
+        accepted, header = self.certificates.accepted(name)
+        asked = [*_ASKED(header[5])[:3]]
+        angle = self.asked["angle"]
+        stated = [tuple(self.center), exact(self.asked["reach"]), None if angle is None else exact(angle)]
+        if asked != stated:
+            raise Refused(f"rests on {shown(name)}, which speaks of another box")
+        if header[4] != eps:
+            raise Refused(f"rests on {shown(name)}, which is at another tolerance")
+        if not {*header[3]} <= {*images}:
+            raise Refused(f"rests on {shown(name)}, which is about other images")
+        return accepted
+
+    def fitted(self) -> list[int]:
+        """The images that the point explains."""
+        return list(range(len(self.study.images)))
+
+    def checked_readings(self, given: Any, images: Sequence[int]) -> Readings:
+        """By image of the study. Raises Refused for readings beyond their half-widths."""
+        readings = [[exact(v) for v in _list(one, 6)] for one in array(given)]
+        if not self.study.uncertain:
+            if readings:
+                raise Refused("states readings of poses that are exact")
+            return ()
+        if len(readings) != len(images):
+            raise Refused("states readings that are not those of the study's poses")
+        every = [[F(0)] * 6 for _ in self.study.images]
+        for k, reading in zip(images, readings, strict=True):
+            if any(abs(v) > width for v, width in zip(reading, self.study.widths[k], strict=True)):
+                raise Refused("states a reading of a pose that is beyond its half-width")
+            every[k] = reading
+        return every
+
+    def upper(self) -> float:
+        """eps_hi, computed again at the point."""
+        images, point = self.fitted(), _placed(self.result["point"])
+        excess = errors(self.study, point, self.checked_readings(self.result["readings"], images))
+        chosen = set(images)
+        worst = largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
+        if worst is None:
+            raise Refused("states a point that puts the target behind the camera")
+        if exact(self.result["eps_hi"]) != F(above(worst)):
+            raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
+        angle = self.asked["angle"]
+        if not holds(point, self.center, exact(self.asked["reach"]), None if angle is None else exact(angle)):
+            raise Refused("states a point that is not in the box")
+        return above(worst)
+
+    def box_said(self) -> str:
+        angle = self.asked["angle"]
+        turned = "any rotation" if angle is None else f"rotations within {float(exact(angle)):g} degrees"
+        return f"box: {turned}, positions within {float(exact(self.asked['reach'])):g} mm of its centre"
+
+
+class _HandEye(_Run):
+    name, format = HAND_EYE_NAME, HAND_EYE_FORMAT
+    proved: tuple[F, Accepted] | None = None  # the ranges' tolerance and claim, once they are accepted
+
+    def checks(self) -> tuple[Callable[[], str], ...]:
+        return self.box, self.ranges, self.lower_end, self.upper_end, self.least_squares
+
+    def box(self) -> str:
+        study, result = self.study, self.result
+        setup = _SETUPS[0] if study.in_hand else _SETUPS[1]
+        stated = [result[key] for key in ("images", "points", "setup")]
+        proved = [len(study.images), len(study.image), setup]
+        compare(("study", a, b) for a, b in zip(stated, proved, strict=True))
+        return self.box_said()
+
+    def ranges(self) -> str:
+        result, ranges = self.result, self.result["ranges"]
+        tolerance = result["tolerance"]
+        eps = exact(ranges["eps"])
+        if eps != (F(float(BEYOND) * float(exact(result["eps_hi"]))) if tolerance is None else exact(tolerance)):
+            raise Refused("states ranges at another tolerance")
+        accepted = self.accepted(ranges["certificate"], eps, self.fitted())
+        claims, sides = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")]
+        self.proved = eps, accepted
+        if claims.infeasible:
+            compare(("ranges", side, []) for side in sides)
+            return f"ranges: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
+        if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
+            raise Refused("rests on a certificate that claims no box of frames")
+        lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
+        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
+        for what, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
+            same(what, [exact(v) for v in array(side)], [F(v) for v in values])
+        said = f"all frames that explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
+        return f"ranges: PROVED for {said}"
+
+    def lower_end(self) -> str:
+        result = self.result
+        eps, support = exact(result["eps_lo"]), result["support"]
+        if result["lower"] is None:
+            compare([("eps_lo", eps, 0), ("support", support, [])])
+            return "lower end: NOT CERTIFIED, eps >= 0"
+        accepted = self.accepted(result["lower"], eps, self.fitted())
+        if not accepted.claims.infeasible:
+            raise Refused("rests on a certificate that does not claim that there are no frames")
+        study = self.study
+        points = dict.fromkeys(k for side, k, _ in accepted.last if side[0] in "uv")
+        same("support", support, [[study.images[study.image[k]], study.names[k]] for k in points])
+        return f"lower end: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
+
+    def upper_end(self) -> str:
+        return f"upper end: PROVED, the point explains every pixel to {self.upper()!r} px"
+
+    def least_squares(self) -> str:
+        study, said, eps = self.study, self.result["classical"], exact(self.result["ranges"]["eps"])
+        excess = errors(study, self.center, self.checked_readings(said["readings"], self.fitted()))
+        worst, failing = F(0), 0
+        same("number of images", len(said["images"]), len(study.images))
+        for k, (name, verdict) in enumerate(zip(study.images, said["images"], strict=True)):
+            one = largest(e for image, e in zip(study.image, excess, strict=True) if image == k)
+            if one is None:
+                raise Refused(f"puts points of {shown(name)} behind the camera")
+            worst, failing = max(worst, one), failing + (one > eps)
+            compare([
+                ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(above(one))),
+                ("verdict on an image", verdict["ok"], one <= eps),
+            ])  # fmt: skip
+        same("largest error", exact(said["largest"]), F(above(worst)))
+        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(study.images)} images"
+
+
+class _Wrong(_Run):
+    name, format = WRONG_NAME, WRONG_FORMAT
+
+    def checks(self) -> tuple[Callable[[], str], ...]:
+        return self.box, self.lower_end, self.upper_end, self.wrong_images
+
+    @property
+    def outliers(self) -> int:
+        return int(whole(len(self.study.images), 1)(self.result["outliers"]))
+
+    def fitted(self) -> list[int]:
+        left, images = array(self.result["left_out"]), self.study.images
+        if not len(left) == len(set(left)) == self.outliers or not set(left) < set(images):
+            raise Refused("leaves out other images than may be")
+        return [k for k, name in enumerate(images) if name not in left]
+
+    def box(self) -> str:
+        self.fitted()
+        return f"{self.box_said()}, without {', '.join(self.result['left_out'])}"
+
+    def lower_end(self) -> str:
+        groups, eps = self.result["groups"], exact(self.result["eps_lo"])
+        if not groups and eps == 0:
+            return "lower end: NOT CERTIFIED, eps >= 0"
+        self.refuted(groups, eps, None)
+        return (
+            f"lower end: PROVED, whichever {self.outliers} images are wrong, no frames explain all others to "
+            f"{float(eps)!r} px ({len(groups)} groups)"
+        )
+
+    def upper_end(self) -> str:
+        return f"upper end: PROVED, all but {', '.join(self.result['left_out'])} are explained to {self.upper()!r} px"
+
+    def wrong_images(self) -> str:
+        blamed, tolerance = array(self.result["blamed"]), self.result.get("tolerance")
+        named = [image for image, _ in blamed]
+        if not blamed:
+            same("tolerance", tolerance, None)
+            return "wrong images: none is named"
+        if len(set(named)) < len(named) or not set(named) <= set(self.result["left_out"]):
+            raise Refused("names an image that is not left out, or twice")
+        for image, reasons in blamed:
+            self.refuted(reasons, exact(tolerance), image)
+        at = float(exact(tolerance))
+        return f"wrong images: PROVED if at most {self.outliers} are, at {at!r} px: {', '.join(named)}"
+
+    def refuted(self, groups: Any, eps: F, beside: str | None) -> None:
+        """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""
+        family = []
+        for group in array(groups):
+            numbers = [self.study.images.index(name) for name in array(group["images"])]
+            if beside is not None and beside not in group["images"]:
+                raise Refused("has a group without the image that it names")
+            if not self.accepted(group["certificate"], eps, numbers).claims.infeasible:
+                raise Refused("rests on a certificate that does not claim that there are no frames")
+            family.append(frozenset(name for name in group["images"] if name != beside))
+        if not family or meeting(family, self.outliers, self.certificates.budget.spend):
+            raise Refused("has groups of images that so many wrong ones could spoil")

@@ -1,0 +1,271 @@
+"""Hand-eye as a model: its rows in stages, each on the box that the one before left, and the certificates of these.
+
+1. `image`: the board's pose in single images, from their pixels alone. No frames and no robot enter.
+2. `links`: poses of images and frames together, tied by the robot's poses and what these may be off.
+3. `frames`: the pixels of all images and the frames, where the robot's poses are exact.
+
+The checker derives the rows from the study (`cpcal.checker.frames`); here the same numbers become arrays for linear
+programs, and what these propose is proved by the checker's rule.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction as F
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpcal.checker import FORMAT
+from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
+from cpcal.checker.problem import Box
+from cpcal.common.files import replacing
+from cpcal.common.numbers import at_most
+from cpcal.common.values import Floats
+from cpcal.handeye.files import study_json
+from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
+from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.recording import line
+from cpcal.solver.certificate.row_prover import Contracted, System, contracted
+
+Tell = Callable[[str], None]
+_ROTATIONS = frozenset((*R_X, *R_F))
+_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
+_SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
+_FEWEST = 3
+_BOXES = 64
+_GAIN = {"image": 0.05, "links": 0.1, "frames": 0.05}  # share of the widths that a pass must take away
+
+
+@dataclass(frozen=True)
+class PlacedFrames:
+    """The camera in the hand (eye in hand) or base frame, and the target in the base (eye in hand) or hand frame.
+
+    Positions in mm, quaternions scalar first; float64 numbers that are taken as exact. Raises ValueError for frames
+    that are none.
+    """
+
+    camera_position: tuple[float, float, float]
+    camera_quaternion: tuple[float, float, float, float]
+    target_position: tuple[float, float, float]
+    target_quaternion: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        for quaternion in (self.camera_quaternion, self.target_quaternion):
+            if not 0.1 < math.hypot(*quaternion) < 10.0:  # nor NaN
+                raise ValueError("a quaternion is of no rotation")
+
+    @property
+    def numbers(self) -> tuple[F, ...]:
+        """The 14 that the checker takes."""
+        parts = self.camera_position, self.camera_quaternion, self.target_position, self.target_quaternion
+        return tuple(F(v) for part in parts for v in part)
+
+    @property
+    def frames(self) -> HandEyeFrames:
+        """E and F, in float64."""
+        turn = rotation_matrix(normalised(self.camera_quaternion)).T
+        target = rotation_matrix(normalised(self.target_quaternion))
+        return HandEyeFrames(turn, -turn @ np.array(self.camera_position), target, np.array(self.target_position))
+
+    @staticmethod
+    def of(frames: HandEyeFrames) -> PlacedFrames:
+        turn = frames.e_rotation.T
+        return PlacedFrames(
+            tuple((-turn @ frames.e_translation).tolist()),
+            tuple(quaternion_from_matrix(turn).tolist()),
+            tuple(frames.f_translation.tolist()),
+            tuple(quaternion_from_matrix(frames.f_rotation).tolist()),
+        )
+
+
+def exact(values: Any) -> tuple[F, ...]:
+    return tuple(F(float(v)) for v in values)
+
+
+def exact_study(study: HandEyeStudy) -> Study:
+    """As the checker reads it."""
+    return Study(
+        study.setup == "eye-in-hand", exact(study.camera.focal), exact(study.camera.center), study.images,
+        tuple(zip(map(exact, study.poses.position), map(exact, study.poses.quaternion), strict=True)),
+        tuple(map(exact, study.pose_half_width)), tuple(study.image.tolist()), study.names,
+        tuple(map(exact, study.rays)), tuple(map(exact, study.points)), exact(study.half_width),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What is proved at a tolerance: `left` (30 unknowns) holds all frames that explain the pixels; None: there are
+    none.
+
+    `certificate` is the last of its `files`, None where none is needed; `poses` are those of images that it rests on,
+    and `sets` what they claim; `last`: sides and numbers of the rows of its last step; `timed`: a time limit ended the
+    search.
+    """
+
+    eps: float
+    left: Box | None
+    certificate: str | None
+    poses: tuple[str, ...] = ()
+    sets: Mapping[int, tuple[Any, Any]] = field(default_factory=dict)
+    files: Mapping[str, tuple[dict[str, Any], Contracted]] = field(default_factory=dict)
+    last: tuple[tuple[str, int], ...] = ()
+    programs: int = 0
+    timed: bool = False
+
+    @property
+    def refuted(self) -> bool:
+        return self.left is None
+
+    def write(self, folder: Path | None) -> None:
+        """The certificate, and all that it rests on."""
+        for name, (header, found) in self.files.items() if folder is not None else ():
+            left = found.left
+            hull = None if left is None else {"lo": [number(v) for v in left.lo], "hi": [number(v) for v in left.hi]}
+            claims = {"cap": None, "infeasible": left is None, "epsilon": None, "enclosure": hull, "point": None}
+            assert folder is not None
+            with replacing(folder / name) as out:
+                for one in (header, claims, *found.steps):
+                    out.write(line(one).encode())
+
+
+class Prover:
+    """Proves what a study allows in the box of frames about a center (14 numbers); `near`: some that fit."""
+
+    def __init__(
+        self, study: HandEyeStudy, center: Sequence[F], reach: float, angle: float | None, near: HandEyeFrames,
+        tell: Tell,
+    ) -> None:  # fmt: skip
+        self.study, self.tell = study, tell
+        self.exact = exact_study(study)
+        self.digest = sha256(study_json(study)).hexdigest()
+        self.hand, self.board = _origins(study, near)
+        given = tuple(center), F(reach), None if angle is None else F(angle)
+        self.root = asked_box(*given, self.hand, self.board)
+        self.asked = {
+            "center": [number(v) for v in given[0]],
+            "reach": number(given[1]),
+            "angle": None if given[2] is None else number(given[2]),
+            "hand": [number(v) for v in self.hand],
+            "board": [number(v) for v in self.board],
+        }
+
+    def chain(self, name: str, eps: float, images: Sequence[int], end: float = math.inf) -> Proof:
+        """Contract the box until nothing is left or it gets no smaller; no image and no pass begins after `end`."""
+        before, sets = Proof(eps, self.root, None), dict[int, tuple[Any, Any]]()
+        for k in spread(self.study, images, _UNCERTAIN if self.exact.uncertain else _SPREAD):
+            if len(sets) >= _FEWEST and time.monotonic() > end:
+                break
+            one = self.alone(name, k, eps)
+            self.tell(f"{self.study.images[k]} alone: {'no pose is left' if one.refuted else 'its pose is bounded'}")
+            if one.left is None:
+                return one
+            if one.certificate is not None:
+                sets[k] = one.left.lo, one.left.hi
+                before = replace(
+                    before, sets=sets, poses=(*before.poses, one.certificate), files={**before.files, **one.files},
+                    programs=before.programs + one.programs,
+                )  # fmt: skip
+        if sets or self.exact.uncertain:
+            linked = name if self.exact.uncertain else f"{name}-links"
+            before = self._proof(linked, "links", before, eps, sorted(sets) or images, end, 1)
+        if before.refuted or self.exact.uncertain:
+            return before
+        return self._proof(name, "frames", before, eps, images, end, 1)
+
+    def alone(self, name: str, k: int, eps: float) -> Proof:
+        """What the pixels of one image allow, whatever the robot's poses are."""
+        return self._proof(f"{name}-image-{k + 1}", "image", Proof(eps, self.root, None), eps, [k], math.inf, 1)
+
+    def lower(self, name: str, wide: Proof, eps: float, end: float) -> Proof:
+        """The last stage at a smaller tolerance, from where another proof ended, in as many boxes as it takes."""
+        if self.exact.uncertain:
+            return self._proof(name, "links", wide, eps, sorted(wide.sets), end, 1)
+        return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES)
+
+    def _proof(
+        self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int
+    ) -> Proof:
+        assert before.left is not None
+        found = self._stage(stage, eps, images, before.sets, before.left, end, boxes)
+        header = {
+            "format": FORMAT, "study": self.digest, "stage": stage, "images": list(images), "eps": number(eps),
+            "asked": self.asked, "after": before.certificate, "poses": list(before.poses),
+        }  # fmt: skip
+        file = f"{name}.cert.jsonl" if found.steps or stage != "image" else None
+        left = None if found.left is None else Box(found.left.lo[:SIZE], found.left.hi[:SIZE])
+        files = {**before.files, **({} if file is None else {file: (header, found)})}
+        programs, timed = before.programs + found.programs, before.timed or found.ended == "time"
+        return Proof(eps, left, file, before.poses, before.sets, files, found.last, programs, timed)
+
+    def _stage(
+        self, stage: str, eps: float, images: Sequence[int], sets: Mapping[int, Any], frames: Box, end: float,
+        boxes: int,
+    ) -> Contracted:  # fmt: skip
+        frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
+        rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
+        turns, lifted = _ROTATIONS, _lifted
+        asked, derived = (
+            (*R_X, *R_F, *(T_X if stage == "links" else E_), *F_),
+            (*T_F, *(E_ if stage == "links" else T_X)),
+        )
+        if stage == "image":
+            turns, lifted, asked, derived = frozenset(range(9)), _all, tuple(range(12)), ()
+        elif stage == "frames":
+            lifted = _all
+        places = sorted(turns)
+
+        def narrow(radius: Floats) -> bool:
+            return bool(radius[places].max() < _NARROW)
+
+        return contracted(
+            System(rows, lifted, asked, tuple(derived)), rows.root(frames), narrow=narrow, gain=_GAIN[stage],
+            splits=places, most_boxes=boxes, end=end, tell=self._told(stage),
+        )  # fmt: skip
+
+    def _told(self, stage: str) -> Callable[[Box | None], None]:
+        def say(box: Box | None) -> None:
+            if stage != "image":
+                width = None if box is None else max(float(box.hi[i] - box.lo[i]) / 2 for i in _ROTATIONS)
+                self.tell(f"{stage}: {'nothing is left' if width is None else f'rotations +-{at_most(width, 2)}'}")
+
+        return say
+
+
+def _all(i: int, j: int) -> bool:
+    return True
+
+
+def _lifted(i: int, j: int) -> bool:
+    """Of links: poses of images are known so well that their products with the frames' rotations need no columns."""
+    return (i in _ROTATIONS and j in _ROTATIONS) or (i in R_X and j in E_)
+
+
+def _origins(study: HandEyeStudy, near: HandEyeFrames) -> tuple[tuple[F, ...], tuple[F, ...]]:
+    """w, where the board's centre is in the mean of the images, and c: the centre of the board."""
+    center = 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
+    turn, shift = study.motions
+    mean = (turn @ (near.f_rotation @ center + near.f_translation) + shift).mean(axis=0)
+    return exact(np.round(mean * 8.0) / 8.0), exact(center)
+
+
+def spread(study: HandEyeStudy, images: Sequence[int], count: int) -> list[int]:
+    """So many of the images, each in turn the one whose pose is farthest from those chosen before."""
+    if len(images) <= count:
+        return list(images)
+    turn = study.motions[0][list(images)].reshape(len(images), 9)
+    place: Floats = study.poses.position[list(images)]
+    place = place / max(float(np.ptp(place, axis=0).max()), 1e-9)
+    where = np.concatenate([turn, place], axis=1)
+    chosen = [0]
+    gap = np.linalg.norm(where - where[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(np.argmax(gap)))
+        gap = np.minimum(gap, np.linalg.norm(where - where[chosen[-1]], axis=1))
+    return sorted(images[k] for k in chosen)
