@@ -11,68 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from markupsafe import Markup
-
 from cpcal.common.errors import printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
 from cpcal.questions import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
-from cpcal.report.section import Drawing, Mark, Section, Table, Words, key, origin, page_text, verdict, versions
-from cpcal.report.svg import DASHES, DOT, EDGE, INK, MASS, SUPPORT, Axes, Figure, Svg, text_width, ticks
+from cpcal.report.section import Mark, Section, Table, Words, origin, page_text, verdict, versions
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
 from cpcal.solver.contract import Verdict
-
-# ------------------------------------------------------------------------------------------------------------------
-# The figure of a comparison: for every subject a row, for every model a mark at its smallest eps.
-
-MOST_ROWS = 40  # subjects that are drawn
-_MARKS = (("o", DOT), ("s", EDGE), ("D", SUPPORT), ("^", MASS))
-_WIDTH, _ROW = 388.8, 23.0  # points
-
-
-def comparison_svg(comparison: Comparison) -> Svg:
-    """Marks between eps_lo and eps_hi, a line between the two where they differ, the tolerance as a dashed line."""
-    subjects = list(dict.fromkeys(entry.subject for entry in comparison.entries))[:MOST_ROWS]
-    models = list(comparison.models)
-
-    shown = [e for e in comparison.entries if e.subject in subjects and math.isfinite(e.eps_lo)]
-    most = max([*_ends(shown), comparison.tolerance or 0.0]) or 1.0
-    figure = Figure(_WIDTH, 40.0 + _ROW * len(subjects))
-    frame = (14.0 + text_width(subjects), 6.0, _WIDTH - 10.0, figure.height - 32.0)
-    axes = Axes(figure, frame, (0.0, 1.05 * most), (len(subjects) - 0.5, -0.5))
-    label = "smallest eps" + (" [mm]" if comparison.campaign_sha256 else "")
-    axes.x_axis(ticks(*axes.x), label, grid=True)
-    axes.rows(subjects)
-    for entry in shown:
-        _mark(axes, subjects.index(entry.subject), entry, models)
-    if comparison.tolerance is not None:
-        at = comparison.tolerance
-        axes.line([(at, len(subjects) - 0.5), (at, -0.5)], INK, 1.0, DASHES)
-    return figure.svg("The smallest eps of every model, a row for each leg or subject")
-
-
-def _ends(entries: Sequence[Entry]) -> list[float]:
-    return [end for entry in entries for end in (entry.eps_lo, entry.eps_hi) if math.isfinite(end)]
-
-
-def _style(number: int) -> tuple[str, str]:
-    return _MARKS[number % len(_MARKS)]
-
-
-def _mark(axes: Axes, row: int, entry: Entry, models: Sequence[str]) -> None:
-    shape, colour = _style(models.index(entry.model))
-    if math.isfinite(entry.eps_hi):
-        axes.line([(entry.eps_lo, row), (entry.eps_hi, row)], colour, 1.5)
-        middle = [(0.5 * (entry.eps_lo + entry.eps_hi), row)]
-        if shape == "o":
-            axes.dots(middle, colour, 6.0)
-        else:
-            axes.marks(middle, shape, colour, 6.0)
-    else:  # known from below only
-        axes.marks([(entry.eps_lo, row)], ">", colour, 6.0)
-
 
 COMPARISON_PAGE = "compare.html"
 _MOST_LINES = 8  # subjects that have a line in a terminal
@@ -199,15 +146,6 @@ def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> 
 
 
 def _answers(comparison: Comparison) -> Section:
-    signs, figures = {"o": "●", "s": "■", "D": "◆", "^": "▲"}, []
-    if comparison.entries:
-        legend: list[tuple[Markup, Words]] = []
-        for k, name in enumerate(comparison.models):
-            shape, colour = _style(k)
-            legend.append((Markup('<b style="color: {}">{}</b> ').format(colour, signs[shape]), name))
-        if comparison.tolerance is not None:
-            legend.append((key("nominal"), f"{stated(comparison.tolerance)}{_unit(comparison)}"))
-        figures = [Drawing((comparison_svg(comparison),), tuple(legend))]
     note = (
         "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
         "some reach eps_hi. “Refuted”: eps_lo lies above the tolerance. “Not refuted”: some parameters are proved to "
@@ -218,8 +156,11 @@ def _answers(comparison: Comparison) -> Section:
         "Answers",
         items=[*comparison_lines(comparison)[1:], *comparison_sentences(comparison)],
         parts=[
-            Section(sentences=[Mark(said(comparison), "quantifier")], tables=[comparison_table(comparison)]),
-            Section(figures=figures, notes=[note + (extra if comparison.campaign_sha256 else "")]),
+            Section(
+                sentences=[Mark(said(comparison), "quantifier")],
+                tables=[comparison_table(comparison)],
+                notes=[note + (extra if comparison.campaign_sha256 else "")],
+            ),
         ],
         style="names",
     )
