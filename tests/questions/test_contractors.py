@@ -53,9 +53,9 @@ def calls_of(monkeypatch: pytest.MonkeyPatch, contractor: type) -> list[Box]:
     seen: list[Box] = []
     contract = contractor.contract  # type: ignore[attr-defined]
 
-    def counted(self: Any, box: Box) -> Contraction:
+    def counted(self: Any, box: Box, deadline: float = math.inf) -> Contraction:
         seen.append(box)
-        result: Contraction = contract(self, box)
+        result: Contraction = contract(self, box, deadline)
         return result
 
     monkeypatch.setattr(contractor, "contract", counted)
@@ -107,7 +107,7 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
         return (lambda *_, **__: Oracle(known, "eps")) if name == "oracle" else load(name)
 
     monkeypatch.setattr(plugins, "load", with_oracle)
-    monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))
+    monkeypatch.setattr(Lifted, "contract", lambda self, box, deadline=math.inf: Contraction(box))
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "certificates": tmp_path, "time_limit": 0.3}
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
     assert leg.bracket.lo == 0.0
