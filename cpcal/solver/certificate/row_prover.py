@@ -28,7 +28,7 @@ from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 
 Terms = dict[tuple[int, ...], int]
 _MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
-_WORTH = 0.02  # of a half-width: what a bound must gain to be kept
+_WORTH = 0.02  # of a half-width: what a bound must gain to be kept, or twice the loss
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
 _BITS = (14, 24, 40)  # of the largest weight: the first that prove nearly as much as was proposed
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
@@ -334,7 +334,8 @@ class _Descent:
                 np.minimum(lowest, u, out=lowest)
                 np.maximum(highest, u, out=highest)
                 value = sign * float(u[i])
-            if solution.status not in (LinearStatus.OPTIMAL, LinearStatus.INFEASIBLE) or value < -1.0 + _WORTH:
+            worth = min(_WORTH, 2.0 * self.loss)
+            if solution.status not in (LinearStatus.OPTIMAL, LinearStatus.INFEASIBLE) or value < worth - 1.0:
                 return None
             found = [replace(own.weights(solution), value=value)]
             owners = {system.owner[n] for n, _ in found[0].rows} if wrong else set()
