@@ -422,8 +422,12 @@ class _Run:
 
     def box_said(self) -> str:
         angle = self.asked["angle"]
-        turned = "any rotation" if angle is None else f"rotations within {float(exact(angle)):g} degrees"
-        return f"box: {turned}, positions within {float(exact(self.asked['reach'])):g} mm of its centre"
+        turned = "any rotation" if angle is None else f"rotations within {_plain(angle)} degrees"
+        return f"box: {turned}, positions within {_plain(self.asked['reach'])} mm of its centre"
+
+
+def _plain(number: Any) -> str:
+    return repr(float(exact(number))).removesuffix(".0")
 
 
 class _HandEye(_Run):

@@ -148,6 +148,11 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
+def _untagged(side: str, k: int) -> int | None:
+    """Of rows that nothing may spoil."""
+    return None
+
+
 def _exact(k: int) -> tuple[float, ...]:
     """Of constraints without readings."""
     return ()
@@ -172,7 +177,7 @@ class Problem:
     wrong: int = (
         0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
     )
-    tag: Callable[[str, int], int | None] = lambda side, k: None  # of a row
+    tag: Callable[[str, int], int | None] = _untagged  # of a row
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
