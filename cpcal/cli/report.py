@@ -48,8 +48,17 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     """What the folder holds, and whether the checker, asked now, accepts all its certificates. Raises InputError."""
     campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
     fits, result, timeout = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / TIMEOUT)
-    parts = (FITS, RUN, PIXEL_SETS, PIXEL_RUN)
+    parts = (FITS, RUN, PIXEL_RUN)
     accepted, said = check_all(path for part in parts for path in sorted((folder / part).glob("*.cert.jsonl")))
+    if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
+        from cpcal.checker.pose_claim import check_pose_sets
+
+        sets = check_pose_sets(folder / PIXEL_SETS)
+        refused = [f"{one.name} ({one.refused})" for one in sets if one.refused is not None]
+        accepted = accepted and not refused
+        many = f"{len(sets)} pose sets with {sum(len(one.certificates) for one in sets)} certificates"
+        wrong = f"REFUSED {len(refused)} of {many}: {'; '.join(refused)}"
+        said += f" It {wrong if refused else f'accepted all {many}'}."
     return accepted, StudyFound(
         campaign=campaign,
         record=record,
