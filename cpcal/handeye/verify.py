@@ -55,8 +55,9 @@ def _least_squares(study: HandEyeStudy, found: HandEyeResult | WrongImages) -> t
     if not near:
         return False, "centre: REFUSED, it is not the least-squares answer"
     if isinstance(found, HandEyeResult):
-        apart = np.abs(np.array(found.classical.readings or 0.0) - answer.readings)
-        if not (apart <= _APART * study.pose_half_width).all():
+        readings = found.classical.readings or [[0.0] * 6] * len(study.images)
+        fits = [len(row) for row in readings] == [6] * len(study.images)
+        if not fits or not (np.abs(np.array(readings) - answer.readings) <= _APART * study.pose_half_width).all():
             return False, "centre: REFUSED, the readings of the poses are not those of least squares"
     return True, said
 

@@ -300,6 +300,7 @@ UNCERTAIN = {name: NUMBERS[name] for name in ("a larger lower end", "a smaller u
     "a reading too few": (without_one("readings"), "upper end", "are not those of the study's poses"),
     "another reading": (put("readings", 0, to=lambda one: [0.5 * v for v in one]), "upper end", "not the largest"),
     "a reading of least squares": (put("classical", "readings", 0, 1, to=plus(1e-3)), "centre", "not those of least"),
+    "a short reading of least squares": (put("classical", "readings", 0, to=[0.0] * 5), "centre", "not those of least"),
     "one beyond its half-width": (put("classical", "readings", 0, 1, to=0.11), "least squares", "beyond its half"),
 }  # fmt: skip
 
