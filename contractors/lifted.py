@@ -87,8 +87,7 @@ def over_box(engine: Arithmetic, box: Box, directions: Floats) -> Floats:
 #
 # Few rows are ever active. Where a network has very many rows for its unknowns, a box gets those that its midpoint
 # violates most, and some that are spread over all: the others could only make its relaxation tighter, so leaving them
-# out
-# loses no solution.
+# out loses no solution.
 
 _MANY = 4096  # elements of constraints, beyond which only those that say most about a box are expanded,
 _MANY_EACH = 64  # if they are so many for each unknown

@@ -117,11 +117,10 @@ def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) ->
 # ------------------------------------------------------------------------------------------------------------------
 # Errors of poses that all images share: what the camera's covariance and the target's deviations make of them.
 #
-# Repeats do not show them and no mean is free of them. If every pose is off by the same (dp, dr), a fit puts that into
-# the frames: camera in base is off by dr and by dp + dr x d, d the way from the target to the camera; or target in
-# mobile
-# by dr and dp. The shared errors of different poses are not the same, so that each frame is off by less than this: what
-# is added to the frames' deviations is an upper estimate, the same in all directions.
+# Repeats do not show them and no mean is free of them. If every pose is off by the same (dp, dr), a fit puts that
+# into the frames: camera in base is off by dr and by dp + dr x d, d the way from the target to the camera; or target
+# in mobile by dr and dp. The shared errors of different poses are not the same, so that each frame is off by less
+# than this: what is added to the frames' deviations is an upper estimate, the same in all directions.
 
 
 @dataclass(frozen=True)

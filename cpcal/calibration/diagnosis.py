@@ -32,8 +32,7 @@ from cpcal.solver.optimize.least_squares import least_squares
 #     "lateral"  1 / (2 (L + l))                    c: mm^2, square of the distance of the joints from the actuator
 #
 # weighted by the noise of all legs together. All three are leg models of cpcal too: `compare` asks the same with
-# proofs.
-# Here a model *explains* the readings when its residuals are what the noise has them.
+# proofs. Here a model *explains* the readings when its residuals are what the noise has them.
 
 PLAIN, DRIFT, PLAY = "plain", "drift", "play"
 _TOLERANCE = 1e-9

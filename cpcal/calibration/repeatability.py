@@ -219,8 +219,7 @@ def _positive(matrix: Floats) -> Floats:
 # Do repeats scatter as independent noise does? Drift, play, and shapes that are not normal.
 #
 # All tests of a study are corrected for their number (Bonferroni), so that a good study has one false alarm among all
-# of
-# them in a hundred at level 0.01:
+# of them in a hundred at level 0.01:
 #
 #     runs         analysis of variance: do runs have means of their own, over all configurations? (drift, warming up)
 #     variances    Bartlett's test: do configurations scatter alike? (play that only some loads take up)

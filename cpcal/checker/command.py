@@ -70,9 +70,9 @@ def _outliers(leg: RobustChecked) -> str:
 
 
 def _hand_eye(folder: Path, work: int | None) -> int:
-    from .hand_eye import RUN_WORK, check_hand_eye
+    from .hand_eye import HAND_EYE_WORK, check_hand_eye
 
-    found = check_hand_eye(folder, work=work or RUN_WORK)
+    found = check_hand_eye(folder, work=work or HAND_EYE_WORK)
     for _, sentence in found:
         print(sentence)
     print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")

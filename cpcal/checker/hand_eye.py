@@ -29,7 +29,7 @@ from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
-RUN_WORK = 240_000_000  # of all certificates of a run
+HAND_EYE_WORK = 240_000_000  # of all certificates of a run
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames
@@ -326,7 +326,7 @@ def _list(value: Any, count: int) -> list[Any]:
 # runs ---------------------------------------------------------------------------------------------------------------
 
 
-def check_hand_eye(folder: Path, *, work: int = RUN_WORK) -> list[tuple[bool, str]]:
+def check_hand_eye(folder: Path, *, work: int = HAND_EYE_WORK) -> list[tuple[bool, str]]:
     """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole."""
     kind = _Wrong if (folder / WRONG_NAME).is_file() else _HandEye
     return kind(folder, work).statements()

@@ -38,9 +38,6 @@ from cpcal.report.study_page import StudyFound, load_images, render_study
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal report`: the page of a run, written again.
-
-# ------------------------------------------------------------------------------------------------------------------
 # The page of a whole study from the folder that `cpcal demo` leaves.
 
 
@@ -68,6 +65,10 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
         checked=said,
         images=load_images(folder),
     )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal report`: the page of a run, written again.
 
 
 def report(

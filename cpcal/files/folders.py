@@ -105,8 +105,7 @@ def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
 # A campaign in one file of exact numbers, `campaign.json`: what a run keeps, and what its certificates are tied to.
 #
 # docs/certificate-format.md has the format. A number is the float64 nearest to its decimal text, here as in
-# campaign.toml
-# and measurements.csv, so that reading the file gives the campaign back bit by bit.
+# campaign.toml and measurements.csv, so that reading the file gives the campaign back bit by bit.
 
 NAME = "campaign.json"
 JSON_FORMAT = "cpcal-campaign-exact/1"

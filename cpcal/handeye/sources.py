@@ -271,9 +271,8 @@ def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
 # Hand-eye studies from what people have: pairs of poses, or photographs of a board.
 #
 # Pairs of poses say where the robot had its hand and where a camera saw a marker. They hold no pixels; four corners
-# of a
-# square of stated size stand in for the marker, seen at the stated pose by a stated camera without distortion. Then eps
-# is in pixels of that camera: a pixel is (distance / focal length) across the line of sight.
+# of a square of stated size stand in for the marker, seen at the stated pose by a stated camera without distortion.
+# Then eps is in pixels of that camera: a pixel is (distance / focal length) across the line of sight.
 
 STAND_IN = Camera(2000, 2000, np.array([1000.0, 1000.0]), np.array([999.5, 999.5]), np.zeros(5))
 
@@ -323,8 +322,7 @@ def study_of_pairs(
 #
 # A ROS transform is `translation: {x, y, z}` in m and `rotation: {x, y, z, w}`. Translations are in m unless said.
 # With the camera beside the robot, easy_handeye2 stores under `robot` the base in the effector frame
-# (handeye_sampler.py,
-# `_get_transforms`); everything else is the hand in the base frame.
+# (handeye_sampler.py, `_get_transforms`); everything else is the hand in the base frame.
 
 _REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see docs/hand-eye.md"
 _HAND = ("robot", "hand", "effector", "hand_world", "effector_wrt_world")

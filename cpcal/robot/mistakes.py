@@ -364,8 +364,7 @@ def _pair(given: Given, typical: float) -> str | None:
 # Campaigns that look as if units, orders or frames were mixed up, and the likely cause. Nothing here is a proof.
 #
 # The nominal robot is off by manufacturing errors only, so its legs should be as long as the readings say to within a
-# few
-# percent. Where they are not, `mistakes` looks for the cause.
+# few percent. Where they are not, `mistakes` looks for the cause.
 
 TURN = 0.1  # rad: no camera is so bad
 _NAMED = 3  # measurements in a sentence

@@ -163,8 +163,7 @@ def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:
 # Mean residuals by place in the image and by dot of the target, beside what noise alone would leave of them.
 #
 # Noise has no place: the mean of n residuals shrinks with the root of n. What stays is an error that images share: of
-# the
-# lens where it follows the place in the image, of the plate where it follows the dot.
+# the lens where it follows the place in the image, of the plate where it follows the dot.
 
 _A_CELL = 20  # residuals, about
 _CELLS = (4, 16)  # columns of the image, at least and at most

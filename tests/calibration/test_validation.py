@@ -20,10 +20,10 @@ def poses():
 
 def test_the_true_parameters_have_no_error_and_the_nominal_ones_have(poses):
     found = validate(poses, true_robot(poses).parameters)
-    assert_allclose(found.after.position, 0.0, atol=1e-8)
-    assert_allclose(found.after.orientation, 0.0, atol=1e-10)
+    assert_allclose(found.after.position, 0.0, atol=1e-9)
+    assert_allclose(found.after.orientation, 0.0, atol=1e-11)
     assert found.summaries("position")[0].mean > 0.5
-    assert_allclose(found.improvement("position"), 100.0, atol=1e-5)
+    assert_allclose(found.improvement("position"), 100.0, atol=1e-6)
     assert found.failed == ()
 
 
@@ -34,18 +34,18 @@ def test_errors_are_those_that_were_put_in(poses):
     turned = quaternion_product(quaternion_from_rotation_vector(turn), poses.quaternion)
     moved = Campaign.of(DELTALAB, poses.position + move, turned, poses.length, exact=True)
     found = pose_errors(moved, true_robot(poses).parameters)
-    assert_allclose(found.position, np.linalg.norm(move, axis=1), rtol=1e-8)
-    assert_allclose(found.orientation, np.linalg.norm(turn, axis=1), rtol=1e-8)
+    assert_allclose(found.position, np.linalg.norm(move, axis=1), rtol=1e-9)
+    assert_allclose(found.orientation, np.linalg.norm(turn, axis=1), rtol=1e-9)
     flipped = pose_errors(replace(moved, quaternion=-moved.quaternion), true_robot(poses).parameters)
-    assert_allclose(flipped.orientation, found.orientation, rtol=1e-8)
+    assert_allclose(flipped.orientation, found.orientation, rtol=1e-9)
 
 
 def test_shifting_the_base_shifts_every_pose_by_as_much(poses):
     shifted = true_robot(poses).parameters.copy()
     shifted[:, :3] += [0.3, 0.0, -0.4]
     found = pose_errors(poses, shifted)
-    assert_allclose(found.position, 0.5, rtol=1e-7)
-    assert_allclose(found.orientation, 0.0, atol=1e-10)
+    assert_allclose(found.position, 0.5, rtol=1e-9)
+    assert_allclose(found.orientation, 0.0, atol=1e-11)
 
 
 def test_calibration_improves_poses_that_it_has_not_seen():

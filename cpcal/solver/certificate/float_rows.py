@@ -295,8 +295,7 @@ def _settled(
 #
 # Rows come with a bound of their errors; weights are whole numbers of at most 53 bits times a power of two, so exact.
 # With unit roundoff u, a sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; the factor
-# taken
-# below is four times that, for all terms that are added on the way to a bound.
+# taken below is four times that, for all terms that are added on the way to a bound.
 
 _UNDERFLOW = 1e-290  # more than all that numbers lose that are too small
 _LONGEST = 1000  # bits of a whole number that a float64 can hold

@@ -58,8 +58,7 @@ from cpcal.solver.search import Event, EventKind, Proof
 # Nobody is given a certificate that `cpcal verify` would refuse: it is checked before it is written.
 #
 # A whole check costs as much as the search. Of legs and of poses, whose claims are of one kind, it is made only where
-# its
-# work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
+# its work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
 
 _LEGS = 6  # of a run, for whose legs a check has its budget
 _WORK_A_BYTE = 250  # of the steps; up to 200 were seen, with the leg model "linear" and uncertain readings
@@ -71,15 +70,9 @@ class UncheckableError(InputError):
     """The checker refuses the certificate, mostly because its check takes too much work; it was not written."""
 
 
-def check_affordable(
-    where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Mapping[str, Any], work: int | None = None
-) -> None:
-    """Raise UncheckableError where the checker would refuse these lines.
-
-    `where`: the file that they are for; `work`: of the check, at most (default: what the checker spends).
-    """
-    most = leg_work(_LEGS, problem.count) if problem.model is not None else WORK
-    most = most if work is None else work
+def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Mapping[str, Any]) -> None:
+    """Raise UncheckableError where the checker would refuse these lines, which are for the file `where`."""
+    most = WORK if problem.model is None else leg_work(_LEGS, problem.count)
     needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims))
     if needed <= most and (problem.model is not None or problem.objective is None):
         return
@@ -117,8 +110,7 @@ def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
 # Proposed steps, proved by the checker's own rule before they count for a certificate.
 #
 # A contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they prove.
-# The
-# search goes on from the boxes that were proved, so what is written is what the checker will see.
+# The search goes on from the boxes that were proved, so what is written is what the checker will see.
 
 T = TypeVar("T")
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed

@@ -138,6 +138,7 @@ PRIMITIVES: dict[str, Callable[..., Any]] = {
             "quotient": _directed(lambda a, b: a / b, lambda a, b: abs(a) * 0.0 if isinf(b) else a / b),
             "root": _directed(lambda a: a.sqrt(), lambda a: a, 1),
             "power": _directed(lambda a, n: a**n, lambda a: a, 1),
+            "reciprocal_power": _directed(lambda a, n: a**-n, lambda a: a if isnan(a) else 0.0, 1),
             "nth_root": _directed(lambda a, n: a.root(n) if a != 0 else a, lambda a: a, 1),
         }.items()
         for side, function in zip(("below", "above"), both, strict=True)

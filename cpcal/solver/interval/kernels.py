@@ -142,6 +142,18 @@ def power_above(m: float, n: int) -> float:
 
 
 @compiled
+def reciprocal_power_below(m: float, n: int) -> float:
+    """A bound of m ** -n for m > 0 and n >= 1. The reciprocal comes first: it loses no digits to underflow unless the
+    power underflows as well."""
+    return power_below(quotient_below(1.0, m), n)
+
+
+@compiled
+def reciprocal_power_above(m: float, n: int) -> float:
+    return power_above(quotient_above(1.0, m), n)
+
+
+@compiled
 def _near_one(m: float, n: int) -> tuple[float, int]:
     """s and q with m = s 2^(n q) exactly, where powers of s neither underflow nor overflow."""
     mantissa, exponent = math.frexp(m)
@@ -330,19 +342,27 @@ def _positive_power(lo: float, hi: float, n: int) -> Bounds:
 
 
 @compiled
+def _reciprocal_power(lo: float, hi: float, n: int) -> Bounds:
+    if n % 2 == 0:
+        lo, hi = absolute(lo, hi)
+    if lo == 0.0 == hi:
+        return math.nan, math.nan
+    if lo >= 0.0:
+        return reciprocal_power_below(hi, n), reciprocal_power_above(lo, n) if lo > 0.0 else math.inf
+    if hi <= 0.0:
+        return -reciprocal_power_above(-hi, n) if hi < 0.0 else -math.inf, -reciprocal_power_below(-lo, n)
+    return -math.inf, math.inf
+
+
+@compiled
 def power(lo: float, hi: float, n: int) -> Bounds:
     """x ** n for an integer n of any sign."""
     if not lo <= hi:
         return math.nan, math.nan
     if n == 0:
         return 1.0, 1.0
-    if n < 0:  # the reciprocal first: it loses no digits to underflow unless the power underflows as well
-        if n % 2 == 0:
-            lo, hi = absolute(lo, hi)
-        lo, hi = div(1.0, 1.0, lo, hi)
-        n = -n
-        if not lo <= hi:
-            return math.nan, math.nan
+    if n < 0:
+        return _reciprocal_power(lo, hi, -n)
     return (lo, hi) if n == 1 else _positive_power(lo, hi, n)
 
 

@@ -316,19 +316,12 @@ def second_argument(
     code: int, n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float
 ) -> Bounds:
     """The same for b."""
-    if code == MUL:
-        return factor(z_lo, z_hi, a_lo, a_hi, b_lo, b_hi)
-    if code == ADD:
-        return sub(z_lo, z_hi, a_lo, a_hi)
+    if code in (MUL, ADD, MIN, MAX):  # neither argument is the first
+        return first_argument(code, n, z_lo, z_hi, b_lo, b_hi, a_lo, a_hi)
     if code == SUB:
         return sub(a_lo, a_hi, z_lo, z_hi)
     if code == DIV:
         return factor(a_lo, a_hi, z_lo, z_hi, b_lo, b_hi)
-    if code == MIN:
-        return _at_least(z_lo, z_hi, a_lo)
-    if code == MAX:
-        low, high = _at_least(-z_hi, -z_lo, -a_hi)
-        return -high, -low
     if code == POW and z_lo > 0.0 and (a_lo > 1.0 or 0.0 < a_hi < 1.0):
         low, high = log(z_lo, z_hi)
         u_lo, u_hi = log(a_lo, a_hi)

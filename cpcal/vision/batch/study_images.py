@@ -154,8 +154,7 @@ def _parts(name: str) -> tuple[str, str, str]:
 # Some images of a batch, looked at once more: pictures of what was found, and where the residuals point.
 #
 # A table of poses keeps no residuals. What they show (a lens or a plate that is not as stated) is the same in all
-# images,
-# so that a few images tell; they are measured again, and cost at most about a second.
+# images, so that a few images tell; they are measured again, and cost at most about a second.
 
 MOST_MEASURED = 40  # images whose residuals are taken
 MOST_PICTURES = 12

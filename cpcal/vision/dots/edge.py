@@ -33,13 +33,11 @@ __all__ = ["CUBIC", "LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
 #
 # 0, 1 centre; 2, 3, 4 the conic's xx, xy, yy; 5 grey level around; 6 contrast; 7 logarithm of the blur; 8, 9 how the
 # blur's square differs by the edge's direction a: by the share p8 cos 2a + p9 sin 2a (motion); 10, 11 the light's
-# growth
-# to the right and down; 12 to 15 the light's growth by x^3, x^2 y, x y^2, y^3.
+# growth to the right and down; 12 to 15 the light's growth by x^3, x^2 y, x y^2, y^3.
 #
 # A derivative is an array over the dot's pixels, in single precision. Each loop runs over pixels without a branch and
 # without calls of the mathematics library and writes one or two arrays: of such loops the compiler can prove that
-# nothing
-# overlaps, and treats sixteen pixels at once.
+# nothing overlaps, and treats sixteen pixels at once.
 
 Single = npt.NDArray[np.float32]
 

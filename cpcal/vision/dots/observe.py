@@ -250,11 +250,10 @@ def _inverted(matrix: Floats, out: Floats) -> bool:
 # Dots that the light of all does not explain, a shadow's edge or a smudge: under light of their own.
 #
 # What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what
-# further
-# terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance: where they
-# differ from the other dots' by more than the other dots differ among themselves, and move the centre, they are fitted
-# as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot with light of its
-# own is taken off, so that this dot is moved as the others.
+# further terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance:
+# where they differ from the other dots' by more than the other dots differ among themselves, and move the centre,
+# they are fitted as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot
+# with light of its own is taken off, so that this dot is moved as the others.
 
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without, then

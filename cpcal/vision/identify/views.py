@@ -217,10 +217,9 @@ def _images(tree: cKDTree, points: Floats, matrix: Floats, shift: Floats, reach:
 # Homographies from the regular part of a target, for when too few dots of its rows are seen to recognise one.
 #
 # A dot near the middle of the image and two of its neighbours are taken for such a frame of the target; that is right
-# up
-# to a way of laying the grid onto itself. The homography is grown from there over all dots, and the target is then laid
-# in each of its near-symmetries: the one with the fewest errors is judged as any other hypothesis, by its rivals as
-# well.
+# up to a way of laying the grid onto itself. The homography is grown from there over all dots, and the target is then
+# laid in each of its near-symmetries: the one with the fewest errors is judged as any other hypothesis, by its rivals
+# as well.
 
 TRIED = 257 * 64  # homographies, at most: for what chance alone would explain
 _ANCHORS = 8  # dots of the image that are tried

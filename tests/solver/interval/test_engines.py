@@ -143,11 +143,11 @@ def test_unary_contains_every_point_and_is_tight(engine: Arithmetic, name: str, 
         assert name == "neg" or not lo < 0.0
 
 
-@pytest.mark.parametrize("n", [-5, -2, -1, 0, 2, 3, 10])
+@pytest.mark.parametrize("n", [-5, -2, -1, 0, 1, 2, 3, 4, 7, 10])
 @settings(max_examples=40, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_power(engine: Arithmetic, n: int, data: list[Pair]) -> None:
-    ulps = (1 if n >= 0 else 1 + abs(n)) if engine.name == "arb" else (3 if n >= 0 else 5) * abs(n)
+    ulps = 1 if engine.name == "arb" else (3 if n >= 0 else 5) * abs(n)
     for x, (lo, hi) in zip(data, results(engine.power(array(data), n)), strict=True):
         inside = [a for a in points(x) if n > 0 or a != 0.0 or (n == 0 and x != EMPTY)]
         values = [arb(a) ** n if a else arb(0 if n else 1) for a in inside]
