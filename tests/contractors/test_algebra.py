@@ -90,3 +90,8 @@ def test_unknown_contractor_is_an_error_that_lists_those_found(network: Constrai
         plugins.build(network, ["hc5"])
     with pytest.raises(PluginError, match="at least one"):
         plugins.build(network, [])
+
+
+def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
+    with pytest.raises(PluginError, match="no contractor: give its name"):
+        plugins.build(network, ["hc4", 5])  # type: ignore[list-item]

@@ -15,7 +15,7 @@ from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Repeat
+from cpcal.solver.contract import Contraction, Repeat
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
@@ -224,3 +224,64 @@ def test_boxes_it_cannot_use_come_back_unharmed(kind: str, bounds: tuple[float, 
     assert found.box.subset(net.domain)
     if bounds[0] <= 0.5 <= bounds[1]:
         assert (0.5, 0.5) in found.box
+
+
+def test_about_the_midpoint_both_decompositions_are_one() -> None:
+    rng = np.random.default_rng(0)
+    rows = IntervalRows(
+        np.zeros(3),
+        IntervalArray.around(rng.normal(size=5), 0.1),
+        IntervalArray.around(rng.normal(size=(5, 3)), rng.random((5, 3))),
+        np.zeros((5, 2), dtype=np.intp),
+    )
+    box = Box(["x", "y", "z"], [-1.0, -2, -3], [1.0, 2, 3])
+    np.testing.assert_array_equal(krawczyk(rows, box), beaumont(rows, box))
+    inside = Box(["x", "y", "z"], [0.0, 0, -3], [1.0, 2, 0])
+    sharp = beaumont(rows, inside)
+    np.testing.assert_allclose(sharp[:, :2], rows.matrix.lo[:, :2])
+    np.testing.assert_allclose(sharp[:, 2], rows.matrix.hi[:, 2])
+
+
+def test_beaumont_beats_krawczyk_and_hc4_in_one_orthant() -> None:
+    net = linear(*BARTH_NUDING, np.zeros(2), np.full(2, 300.0))
+    exact = Beaumont(net, most=1).contract(net.domain).box
+    assert exact.hi == pytest.approx([4, 3])
+    for other in (Krawczyk(net), HC4(net), Repeat(HC4(net))):  # hc4 gets there in many sweeps
+        assert (other.contract(net.domain).box.hi > [4.2, 3.1]).all()
+
+
+def test_both_engines_give_the_same_boxes() -> None:
+    net = brown(0.8, 1.3)
+    for make in KINDS.values():
+        fast, tight = (make(net, arithmetic=name, most=2).contract(net.domain).box for name in ("float64", "arb"))
+        np.testing.assert_allclose(fast.lo, tight.lo, atol=1e-9)
+        np.testing.assert_allclose(fast.hi, tight.hi, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_round_is_monotone(kind: str) -> None:
+    """The loop is not, for it may stop earlier on a part; a round is, up to bounds that are met to 1e-3."""
+    rng = np.random.default_rng(4)
+    net = brown(0.2, 2.0, 4)
+    contractor = KINDS[kind](net, most=1)
+    for _ in range(20):
+        ends = np.sort(rng.uniform(0.2, 2.0, (4, 4)), axis=0)
+        big, small = net.domain.with_bounds(ends[0], ends[3]), net.domain.with_bounds(ends[1], ends[2])
+        outer, inner = contractor.contract(big).box, contractor.contract(small).box
+        room = 2e-3 * big.width
+        assert inner.is_empty or (inner.lo >= outer.lo - room).all()
+        assert inner.is_empty or (inner.hi <= outer.hi + room).all()
+
+
+def test_the_algebra_hands_the_polyhedron_on() -> None:
+    net = brown(0.8, 1.3)
+    parts: list[Contraction] = [
+        c.contract(net.domain) for c in (HC4(net) >> Krawczyk(net), Krawczyk(net) >> HC4(net), Repeat(Krawczyk(net)))
+    ]
+    assert all(part.polyhedron is not None for part in parts)
+    assert (Krawczyk(net) | HC4(net)).contract(net.domain).polyhedron is None
+
+
+def test_the_corners_of_beaumont_see_what_krawczyk_does_not() -> None:
+    net = brown(0.8, 1.3)
+    assert Krawczyk(net).contract(net.domain).box["x[4]"].width > 0.49

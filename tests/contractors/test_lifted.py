@@ -244,3 +244,16 @@ def test_restricted_to_some_measurements_it_says_what_these_alone_say(factor: fl
         assert (np.abs(found.box.lo - expected.box.lo) <= tolerance).all()
         assert (np.abs(found.box.hi - expected.box.hi) <= tolerance).all()
         domain = expected.box
+
+
+def test_product_rows_are_the_hull_of_one_product_and_one_square() -> None:
+    rows = product_rows(all_monomials(2, 2), np.ones(5, dtype=bool))
+    # columns u, v, uu, uv, vv: at u = v = 1 all products are 1, so rows that allow other values are missing ones
+    for w in (
+        [1, 1, 1, 0.9, 1],
+        [1, 1, 1, 1.1, 1],
+        [1, 1, 0.9, 1, 1],
+        [0.5, 0, 1.1, 0, 0],
+        [0.5, 0, 0.2, 0, 0],
+    ):
+        assert (rows.matrix @ np.array(w) > rows.rhs + 1e-9).any()

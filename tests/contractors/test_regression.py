@@ -89,3 +89,12 @@ def test_one_sided_constraints_and_unbounded_boxes_come_back_as_they_are() -> No
     y = net.variable("y", (), (-np.inf, np.inf))
     net.add((x[0] + y).within((-1.0, 1.0)))
     assert Regression(net).contract(net.domain).box == net.domain
+
+
+def test_what_is_left_does_not_depend_on_the_size_of_the_box() -> None:
+    exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)
+    widths = []
+    for delta in (20.0, 100.0):
+        net, _ = network(exact, delta)
+        widths.append(Regression(net).contract(net.domain).box.width[:7])
+    np.testing.assert_allclose(widths[0], widths[1], rtol=0.2)

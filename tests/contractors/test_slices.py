@@ -132,3 +132,26 @@ def test_senseless_settings_are_refused() -> None:
         Cid(HC4(crossing()), slices=1)
     with pytest.raises(ValueError, match="fraction"):
         Shaving(HC4(crossing()), fraction=0.6)
+
+
+def test_adaptive_cid_goes_on_where_it_pays() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
+    net.add([sqr(x) + sqr(y) == 1, x * y >= 0.4])
+    once = Cid(HC4(net)).contract(net.domain).box
+    again = Cid(HC4(net), adaptive=True).contract(net.domain).box
+    assert again.subset(once)
+    assert again.width.max() < once.width.max()
+    assert (np.sqrt(0.5), np.sqrt(0.5)) in again
+
+
+def test_box_consistency_finds_the_outer_roots_of_a_polynomial() -> None:
+    """x (x - 3) (x - 4) (x - 5), multiplied out."""
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-10, 10))
+    net.add(x * x * x * x - 12 * x * x * x + 47 * x * x - 60 * x == 0)
+    assert stuck(net)
+    box = Repeat(BoxConsistency(net, precision=1e-3)).contract(net.domain).box
+    assert all([root] in box for root in (0.0, 3.0, 4.0, 5.0))
+    assert box["x"].lo > -1e-9
+    assert box["x"].hi < 5.01

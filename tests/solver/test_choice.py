@@ -247,3 +247,11 @@ def test_a_time_limit_holds_while_rows_are_expanded() -> None:
     assert {constraint for constraint, _ in forms.leftover} == set(range(6))
     assert {reason for _, reason in forms.leftover} == {"the time limit came first"}
     assert net.solve(limits=Limits(seconds=0.0)).nodes <= 1
+
+
+def test_a_contender_gives_up_after_its_turns_but_not_the_last_one() -> None:
+    net = circle_and_line()
+    made = [Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-4))), 1, 2) for n in "ab"]
+    race = Race(made)
+    list(race)
+    assert race.leader.ended

@@ -196,3 +196,16 @@ def test_a_folder_that_can_not_be_written_is_no_error(modules, tmp_path_factory,
     assert first.stdout == second.stdout == "3.0\n"
     assert ("compiling" in second.stderr) is not home
     assert second.stderr.count("machine code cannot be kept in") == (0 if home else 1)
+
+
+def test_the_plain_function_is_the_compiled_one():
+    @compiled.compiled
+    def half(x: float) -> float:
+        return x / 2.0
+
+    assert half(3.0) == compiled.plain(half)(3.0) == 1.5
+
+
+def test_with_the_compiler_switched_off_nothing_is_said(modules):
+    done = run(modules, NUMBA_DISABLE_JIT="1")
+    assert (done.stdout, done.stderr) == ("3.0\n", "")

@@ -114,3 +114,13 @@ def test_cameras_are_equal_by_value_and_cannot_be_written_to():
 def test_what_is_no_camera_is_refused(changed, said):
     with pytest.raises(InputError, match=said):
         replace(DELTALAB_CAMERA, **changed)
+
+
+@pytest.mark.parametrize("camera", LENSES)
+def test_derivatives_of_the_distortion_are_those_of_differences(camera):
+    points = camera.normalised(image_grid(camera))
+    step = 1e-6
+    for axis in range(2):
+        move = step * np.eye(2)[axis]
+        slope = (camera.distorted(points + move) - camera.distorted(points - move)) / (2 * step)
+        np.testing.assert_allclose(camera.distortion_jacobian(points)[..., axis], slope, atol=1e-8)

@@ -158,3 +158,13 @@ def test_a_camera_that_cannot_be_is_not_written_either(tmp_path):
 def test_what_is_no_record_is_refused(values, said):
     with pytest.raises(InputError, match=said):
         CameraRecord(DELTALAB_CAMERA, **values)
+
+
+def test_a_camera_alone_can_be_written(tmp_path):
+    save_camera(DELTALAB_CAMERA, tmp_path / "camera.toml")
+    assert load_camera(tmp_path / "camera.toml") == CameraRecord(DELTALAB_CAMERA)
+
+
+def test_a_missing_file_is_said_so(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        load_camera(tmp_path / "nothing.toml")

@@ -9,8 +9,9 @@ from benchmarks.vision_scenes import KINDS, facing_poses, found_dots, identified
 from cpcal.common.values import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.identify import Identification, Unidentified, identify
-from cpcal.vision.identify.identify import ACCIDENTS, MARGIN, apart, followed, hypothesis_of
-from cpcal.vision.identify.views import seen_by, self_maps
+from cpcal.vision.identify.identify import ACCIDENTS, MARGIN, apart, followed, hypotheses, hypothesis_of
+from cpcal.vision.identify.runs import straightness
+from cpcal.vision.identify.views import guesses, seen_by, self_maps
 from cpcal.vision.projection import centers_of, predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
@@ -250,3 +251,40 @@ def test_no_list_is_taken_for_another(count):
         "both on the rows": 0.6,
     }
     assert all(figures[kind]["right"] >= share * count // 6 for kind, share in least.items())
+
+
+def test_half_of_the_rows_hidden_is_enough_when_the_grid_is_seen():
+    rng = np.random.default_rng(5)
+    poses = facing_poses(rng, 12)
+    right = 0
+    for k in range(12):
+        centers, labels = found_dots(
+            rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, missing=6, on_rows=True
+        )
+        try:
+            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except Unidentified:
+            continue
+        assert np.array_equal(labels[found.found], found.numbers)
+        assert len(found.missing) == 6
+        assert found.margin >= 4
+        right += 1
+    assert right >= 9
+
+
+def test_the_straightest_guesses_are_those_that_suit_the_lens():
+    """Without a camera the dearer efforts look at few guesses of the distortion: a right one is among them."""
+    rng = np.random.default_rng(22)
+    for k, bend in enumerate((-0.35, -0.2, 0.05)):
+        camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, [bend, -0.4 * bend, 0.0, 0.0, 0.0])
+        pose = one(facing_poses(rng, 1), 0)
+        centers, labels = found_dots(rng, DELTALAB_TARGET, camera, pose, noise=0.02, false=3 * k, on_rows=True)
+        views = tuple(guesses(centers, (1024, 768), None))
+        order = sorted(range(len(views)), key=lambda i: straightness(views[i].points, views[i].fine), reverse=True)
+        assert any(len(_fits(views[i], labels)) for i in order[:3])
+
+
+def _fits(view, labels):
+    """The hypotheses of a view that are right."""
+    tried = (fit for effort in ((8, 3), (8, 5)) for fit, _ in hypotheses(view, DELTALAB_TARGET, *effort))
+    return [fit for fit in tried if len(fit.found) > 60 and (labels[fit.found] == fit.numbers).mean() > 0.9]

@@ -155,3 +155,18 @@ def test_a_missing_file_and_a_folder_that_cannot_be_written_to(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         save_target(DELTALAB_TARGET, tmp_path / "target.toml")
     assert [p.name for p in tmp_path.iterdir()] == ["target.toml"]
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "is empty"),
+        (b"\xff\xfe", "is not UTF-8 text"),
+        (b"[[[[", "is not TOML: Invalid"),
+        (b"a.b = 1\n" * 3, "is not TOML: Cannot overwrite"),
+    ],
+)
+def test_what_is_no_such_file_is_refused(tmp_path, content, reason):
+    (tmp_path / "target.toml").write_bytes(content)
+    with pytest.raises(InputError, match=reason):
+        load_target(tmp_path / "target.toml")

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
 from cpcal.solver.interval import Box, Interval, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
@@ -176,3 +177,14 @@ def test_kinks_are_enclosed_by_slopes(operator: str) -> None:
         which: Operator = OPERATORS[operator]
         found = UniquenessProver(net, get_arithmetic("float64"), which).prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
         assert (found is not None) == unique
+
+
+def test_a_point_or_a_box_will_do() -> None:
+    net, engine = circle_and_parabola(), get_arithmetic("float64")
+    from_point = prove_unique(net, (1.5, 1.3), engine)
+    from_box = prove_unique(net, Box(net.names, [1.4, 1.2], [1.6, 1.4]), engine)
+    assert from_point is not None
+    assert from_box is not None
+    assert not from_point.intersect(from_box).is_empty
+    with pytest.raises(ModelError, match="2 components"):
+        prove_unique(net, (1.0, 2.0, 3.0), engine)

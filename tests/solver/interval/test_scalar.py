@@ -172,3 +172,15 @@ def test_text() -> None:
     assert str(Interval(-math.inf, 0.1)) == "[-inf, 0.1]"
     assert repr(Interval.empty()) == "Interval.empty()"
     assert str(Interval.empty()) == "[empty]"
+
+
+@settings(max_examples=150, deadline=None)
+@given(x=BOUNDED)
+def test_mid_lies_inside_and_width_is_enough(x: Interval) -> None:
+    assert x.mid in x
+    assert x.width >= Fraction(x.hi) - Fraction(x.lo)
+
+
+def test_negative_zero_is_zero() -> None:
+    assert repr(Interval(-0.0)) == "Interval(0.0, 0.0)"
+    assert hash(Interval(-0.0)) == hash(Interval(0.0))

@@ -190,3 +190,28 @@ def test_factor_of_one(
         for operands in (one, both):
             got = engine.factor(*operands)
             np.testing.assert_allclose([got.lo[0], got.hi[0]], expected or empty, rtol=1e-15, atol=1e-320)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_both_engines_agree_on_factors(data: st.DataObject) -> None:
+    z, y, x = (data.draw(intervals(MODERATE, (6,))) for _ in range(3))
+    fast, tight = (get_arithmetic(name).factor(z, y, x) for name in ("float64", "arb"))
+    assert tight.subset(fast).all()
+    known = ~tight.empty
+    np.testing.assert_allclose(fast.lo[known], tight.lo[known], rtol=1e-15, atol=1e-320)
+    np.testing.assert_allclose(fast.hi[known], tight.hi[known], rtol=1e-15, atol=1e-320)
+
+
+def test_dot_of_points_is_tight(engine: Arithmetic) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(6, 30)), rng.normal(size=(30, 7))
+    got = engine.dot(IntervalArray.point(a), IntervalArray.point(b))
+    assert (got.hi - got.lo <= 40 * 2.0**-52 * (np.abs(a) @ np.abs(b))).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 8, 9, 33])
+def test_sum_of_zeros_is_zero(engine: Arithmetic, count: int) -> None:
+    got = engine.sum(IntervalArray.point(np.zeros((count, 2))), 0)
+    assert not got.lo.any()
+    assert not got.hi.any()

@@ -218,3 +218,23 @@ def test_programs_without_rows(solver: type[Dense]) -> None:
     engine.load(np.zeros((0, 2)), np.zeros(0), -np.ones(2), np.ones(2))
     solution = engine.minimize(np.array([1.0, -2.0]))
     np.testing.assert_allclose(solution.point, [-1.0, 1.0])
+
+
+@both
+def test_feasible_again_after_an_infeasible_answer(solver: type[Dense]) -> None:
+    program, empty = Program(4), emptied(4)
+    engine = empty.engine(solver)
+    assert engine.minimize(program.objective).status is LinearStatus.INFEASIBLE
+    engine.load(program.matrix, program.rhs, program.lower, program.upper)
+    assert engine.minimize(program.objective).status is LinearStatus.OPTIMAL
+
+
+@both
+def test_emptiness_is_found_among_many_rows(solver: type[Dense]) -> None:
+    program = emptied(5)
+    slack = Program(6, rows=1500, room=3.0)
+    program.matrix = np.concatenate([slack.matrix, program.matrix])
+    program.rhs = np.concatenate([slack.rhs, program.rhs])
+    solution = program.engine(solver).minimize(program.objective)
+    assert solution.status is LinearStatus.INFEASIBLE
+    assert program.bound("float64", program.weights(solution), np.zeros(6)) > 0.0

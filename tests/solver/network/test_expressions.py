@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
+from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import component_names
 
 
@@ -227,3 +229,41 @@ def test_elements_without_a_bound_say_nothing(net: ConstraintNetwork) -> None:
         box = contractor.contract(net.domain).box
         np.testing.assert_allclose(box.lo, [-3, 0], atol=1e-12)
         np.testing.assert_allclose(box.hi, [1, 3], atol=1e-12)
+
+
+def test_equal_enclosures_may_hold_different_constants(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (), (0, 0.2)), net.variable("y", (), (0.8, 1))
+    net.add([x == Interval(0, 1), y == Interval(0, 1)])
+    assert not HC4(net).contract(net.domain).box.is_empty
+
+
+def test_long_sums_pickle(net: ConstraintNetwork) -> None:
+    x = net.variable("x", (), (-2, 2))
+    total = x
+    for k in range(1200):  # deeper than Python's own stack
+        total = total + k * x
+    net.add(total <= 1)
+    for value in (net, HC4(net), Lifted(net)):
+        again = pickle.loads(pickle.dumps(value))
+        assert type(again) is type(value)
+    assert pickle.loads(pickle.dumps(HC4(net))).contract(net.domain) == HC4(net).contract(net.domain)
+
+
+def test_numbers_that_no_float_equals_are_enclosed(net: ConstraintNetwork) -> None:
+    for number in (Fraction(1, 3), 2**53 + 1, -(10**40) - 1):
+        data = as_expr(number).data  # type: ignore[arg-type]
+        assert isinstance(data, IntervalArray)
+        assert Fraction(float(data.lo)) < number < Fraction(float(data.hi))
+    array = as_expr([Fraction(1, 3), 1, 0]).data  # type: ignore[list-item]
+    assert isinstance(array, IntervalArray)
+    assert (array.lo < array.hi).tolist() == [True, False, False]
+    net.variable("x", (), (Fraction(1, 3), Fraction(2, 3)))  # type: ignore[arg-type]
+    assert Fraction(net.domain.lo[0]) <= Fraction(1, 3)
+    assert Fraction(net.domain.hi[0]) >= Fraction(2, 3)
+
+
+def test_one_reading_used_twice_is_one_number(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (), (0, 0.2)), net.variable("y", (), (0.8, 1))
+    reading = net.reading(0.5, 0.5)
+    net.add([x == reading, y == reading])
+    assert HC4(net).contract(net.domain).box.is_empty

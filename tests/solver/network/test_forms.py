@@ -11,12 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cpcal
+from cpcal.common.errors import ModelError
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     CentredForm,
     ConstraintNetwork,
     Expr,
+    Tape,
     evaluate,
     maximum,
     minimum,
@@ -239,3 +241,48 @@ def test_the_slope_of_abs_is_sharp_across_its_kink() -> None:
         box = net.domain if sign > 0 else net.domain.with_bounds([-2], [3])
         found = form.slopes(box, np.array([sign]))
         assert sorted(sign * np.array([found.lo.item(), found.hi.item()])) == pytest.approx([-0.5, 1.0])
+
+
+UNARY: dict[str, Callable[[Expr], Expr]] = {
+    "sqr": sqr,
+    "sqrt": sqrt,
+    "abs": abs,
+    **{f"power {n}": (lambda u, n=n: Expr("power", (u,), u.shape, parameter=n)) for n in (-3, -2, -1, 0, 1, 2, 3, 4)},
+}
+
+
+@pytest.mark.parametrize("name", UNARY)
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS)
+def test_elementary_slopes_contain_every_difference_quotient(name: str, seed: int) -> None:
+    """Centres are intervals themselves, as they are within a larger expression."""
+    rng = np.random.default_rng(seed)
+    net = ConstraintNetwork()
+    u = net.variable("u", 4)
+    tape = Tape(net, [UNARY[name](u)])
+    shift = 4.0 if name == "sqrt" or rng.random() < 0.3 else 0.0
+    center = IntervalArray.around(rng.normal(shift, 1, 4), rng.random(4) * rng.choice([0, 1e-3, 1], 4))
+    values = IntervalArray.around(rng.normal(shift, 2, 4), rng.random(4) * rng.choice([0, 1e-3, 3], 4))
+    slots = [tape.forward(ENGINE, x[None])[0] for x in (center, values)]
+    factors = tape.slopes(ENGINE, *slots)
+    found = IntervalArray(factors[:, 0], factors[:, 1])
+    for _ in range(5):
+        a, b = inside(rng, center), inside(rng, values)
+        fa, fb = (tape.values(tape.forward(ENGINE, IntervalArray.point(v[None]))).mid[0] for v in (a, b))
+        with np.errstate(all="ignore"):
+            quotient = (fb - fa) / (b - a)
+        room = 1e-12 * (1 + np.abs(fa) + np.abs(fb)) / np.maximum(np.abs(b - a), 1e-300)
+        known = np.isfinite(quotient) & ~found.empty
+        assert (found.lo - room <= quotient)[known].all()
+        assert (quotient <= found.hi + room)[known].all()
+
+
+def test_refuses_unknown_forms_and_boxes_of_other_variables() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, (0, 1))
+    with pytest.raises(ModelError, match="natural, centred, slope, tightest"):
+        evaluate(net, x, net.domain, "affine")  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match=r"a box of a is no box of .*x\[0\], x\[1\]"):
+        evaluate(net, x, Box(["a"], [0.0], [1.0]))
+    with pytest.raises(ModelError, match="'x' belongs to another network"):
+        evaluate(net, ConstraintNetwork().variable("x", 2) + x, net.domain)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -212,3 +213,31 @@ def test_a_thick_constant_keeps_its_identity() -> None:
     x, y = net.variable("x", domain=(0, 0.2)), net.variable("y", domain=(0.8, 1))
     net.add([x == constant, y == pickle.loads(pickle.dumps(constant))])
     assert constant.digest == pickle.loads(pickle.dumps(constant)).digest != as_expr(Interval(0, 1)).digest
+
+
+def test_a_row_that_is_reused_by_its_caller_loses_no_solution() -> None:
+    net = Network()
+    x = net.variable("x", 2, (-5, 5))
+    row = np.zeros(2)
+    for k, value in enumerate([1.0, 2.0]):
+        row[:] = 0
+        row[k] = 1
+        net.add(row @ x == value)
+    assert (1.0, 2.0) in net.contract().box
+
+
+def test_bounds_that_change_after_add_do_not_move_a_minimum(tmp_path: Path) -> None:
+    net = Network()
+    x = net.variable("x", domain=(0, 10))
+    bound = np.array([1.0])
+    net.add(x >= bound)
+    bound[0] = 3.0
+    best = net.minimize(x, certificate=tmp_path / "proof.jsonl")
+    assert best.lo <= 1.0 <= best.hi + 1e-9
+
+
+def test_networks_without_a_name_are_told_apart_too() -> None:
+    a, b = Network(), Network()
+    assert a.name != b.name
+    with pytest.raises(ModelError, match=f"{a.name!r}, not to {b.name!r}"):
+        b.add(a.variable("x") == 1)

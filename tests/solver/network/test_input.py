@@ -177,3 +177,15 @@ def test_bounds_of_one_number_or_none_are_accepted() -> None:
 def test_a_constraint_that_is_built_by_hand_is_checked_too() -> None:
     _, x = model()
     refused(lambda: Constraint(x, as_expr(2.0), as_expr(1.0)), "no number")
+
+
+def test_no_value_of_an_enclosed_constant_is_lost() -> None:
+    net, x = model((Fraction(1, 10), Fraction(1, 10)))
+    net.add(x == Decimal("0.1"))
+    assert not net.contract().box.is_empty
+
+
+def test_numpys_integers_are_sizes() -> None:
+    net = Network()
+    assert net.variable("x", np.int64(3)).shape == (3,)  # type: ignore[arg-type]
+    assert net.variable("y", [np.int64(2), 1]).shape == (2, 1)  # type: ignore[arg-type]

@@ -11,7 +11,8 @@ import pytest
 
 import cpcal
 from contractors import HC4
-from cpcal.common.errors import CpcalError
+from cpcal.common.errors import CpcalError, ModelError
+from cpcal.solver.interval import Box
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 from cpcal.solver.network.expression import as_expr
@@ -138,3 +139,19 @@ def test_a_long_sum_is_solved() -> None:
     assert (0.0,) in net.contract(contractors=["hc4"]).box
     assert (0.0,) in HC4(net).contract(net.domain).box
     assert cpcal.evaluate(net, net.constraints[0].body, net.domain, "tightest").shape == ()
+
+
+def test_a_box_of_other_variables_is_refused() -> None:
+    net = Network()
+    x, y = net.variable("x", domain=(0, 1)), net.variable("y", domain=(2, 3))
+    net.add([x == 0.5, y == 2.5])
+    for box in (Box(["y", "x"], [2, 0], [3, 1]), Box(["x"], [0], [1]), Box(["a", "b"], [0, 2], [1, 3]), "x", None):
+        if box is not None:
+            refused(lambda: net.contract(box), "is no box of")  # type: ignore[arg-type]  # noqa: B023
+    assert (0.5, 2.5) in net.contract().box
+
+
+@pytest.mark.parametrize("name", ["", " x", "x\n", "a\nb", "a\x1b[0m", 5, None], ids=repr)
+def test_names_are_one_printable_line(name: Any) -> None:
+    with pytest.raises(ModelError, match="is no name"):
+        Network().variable(name)

@@ -209,3 +209,39 @@ def test_an_undefined_element_means_that_there_is_no_solution() -> None:
     alone = Tape(net, [sqrt(x)[0] - 2.0])  # which does not hold the other element
     assert alone.defined(engine, alone.forward(engine, box))
     assert not np.isnan(alone.contract(engine, box).lo).any()
+
+
+def test_derivative_of_abs_at_zero_is_an_interval() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x")
+    tape, engine = Tape(net, [abs(x)]), get_arithmetic("float64")
+    slots = tape.forward(engine, IntervalArray.point(np.zeros((1, 1))))
+    slope = tape.jacobian(engine, tape.derivatives(engine, slots[0]))
+    assert (slope.lo.item(), slope.hi.item()) == (-1.0, 1.0)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS)
+def test_interval_derivatives_enclose_slopes_between_points_of_the_box(name: str, seed: int) -> None:
+    """The mean value theorem, also across the kinks of abs, min and max."""
+    rng = np.random.default_rng(seed)
+    positive = name in ("sqrt", "power -1", "power -2", "div", "log", "log1p", "pow", "pow of both", "atan2")
+    lo = rng.uniform(0.5, 2.0, 9) if positive else rng.uniform(-3, 3, 9)
+    hi = lo + rng.uniform(0, 2, 9) * rng.integers(0, 2, 9)
+    hi = np.minimum(hi, 3.0) if name in ("asin", "acos") else hi
+    net, x, y = variables()
+    root = FORMULAS[name][0](x, y)
+    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    slots = tape.forward(engine, IntervalArray(lo[None], hi[None]))
+    matrix = tape.jacobian(engine, tape.derivatives(engine, slots[0]))
+    a, b = rng.uniform(lo, hi), rng.choice([0, 1], 9)
+    b = np.where(b == 0, lo, hi)
+    difference = np.asarray(exact_value(name, b) - exact_value(name, a), np.float64)
+    full = IntervalArray(matrix.lo.T, matrix.hi.T).reshape((9, *root.shape))
+    moves = (b - a).reshape((9,) + (1,) * root.ndim)
+    assert (full.lo <= full.hi).all()
+    with np.errstate(invalid="ignore"):
+        ends = np.sort(np.where(moves == 0.0, 0.0, [full.lo * moves, full.hi * moves]), axis=0)
+    assert (ends[0].sum(axis=0) <= difference + 1e-9 * (1 + np.abs(difference))).all()
+    assert (ends[1].sum(axis=0) >= difference - 1e-9 * (1 + np.abs(difference))).all()

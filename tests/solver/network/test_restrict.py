@@ -17,6 +17,7 @@ from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
 from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.testing import CONFORMANCE
 
 N = 6
@@ -101,3 +102,14 @@ def test_steps_of_few_telling_rows_name_elements_of_the_whole(monkeypatch: pytes
     assert {k for _, k in rows} <= set(range(64))
     assert max(k for _, k in rows) >= 40  # not numbered within the few
     assert whole.width[:7].sum() <= result.box.width[:7].sum() * 1.1
+
+
+def test_telling_elements_are_the_worst_and_some_of_everywhere() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-1, 1))
+    values = np.random.default_rng(3).normal(size=1000)
+    net.add((x + values).within((-0.5, 0.5)))
+    (chosen,) = Rows(net).telling(np.zeros(1), 20)
+    worst = np.argsort(values)
+    assert set(worst[:20]) | set(worst[-20:]) <= set(chosen)
+    assert np.diff(chosen).max() < 200

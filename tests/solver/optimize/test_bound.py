@@ -256,3 +256,26 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
     easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
     np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy), easy)
+
+
+def test_fit_starts_where_a_norm_has_no_derivative() -> None:
+    corners = np.array([[0, 0], [1.0, 0], [0, 1.0], [1, 1]])
+    net = Network()
+    a, e = net.variable("a", 2, (-3, 3)), net.variable("e", (), (0, 100))
+    net.add((norm(corners - a) - 1).within((-e, e)))
+    found = net.minimize(e)
+    assert found.hi == pytest.approx(1 - np.sqrt(0.5), rel=1e-6)
+    assert found.verdict is Verdict.PROVED
+
+
+def test_objective_alone_and_no_constraints() -> None:
+    net = Network()
+    x = net.variable("x", (), (-2, 2))
+    found = net.minimize(x)
+    assert (found.lo, found.hi, found.verdict) == (-2.0, -2.0, Verdict.PROVED)
+    net = Network()
+    x = net.variable("x", (), (0, 3))
+    net.add(x**2 >= 2)
+    found = net.minimize(x)
+    assert found.lo <= np.sqrt(2) <= found.hi
+    assert found.hi - found.lo < 1e-5

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
 from cpcal.solver.network.rows import exclusive
 from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
@@ -224,3 +224,12 @@ def test_owners_of_readings() -> None:
             found = np.full(tape.first, -1)
             found[tape.reach.leaf] = tape.reach.row
             assert found[tape.given :].tolist() == element
+
+
+def test_prover_changes_nothing() -> None:
+    net, x, eps = with_eps()
+    net.add((x[0] - 1).within((-eps, eps)))
+    point = np.array([3.0, 0.0])
+    WitnessProver(net, 1, get_arithmetic("float64")).prove(point)
+    assert point.tolist() == [3.0, 0.0]
+    assert net.domain == Box(("x[0]", "eps"), [-10.0, 0.0], [10.0, 10.0])

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Newton
-from cpcal import Interval, Limits, Network
+from cpcal import Interval, Limits, Network, Verdict
 from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -22,6 +22,7 @@ from cpcal.solver.search import (
     EventKind,
     LargestFirst,
     Node,
+    Paving,
     Piece,
     Search,
     Smear,
@@ -259,3 +260,42 @@ def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
         told.append((first, pending, rest, [piece.box for piece in search.kept]))
     assert told[0] == told[1] == told[2]
     assert len(told[0][3]) == 2
+
+
+def solution_boxes(paving: Paving) -> list[Box]:
+    return [solution.box for solution in paving.solutions]
+
+
+def test_solve_encloses_all_solutions_and_proves_each() -> None:
+    paving = two_roots().solve(width=1e-6)
+    assert paving.complete
+    found = solution_boxes(paving)
+    assert any((4, 3) in box for box in found)
+    assert any((-3, -4) in box for box in found)
+    assert all(box.width.max() <= 1e-6 for box in found)
+    assert [solution.verdict for solution in paving.solutions] == [Verdict.PROVED, Verdict.PROVED]
+    assert paving.status == "2 boxes hold exactly one solution each, and there are no others: proved."
+
+
+def test_solve_ends_cleanly_on_ctrl_c() -> None:
+    seen = []
+
+    def interrupt(event: object) -> None:
+        seen.append(event)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    paving = two_roots().solve(width=1e-9, contractors=("hc4",), progress=interrupt)
+    assert not paving.complete
+    for point in ((4, 3), (-3, -4)):
+        assert any(point in box for box in solution_boxes(paving))
+
+
+@pytest.mark.parametrize("limits", [Limits(nodes=3), Limits(seconds=0.0)])
+def test_solve_stops_at_a_limit_with_everything_covered(limits: Limits) -> None:
+    paving = two_roots().solve(width=1e-9, contractors=("hc4",), limits=limits)
+    assert not paving.complete
+    assert paving.nodes <= 3
+    assert "Stopped" in paving.status
+    for point in ((4, 3), (-3, -4)):
+        assert any(point in box for box in solution_boxes(paving))

@@ -297,3 +297,13 @@ def test_the_picture_is_the_same_every_time_and_stands_alone() -> None:
     x = net.variable("x", 3, (-2, 2))
     net.add([x[0] == 1, x[1] == x[0], x[2] == x[1]])
     assert "#c53030" in paving_svg(net.solve(), "x[0]", "x[2]")
+
+
+def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
+    net = Network()
+    x = net.variable("x", (), (0, 4))
+    net.add([sqr(x) == 2, x * x * x * x <= 4])
+    paving = net.solve(contractors=("hc4",))
+    assert proved(paving) == []
+    assert len(paving.clusters) == 1
+    assert "not proved" in paving.status
