@@ -119,6 +119,22 @@ _ROUNDING = 0.5  # of that loss: more may not be due to rounding
 _NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
 
 
+def weights_text(proofs: Sequence[Weights]) -> tuple[list[int], list[dict[str, Any]]]:
+    """The numbers of the rows that weights speak of, and the JSON of the weights, in which rows are counted anew."""
+    used = sorted({n for weights in proofs for n, _ in weights.rows})
+    places = {n: new for new, n in enumerate(used)}
+    texts = [
+        {
+            "rows": [[places[n], w] for n, w in weights.rows],
+            "products": weights.products,
+            "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+            "exponents": weights.exponents,
+        }
+        for weights in proofs
+    ]
+    return used, texts
+
+
 class WeightProver:
     """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
 
@@ -196,17 +212,7 @@ class _Table:
 
     def encoded(self, proofs: Sequence[Weights]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
         """The JSON of weights, and of the rows that they speak of."""
-        used = sorted({n for weights in proofs for n, _ in weights.rows})
-        places = {n: new for new, n in enumerate(used)}
-        texts = [
-            {
-                "rows": [[places[n], w] for n, w in weights.rows],
-                "products": weights.products,
-                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
-                "exponents": weights.exponents,
-            }
-            for weights in proofs
-        ]
+        used, texts = weights_text(proofs)
         return texts, [written(self._rows[n]) for n in used]
 
 

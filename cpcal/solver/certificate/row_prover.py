@@ -23,7 +23,7 @@ from cpcal.checker.problem import Box, Problem
 from cpcal.checker.rule import Rule, Weights
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free, number
-from cpcal.solver.certificate.recording import brief, rounded, whole
+from cpcal.solver.certificate.recording import brief, rounded, weights_text, whole
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 
 Terms = dict[tuple[int, ...], int]
@@ -424,27 +424,19 @@ class _Prover:
 
     @property
     def tags(self) -> tuple[tuple[str, int], ...]:
-        return tuple(self._system.tags[n] for n in self._used())
+        return tuple(self._system.tags[n] for n in sorted({n for weights in self._proofs for n, _ in weights.rows}))
 
-    def _used(self) -> list[int]:
-        all_ = self._excluding or [weights for *_, sets in self._bounds for weights in sets]
-        return sorted({n for weights in all_ for n, _ in weights.rows})
+    @property
+    def _proofs(self) -> list[Weights]:
+        return self._excluding or [weights for *_, sets in self._bounds for weights in sets]
 
     def step(self, name: int) -> dict[str, Any] | None:
         """As a certificate holds it; None where nothing is proved."""
-        used = self._used()
-        places = {n: new for new, n in enumerate(used)}
+        used, texts = weights_text(self._proofs)
+        given = iter(texts)
 
         def text(sets: list[Weights]) -> Any:
-            found = [
-                {
-                    "rows": [[places[n], w] for n, w in weights.rows],
-                    "products": weights.products,
-                    "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
-                    "exponents": weights.exponents,
-                }
-                for weights in sets
-            ]
+            found = [next(given) for _ in sets]
             return found if self._system.wrong else found[0]
 
         rows = [[*self._system.tags[n]] for n in used]
