@@ -12,7 +12,7 @@ from cpcal.robot.kinematics import quaternion_from_rotation_vector
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation
-from cpcal.vision.dots.segmentation import ellipses, gaps, noise_level
+from cpcal.vision.dots.segmentation import Spots, ellipses, gaps, noise_level
 from cpcal.vision.identify.views import mutually_nearest, nearest_squares
 from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
 from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
@@ -122,10 +122,8 @@ def test_gaps_and_spacings_are_those_of_a_search_over_all_pairs(count):
     np.fill_diagonal(apart, np.inf)
     near = np.argsort(apart, axis=1)[:, : min(5, count - 1)]
     between = np.take_along_axis(apart - long[:, None] - long, near, axis=1)
-    for run in (gaps, plain(gaps)):
-        found = np.empty(count)
-        run(center, long, np.argsort(center[:, 0]), found)
-        np.testing.assert_allclose(found, between.min(axis=1, initial=np.inf))
+    spread = 0.25 * np.stack([long**2, 0.5 * long**2], axis=1)[:, None] * np.eye(2)
+    np.testing.assert_allclose(gaps(Spots(center, spread, True)), between.min(axis=1, initial=np.inf))
     squares = np.empty(count)
     nearest_squares(center, squares)
     np.testing.assert_allclose(np.sqrt(squares), apart.min(axis=1))

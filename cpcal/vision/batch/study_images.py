@@ -53,7 +53,6 @@ class RenderedImages:
     camera: Camera
     scene: Scene
     seed: int
-    stage = "rendering"
 
     @classmethod
     def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
