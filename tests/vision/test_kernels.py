@@ -13,7 +13,7 @@ from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation
 from cpcal.vision.dots.segmentation import Spots, ellipses, gaps, noise_level
-from cpcal.vision.identify.views import mutually_nearest, nearest_squares
+from cpcal.vision.identify.views import View, pairs
 from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
 from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.render import Scene, render
@@ -94,8 +94,9 @@ def test_pairs_are_each_others_nearest():
     rng = np.random.default_rng(4)
     points, places = rng.random((60, 2)), rng.random((50, 2))
     places[3] = np.nan
-    found = np.empty(50, dtype=np.int64)
-    mutually_nearest(points, places, 0.1, found)
+    found = np.full(50, -1)
+    nearest, numbers = pairs(View(points, 1.0, 0.0, 0.0), places, 0.1)
+    found[numbers] = nearest
     square = ((places[:, None] - points) ** 2).sum(axis=2)
     square[3] = np.inf
     for i in range(50):
@@ -115,7 +116,7 @@ def test_a_first_look_at_half_of_a_large_image_finds_the_same_dots(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 60])
-def test_gaps_and_spacings_are_those_of_a_search_over_all_pairs(count):
+def test_gaps_are_those_of_a_search_over_all_pairs(count):
     rng = np.random.default_rng(count)
     center, long = rng.uniform(0.0, 100.0, (count, 2)), rng.uniform(1.0, 8.0, count)
     apart = np.linalg.norm(center[:, None] - center, axis=2)
@@ -124,9 +125,6 @@ def test_gaps_and_spacings_are_those_of_a_search_over_all_pairs(count):
     between = np.take_along_axis(apart - long[:, None] - long, near, axis=1)
     spread = 0.25 * np.stack([long**2, 0.5 * long**2], axis=1)[:, None] * np.eye(2)
     np.testing.assert_allclose(gaps(Spots(center, spread, True)), between.min(axis=1, initial=np.inf))
-    squares = np.empty(count)
-    nearest_squares(center, squares)
-    np.testing.assert_allclose(np.sqrt(squares), apart.min(axis=1))
 
 
 def test_two_poses_are_apart_by_their_step_over_the_deviations():

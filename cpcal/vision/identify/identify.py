@@ -38,8 +38,7 @@ from cpcal.vision.identify.views import (
     View,
     grid_homographies,
     guesses,
-    laid,
-    mutually_nearest,
+    pairs,
     seen_by,
     self_maps,
 )
@@ -100,17 +99,17 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
                 yield fit, len(rows) * len(matches.count) * CHOICES**4
 
 
-def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
-    """Fits to the regular part of the target, each laid in the near-symmetry that makes the fewest errors."""
+def from_grid(view: View, target: Target) -> Hypothesis | None:
+    """A fit to the regular part of the target, laid in the near-symmetry that makes the fewest errors."""
     for homography in grid_homographies(view, target):
-        rough = hypothesis_of(view, target, homography)
-        places = laid(homography, target)
-        best = int(np.argmin([_errors(view, target, rough, predicted) for predicted in places]))
-        found, numbers = pairs(view, places[best], view.reach)
+        margin = _margin(homography, target)
+        ways = mapped(homography, np.concatenate([target.dots[None], self_maps(target).places]))
+        best = min(ways, key=lambda predicted: _compared(view, predicted, margin)[3])
+        found, numbers = pairs(view, best, view.reach)
         fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
         if fit is not None:
-            yield fit, TRIED
-            return
+            return fit
+    return None
 
 
 def followed(view: View, target: Target, homography: Floats) -> Hypothesis | None:
@@ -169,22 +168,24 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     return hypothesis_of(view, target, homography)
 
 
-def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
-    """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    nearest = np.empty(len(predicted), dtype=np.int64)
-    mutually_nearest(view.points, predicted, reach, nearest)
-    numbers = np.flatnonzero(nearest >= 0)
-    return nearest[numbers], numbers
-
-
 def hypothesis_of(view: View, target: Target, homography: Floats) -> Hypothesis:
-    predicted = mapped(homography, target.dots)
-    found, numbers = pairs(view, predicted, view.reach)
-    in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
-    in_view[numbers] = True
-    errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
+    radius = target.radius * _scale(homography, target.dots)
+    found, numbers, in_view, errors = _compared(view, mapped(homography, target.dots), radius)
     mirrored = bool(median(orientation(homography, target.dots)) > 0.0)  # y points up on the target, down in the view
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
+
+
+def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Ints, Bools, int]:
+    """Found dots and those of the target (n, 2) that explain them, which should be in view, and the errors."""
+    found, numbers = pairs(view, predicted, view.reach)
+    in_view = view.in_view(predicted, radius)
+    in_view[numbers] = True
+    return found, numbers, in_view, int(in_view.sum()) + len(view.points) - 2 * len(found)
+
+
+def _margin(homography: Floats, target: Target) -> Floats:
+    """(n,) the usual radius of the dots."""
+    return np.full(len(target.dots), target.radius * median(_scale(homography, target.dots)))
 
 
 def _scale(homography: Floats, points: Floats) -> Floats:
@@ -216,13 +217,10 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     least = int(passed.min()) if len(passed) else len(target.dots)
     if not len(close):
         return least, False
-    back = np.linalg.inv(maps.matrix[close])
-    predicted = mapped(
-        fit.homography, ((target.dots - maps.shift[close][:, None, :]) @ np.swapaxes(back, 1, 2)).reshape(-1, 2)
-    ).reshape(len(close), -1, 2)
-    errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
+    margin = _margin(fit.homography, target)
+    errors = np.array([_compared(view, way, margin)[3] for way in mapped(fit.homography, maps.places[close])])
     best = int(errors.argmin())
-    return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
+    return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
 
 
 def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bools, enough: int) -> int:
@@ -233,7 +231,7 @@ def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bool
     least = enough
     for k in np.flatnonzero((unexplained < enough) & ~maps.mirrored):
         laid_on_nothing = np.setdiff1d(np.arange(len(target.dots)), maps.image[k])
-        places = (target.dots[laid_on_nothing] - maps.shift[k]) @ np.linalg.inv(maps.matrix[k]).T
+        places = maps.places[k][laid_on_nothing]
         margin = target.radius * _scale(homography, places)
         missing = int(view.in_view(mapped(homography, places), margin).sum())
         least = min(least, int(unexplained[k]) + missing)
@@ -243,18 +241,10 @@ def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bool
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
     where `fit` has them, and in view."""
+    maps, margin = self_maps(target), _margin(fit.homography, target)
     perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
-    places = laid(fit.homography, target)[1:][~self_maps(target).mirrored]
-    exact = hypothesis_of(perfect, target, fit.homography)
-    return min((_errors(perfect, target, exact, predicted) for predicted in places), default=len(target.dots))
-
-
-def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:
-    found, numbers = pairs(view, predicted, view.reach)
-    radius = target.radius * median(_scale(fit.homography, target.dots))
-    in_view = view.in_view(predicted, np.full(len(predicted), radius))
-    in_view[numbers] = True
-    return int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
+    ways = mapped(fit.homography, maps.places[~maps.mirrored])
+    return min((_compared(perfect, way, margin)[3] for way in ways), default=len(target.dots))
 
 
 ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
@@ -410,11 +400,11 @@ def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identifi
 
 
 def _on_grid(view: View, target: Target) -> Identification | None:
-    for hypothesis, candidates in from_grid(view, target):
-        answer = _judgement(view, target, hypothesis, candidates)
-        if isinstance(answer, Identification) and apart(view, target, hypothesis) >= _APART:
-            return answer
-    return None
+    fit = from_grid(view, target)
+    answer = None if fit is None else _judgement(view, target, fit, TRIED)
+    if fit is None or not isinstance(answer, Identification):
+        return None
+    return answer if apart(view, target, fit) >= _APART else None
 
 
 def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | _Refusal:
