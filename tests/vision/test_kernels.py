@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.robot import quaternion_product
-from cpcal.robot.kinematics import quaternion_from_rotation_vector
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation
 from cpcal.vision.dots.segmentation import Spots, ellipses, gaps, noise_level
 from cpcal.vision.identify.views import View, pairs
-from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
+from cpcal.vision.pose import Pixels, fit, fit_pose
 from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -125,18 +123,6 @@ def test_gaps_are_those_of_a_search_over_all_pairs(count):
     between = np.take_along_axis(apart - long[:, None] - long, near, axis=1)
     spread = 0.25 * np.stack([long**2, 0.5 * long**2], axis=1)[:, None] * np.eye(2)
     np.testing.assert_allclose(gaps(Spots(center, spread, True)), between.min(axis=1, initial=np.inf))
-
-
-def test_two_poses_are_apart_by_their_step_over_the_deviations():
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((6, 6))
-    step = 0.1 * rng.standard_normal(6)
-    start = one(facing_poses(rng, 1), 0)
-    turned = quaternion_product(quaternion_from_rotation_vector(step[3:]), start.quaternion)
-    for sign in (1.0, -1.0):
-        moved = np.concatenate([start.position + step[:3], sign * turned])
-        found = pose_distance(moved, np.concatenate([start.position, start.quaternion]), root @ root.T)
-        assert found == pytest.approx(float(step @ root @ root.T @ step), rel=1e-9)
 
 
 def test_symmetric_matrices_as_lapack_has_them() -> None:

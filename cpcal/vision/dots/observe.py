@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial import polynomial
 
 from cpcal.common.values import Bools, Floats, Ints, fill, frozen_array
 from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
@@ -55,19 +54,19 @@ def light_growth(grey: Grey, found: Spots, gap: Floats) -> tuple[Floats, float]:
         return np.full((len(found), 2), np.nan), 0.0
     degree, half = degrees[-1], 0.5 * np.array(grey.shape[::-1])
     level, (x, y) = _levels(grey, found, gap), (found.center / half - 1.0).T
-    terms = np.flip(np.tri(degree + 1, dtype=bool), axis=0)  # powers of x and y whose sum is no larger than the degree
-    values = polynomial.polyvander2d(x, y, [degree, degree])[:, terms.ravel()]
-    coefficients, left = np.zeros(terms.shape), 0.0
-    good = np.ones(len(level), dtype=bool)
+    i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)  # powers of x and y
+    of_x, of_y = (np.vander(along, degree + 1, increasing=True) for along in (x, y))
+    values = of_x[:, i] * of_y[:, j]
+    coefficients, left, good = np.zeros(len(i)), 0.0, np.ones(len(level), dtype=bool)
     for _ in range(2):
         some = values[good]
-        normal = some.T @ some + 1e-9 * len(some) * np.eye(some.shape[1])  # in case dots lie on few lines
-        coefficients[terms] = np.linalg.solve(normal, some.T @ level[good])
-        off = np.abs(level - values @ coefficients[terms])
+        normal = some.T @ some + 1e-9 * len(some) * np.eye(len(i))  # in case dots lie on few lines
+        coefficients = np.linalg.solve(normal, some.T @ level[good])
+        off = np.abs(level - values @ coefficients)
         left = median(off)
         good = off <= _OUTLYING * 1.4826 * left + 1e-12
-    slope = [polynomial.polyval2d(x, y, polynomial.polyder(coefficients, axis=axis)) for axis in (0, 1)]
-    light = np.maximum(values @ coefficients[terms], 1.0)
+    slope = [(i * of_x[:, i - 1] * of_y[:, j]) @ coefficients, (j * of_x[:, i] * of_y[:, j - 1]) @ coefficients]
+    light = np.maximum(values @ coefficients, 1.0)
     return np.stack(slope, axis=1) / (light[:, None] * half), left
 
 
@@ -179,14 +178,14 @@ def _excess(edges: Edges, first: int) -> _Excess:
     told = (inverse[:, 0, 0] > 0.0) & (believed > 0.0)
     sharpness = np.where(told, believed, 1.0)
     off = values - _medians(edges, values, first)[terms]
-    move = np.einsum("na,nai->ni", off, moves)
-    spread = np.einsum("nai,nab,nbj->nij", moves, inverse, moves, optimize=True) / sharpness[:, None, None]
+    move = (off[:, None] @ moves)[:, 0]
+    spread = np.swapaxes(moves, 1, 2) @ inverse @ moves / sharpness[:, None, None]
     total = np.trace(spread, axis1=1, axis2=2)
     worth = told & (total < _HOPELESS * np.trace(edges.covariance, axis1=1, axis2=2))
     worth &= (move * move).sum(axis=1) > _WORTH**2
     spread += (1e-9 * total + 1e-30)[:, None, None] * np.eye(2)
-    shapes = sharpness * np.einsum("na,nab,nb->n", off, information, off, optimize=True)
-    chi_squares = np.einsum("ni,nij,nj->n", move, inverses(spread), move)
+    shapes = sharpness * (off[:, None] @ information @ off[..., None])[:, 0, 0]
+    chi_squares = (move[:, None] @ inverses(spread) @ move[..., None])[:, 0, 0]
     return _Excess(np.where(told, shapes, 0.0), np.where(told, chi_squares, 0.0), worth)
 
 
@@ -207,13 +206,11 @@ def _told(edges: Edges, terms: slice) -> tuple[Floats, Floats]:
     tells them."""
     information = edges.odd[:, terms, terms]
     trace = np.trace(information, axis1=1, axis2=2)
-    known = np.flatnonzero((trace > 0.0) & np.isfinite(trace))
-    sizes, axes = np.linalg.eigh(information[known])
-    sizes += 1e-9 * trace[known, None]
-    known, sizes, axes = (part[sizes[:, 0] > 0.0] for part in (known, sizes, axes))
+    known = (trace > 0.0) & np.isfinite(trace)
     inverse = np.zeros_like(information)
-    inverse[known] = (axes / sizes[:, None, :]) @ np.swapaxes(axes, 1, 2)
-    return np.einsum("nab,nb->na", inverse, edges.odd[:, terms, TERMS]), inverse
+    inverse[known] = np.linalg.inv(information[known] + 1e-9 * trace[known, None, None] * np.eye(len(inverse[0])))
+    inverse[~(np.diagonal(inverse, axis1=1, axis2=2) > 0.0).all(axis=1)] = 0.0  # rounding: no covariance
+    return (inverse @ edges.odd[:, terms, TERMS, None])[..., 0], inverse
 
 
 def _medians(edges: Edges, values: Floats, first: int) -> Floats:
