@@ -246,7 +246,6 @@ class FittedFrames:
     """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
     root mean squares of the components, mm and rad."""
 
-    method: str
     camera_in_base: FittedFrame
     target_in_mobile: FittedFrame
     position_residual: float
@@ -258,8 +257,8 @@ class FittedFrames:
     def sentence(self) -> str:
         """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
         said = (
-            f"Frames by the method of {self.method.capitalize()}, refined, to start with: the two ways to the target "
-            f"differ by {self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
+            f"Frames by Shah's method, refined, to start with: the two ways to the target differ by "
+            f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
             "component (rms), which holds the drawing's errors and the legs' imperfections too."
         )
         both = self.camera_in_base.sentence("Camera in base"), self.target_in_mobile.sentence("Target in mobile")
@@ -370,7 +369,7 @@ class CalibrationRecord:
         yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/6"
+FORMAT = "cpcal-calibration/7"
 RECORD_NAME = "calibration.json"
 
 
@@ -415,8 +414,8 @@ class StudyCalibration:
     record: CalibrationRecord
 
 
-def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
-    """Frames by `method` ("shah" or "andreff", refined), reading sets of `factor` standard deviations.
+def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
+    """Frames, fits, reading sets of `factor` standard deviations, validation.
 
     of   whose standard deviations: of the "mean" of a configuration's repeats, about which the sets are; or of "single"
          readings, as in the paper, which are larger by the root of the number of repeats
@@ -428,7 +427,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
     means = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
     drawn = forward_kinematics(drawing, means.length, central_pose(drawing, means.length.mean(axis=0)))
-    frames = calibrate_frames(drawn, Pose(means.position, means.quaternion), method=method)
+    frames = calibrate_frames(drawn, Pose(means.position, means.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
@@ -456,7 +455,6 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         sets=ReadingSets(factor, of, shared is not None),
         repeats=repeat_record,
         frames=FittedFrames(
-            method=frames.method,
             camera_in_base=_frame(base, np.zeros(6) if shared is None else shared.camera_in_base),
             target_in_mobile=_frame(mobile, np.zeros(6) if shared is None else shared.target_in_mobile),
             position_residual=float(np.sqrt(np.mean(frames.position_residual**2))),

@@ -75,7 +75,7 @@ def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalib
     assert (len(found.campaign), len(found.check)) == (64, 12)
     sigma = found.record.repeats.channels[11].statistics.sigma
     assert found.campaign.length_radius[0, 5] == pytest.approx(3 * sigma / 2, rel=1e-6)
-    single = calibrate_study(study, of="single", method="andreff")
+    single = calibrate_study(study, of="single")
     assert single.campaign.length_radius[0, 5] == pytest.approx(3 * sigma, rel=1e-6)
     assert np.abs(single.x_c.parameters - found.x_c.parameters).max() < 1e-2  # whichever way the frames are started
 
