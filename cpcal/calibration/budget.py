@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, tri
         """(n, 7) standard uncertainties of the parameters laid on the drawing."""
         return on_drawing_errors(found.parameters, found.covariance, drawing)
 
-    def refitted(**readings: Floats) -> Floats:
+    def refitted(**readings: Any) -> Floats:
         """(n, 7) the parameters of other readings, laid on the drawing."""
         other = replace(campaign, **readings)
         again = fit(other, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
@@ -144,7 +145,7 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, tri
 
     def sensors(share: float) -> Floats:
         """Each leg by itself: squares add up."""
-        legs = np.eye(campaign.legs) if share else []
+        legs = np.eye(campaign.legs)[: campaign.legs if share else 0]
         each = (refitted(length=campaign.length * (1.0 + share * leg)) - laid for leg in legs)
         return np.asarray(np.sqrt(sum((change**2 for change in each), nothing)))
 

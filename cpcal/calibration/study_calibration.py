@@ -34,7 +34,7 @@ from cpcal.calibration.statistics import (
     group_means,
     grouped,
     kept,
-    mean_rotations,
+    means,
     scores,
     screen,
 )
@@ -96,11 +96,11 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
     good = kept(rows, keep)
-    means, names = _run_means(good, runs[keep])
+    averages, names = _run_means(good, runs[keep])
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
         shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(names)))
-    return StudyRows(rows, screening, good, means, every if not keep.all() else means, names, shared)
+    return StudyRows(rows, screening, good, averages, every if not keep.all() else averages, names, shared)
 
 
 def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
@@ -122,16 +122,13 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
     names = tuple(runs[first].tolist())
     if len(first) == len(rows):
         return rows, names
-    means = Campaign.of(
+    return Campaign.of(
         rows.robot,
-        group_means(rows.position, group, len(first)),
-        mean_rotations(rows.quaternion, group, len(first)),
-        group_means(rows.length, group, len(first)),
+        **means(rows, group, len(first)),
         pose=[rows.pose[k] for k in first],
         run=names,
         exact=True,
-    )
-    return means, names
+    ), names
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -352,7 +349,7 @@ class CalibrationRecord:
         """What the steps say of themselves, in their order."""
         repeats, check = self.repeats, self.validation
         yield repeats.screening
-        yield from (channel.statistics.sentence() for channel in repeats.channels)
+        yield from (channel.statistics.sentence for channel in repeats.channels)
         yield repeats.scatter
         if repeats.shared is not None:
             yield repeats.shared.sentence
@@ -425,16 +422,17 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     """
     drawing = study.robot
     rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
-    means = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
-    drawn = forward_kinematics(drawing, means.length, central_pose(drawing, means.length.mean(axis=0)))
-    frames = calibrate_frames(drawn, Pose(means.position, means.quaternion))
+    centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
+    drawn = forward_kinematics(drawing, centres.length, central_pose(drawing, centres.length.mean(axis=0)))
+    frames = calibrate_frames(drawn, Pose(centres.position, centres.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
     sigma = repeats.noise_sigma
     if of == "single":  # of a row, less what the robot itself adds
-        single = np.concatenate([of_rows.sigma[:6], repeats.total[6:]])
-        own = single**2 - (repeats.total**2 - repeats.noise_sigma**2)
+        total = repeats.spread.sigma
+        single = np.concatenate([of_rows.sigma[:6], total[6:]])
+        own = single**2 - (total**2 - repeats.noise_sigma**2)
         sigma = np.sqrt(np.maximum(own, repeats.noise_sigma**2))
     campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)

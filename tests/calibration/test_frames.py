@@ -108,10 +108,10 @@ def test_least_squares_lessen_the_error_of_the_closed_form_on_average():
 
 
 def test_standard_deviations_tell_the_errors_and_the_noise():
-    """60 campaigns: normalised errors have variance 1 (within 15 %), and the estimated sigmas are those drawn."""
+    """30 campaigns: normalised errors have variance 1 (within 15 %), and the estimated sigmas are those drawn."""
     x, z, a, b = problem(9, 25)
     normalised, sigmas = [], []
-    for seed in range(60):
+    for seed in range(30):
         found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
         normalised.append(errors(found, x, z) / deviations(found))
         sigmas.append(found.sigma)

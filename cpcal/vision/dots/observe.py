@@ -364,4 +364,4 @@ def _dot_like(found: Spots, edges: Edges, noise: float, shape: tuple[int, ...]) 
             (edges.center + around < np.array(shape[1::-1]) - 1.0).all(axis=1),
             (size > 0.5 * radius) & (size < 1.5 * radius) & (size > _SMALLEST),
         )
-    return np.logical_and.reduce(tests)
+    return np.asarray(np.logical_and.reduce(tests))

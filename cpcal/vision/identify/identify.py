@@ -102,9 +102,9 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
 def from_grid(view: View, target: Target) -> Hypothesis | None:
     """A fit to the regular part of the target, laid in the near-symmetry that makes the fewest errors."""
     for homography in grid_homographies(view, target):
-        margin = _margin(homography, target)
+        radius = _radius(homography, target)
         ways = mapped(homography, np.concatenate([target.dots[None], self_maps(target).places]))
-        best = min(ways, key=lambda predicted: _compared(view, predicted, margin)[3])
+        best = min(ways, key=lambda predicted: _compared(view, predicted, radius)[3])
         found, numbers = pairs(view, best, view.reach)
         fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
         if fit is not None:
@@ -183,7 +183,7 @@ def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Ints
     return found, numbers, in_view, int(in_view.sum()) + len(view.points) - 2 * len(found)
 
 
-def _margin(homography: Floats, target: Target) -> Floats:
+def _radius(homography: Floats, target: Target) -> Floats:
     """(n,) the usual radius of the dots."""
     return np.full(len(target.dots), target.radius * median(_scale(homography, target.dots)))
 
@@ -217,8 +217,8 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     least = int(passed.min()) if len(passed) else len(target.dots)
     if not len(close):
         return least, False
-    margin = _margin(fit.homography, target)
-    errors = np.array([_compared(view, way, margin)[3] for way in mapped(fit.homography, maps.places[close])])
+    radius = _radius(fit.homography, target)
+    errors = np.array([_compared(view, way, radius)[3] for way in mapped(fit.homography, maps.places[close])])
     best = int(errors.argmin())
     return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
 
@@ -241,10 +241,10 @@ def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bool
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
     where `fit` has them, and in view."""
-    maps, margin = self_maps(target), _margin(fit.homography, target)
+    maps, radius = self_maps(target), _radius(fit.homography, target)
     perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
     ways = mapped(fit.homography, maps.places[~maps.mirrored])
-    return min((_compared(perfect, way, margin)[3] for way in ways), default=len(target.dots))
+    return min((_compared(perfect, way, radius)[3] for way in ways), default=len(target.dots))
 
 
 ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
