@@ -76,15 +76,13 @@ def measure_pose(
     camera: Camera,
     camera_covariance: Floats | None = None,
     *,
-    residual: float = RESIDUAL,
     near: Pose | None = None,
 ) -> MeasuredImage:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
 
-    `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. `residual` is the largest
-    plausible root mean square of the dots' residuals, pixels. Well below it, a camera or a target that is not as stated
-    can still move the pose by much more than is stated: `doubt` says so. `near` is a pose that may be near the true
-    one, as that of the image before. It saves time, and changes no answer: what it leads to passes the same tests.
+    `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. A camera or a target that is
+    not as stated can move the pose by much more than is stated: `doubt` says so. `near` is a pose that may be near the
+    true one, as that of the image before. It saves time, and changes no answer: what it leads to passes the same tests.
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
@@ -99,9 +97,9 @@ def measure_pose(
         estimate = estimate_pose(*seen, target, camera, camera_covariance)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    if estimate.rms > residual:
+    if estimate.rms > RESIDUAL:
         raise NotMeasured(
-            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
+            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {RESIDUAL:g}: "
             "the camera or the target is not as stated"
         )
     return MeasuredImage(dots, identification, estimate)

@@ -223,28 +223,14 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
 
 
-def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bools, enough: int) -> int:
-    """At least so many errors are between the target and each of its near-symmetries, none of them mirrored, when the
-    dots `in_view` (n,) are all found; no more than `enough` is counted."""
-    maps = self_maps(target)
-    unexplained = (in_view & (maps.image < 0)).sum(axis=1)
-    least = enough
-    for k in np.flatnonzero((unexplained < enough) & ~maps.mirrored):
-        laid_on_nothing = np.setdiff1d(np.arange(len(target.dots)), maps.image[k])
-        places = maps.places[k][laid_on_nothing]
-        margin = target.radius * _scale(homography, places)
-        missing = int(view.in_view(mapped(homography, places), margin).sum())
-        least = min(least, int(unexplained[k]) + missing)
-    return least
-
-
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
-    """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
-    where `fit` has them, and in view."""
+    """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
+    dots that are all where `fit` has them, and in view. Maps that explain too little of these are not laid."""
     maps, radius = self_maps(target), _radius(fit.homography, target)
+    close = ((fit.in_view & (maps.image < 0)).sum(axis=1) < _APART) & ~maps.mirrored
     perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
-    ways = mapped(fit.homography, maps.places[~maps.mirrored])
-    return min((_compared(perfect, way, radius)[3] for way in ways), default=len(target.dots))
+    ways = mapped(fit.homography, maps.places[close])
+    return min([_APART, *(_compared(perfect, way, radius)[3] for way in ways)])
 
 
 ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
@@ -293,17 +279,15 @@ def identify(
     camera: Camera | None = None,
     *,
     size: tuple[int, int] | None = None,
-    tolerance: float | None = None,
     near: Floats | None = None,
 ) -> Identification:
     """Which of the centres (n, 2), pixels, is which dot of the target.
 
     With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
     one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
-    `tolerance` is how far a dot may be off its predicted place, as a share of the median distance between nearest
-    neighbours (default 0.015 with a camera, 0.06 without). `near` (3, 3) is a homography from the target's plane (mm)
-    to the camera's directions that may be near the true one, as that of the image before: it saves the search where it
-    leaves no choice, and what it leads to passes the same tests.
+    `near` (3, 3) is a homography from the target's plane (mm) to the camera's directions that may be near the true one,
+    as that of the image before: it saves the search where it leaves no choice, and what it leads to passes the same
+    tests.
 
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
@@ -311,9 +295,9 @@ def identify(
     usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     _check_count(len(usable), target)
     if camera is None:
-        seen = tuple(guesses(pixels[usable], size, tolerance))
+        seen = tuple(guesses(pixels[usable], size))
     else:
-        view = seen_by(camera, pixels[usable], tolerance)
+        view = seen_by(camera, pixels[usable])
         shown = np.isfinite(view.points).all(axis=1)
         usable = usable[shown]
         _check_count(len(usable), target)
@@ -435,18 +419,9 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
 
 def _sure(view: View, target: Target, fit: Hypothesis) -> bool:
     """Whether no ten errors among the dots in view exchange two ways to lay the target, or as few as on all of it."""
-    if apart_at_least(view, target, fit.homography, fit.in_view, _APART) >= _APART:
-        return True
-    needed = min(_APART, _apart_in_all(target))
-    return apart(view, target, fit) >= needed
-
-
-@lru_cache(maxsize=8)
-def _apart_in_all(target: Target) -> int:
-    """What `apart_at_least` says of a target that is wholly in view."""
-    low, high = target.dots.min(axis=0), target.dots.max(axis=0)
-    around = View(np.array([2.0 * low - high, 2.0 * high - low]), 1.0, 0.0, 0.0)
-    return apart_at_least(around, target, np.eye(3), np.ones(len(target.dots), dtype=bool), len(target.dots))
+    maps = self_maps(target)
+    in_all = 2 * (maps.image[~maps.mirrored] < 0).sum(axis=1).min(initial=_APART)  # dots missing, and as many too many
+    return apart(view, target, fit) >= min(_APART, int(in_all))
 
 
 def _others(count: int, some: Ints) -> Ints:

@@ -65,25 +65,23 @@ def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
 
 
-def seen_by(camera: Camera, pixels: Floats, tolerance: float | None) -> View:
+def seen_by(camera: Camera, pixels: Floats) -> View:
     """The directions of pixels (n, 2); one that the camera cannot show stays nan."""
     rays = camera.normalised(pixels)
     spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
-    reach = spacing * (tolerance or _EXACT)
-    return View(rays, spacing, reach, reach, camera)
+    return View(rays, spacing, _EXACT * spacing, _EXACT * spacing, camera)
 
 
-def guesses(pixels: Floats, size: tuple[int, int] | None, tolerance: float | None) -> Iterator[View]:
+def guesses(pixels: Floats, size: tuple[int, int] | None) -> Iterator[View]:
     """Pixels (n, 2) freed from a guessed radial distortion about the middle of the image (or of the dots)."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     middle = 0.5 * (low + high) if size is None else 0.5 * (np.array(size, dtype=np.float64) - 1.0)
     radius = float(np.linalg.norm(np.maximum(high - middle, middle - low)))
     arm = pixels - middle
-    fine, reach = (tolerance, tolerance) if tolerance else _GUESSED
     for bend in _BENDS:
         points = middle + arm * (1.0 + bend / radius**2 * (arm * arm).sum(axis=1, keepdims=True))
         spacing = _spacing(points)
-        yield View(points, spacing, fine * spacing, reach * spacing)
+        yield View(points, spacing, _GUESSED[0] * spacing, _GUESSED[1] * spacing)
 
 
 def _spacing(points: Floats) -> float:
