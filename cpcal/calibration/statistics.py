@@ -96,13 +96,10 @@ def mean_rotations(quaternion: Floats, group: Ints, count: int) -> Floats:
     return np.asarray(np.where(mean[:, :1] < 0, -mean, mean))
 
 
-def means(campaign: Campaign, group: Ints, count: int) -> dict[str, Floats]:
+def means(campaign: Campaign, group: Ints, count: int) -> tuple[Floats, Floats, Floats]:
     """Position, quaternion and length of the means of a campaign's groups, as `Campaign.of` takes them."""
-    return {
-        "position": group_means(campaign.position, group, count),
-        "quaternion": mean_rotations(campaign.quaternion, group, count),
-        "length": group_means(campaign.length, group, count),
-    }
+    position, length = (group_means(table, group, count) for table in (campaign.position, campaign.length))
+    return position, mean_rotations(campaign.quaternion, group, count), length
 
 
 def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tuple[Ints, tuple[str, ...]]:
@@ -182,7 +179,7 @@ def averaged(
     largest = widths.max(axis=0) / factor  # what holds for all rows
     return Campaign.of(
         campaign.robot,
-        **means(campaign, group, len(names)),
+        *means(campaign, group, len(names)),
         pose=names,
         run=["mean"] * len(names),
         uncertainty=Uncertainty(largest[:3], largest[3:6], largest[6:], factor),

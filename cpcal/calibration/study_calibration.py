@@ -124,7 +124,7 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
         return rows, names
     return Campaign.of(
         rows.robot,
-        **means(rows, group, len(first)),
+        *means(rows, group, len(first)),
         pose=[rows.pose[k] for k in first],
         run=names,
         exact=True,

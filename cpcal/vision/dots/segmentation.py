@@ -90,7 +90,7 @@ def noise_level(image: Grey) -> float:
     upto, half = np.cumsum(counts), 0.5 * second.size
     level = min(int(np.searchsorted(upto, half, side="right")), len(counts) - 1)
     within = (half - (upto[level] - counts[level])) / max(counts[level], 1)
-    return max((level - 0.5 + within) / _MEDIAN, _ROUNDING)
+    return max(float(level - 0.5 + within) / _MEDIAN, _ROUNDING)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -95,7 +95,7 @@ def straightness(points: Floats, tolerance: float) -> tuple[int, int]:
 def _near_pairs(points: Floats, neighbours: int) -> tuple[Ints, Ints]:
     """Each pair once."""
     count = len(points)
-    near = cKDTree(points).query(points, min(neighbours + 1, count))[1][:, 1:]
+    near = np.asarray(cKDTree(points).query(points, min(neighbours + 1, count))[1], dtype=np.int64)[:, 1:]
     one = np.repeat(np.arange(count), near.shape[1])
     every = np.unique(count * np.minimum(one, near.ravel()) + np.maximum(one, near.ravel()))
     return every // count, every % count

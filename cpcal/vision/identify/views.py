@@ -43,7 +43,7 @@ class View:
             low, high = self.points.min(axis=0), self.points.max(axis=0)
             return np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
         low, high = _seen_rectangle(self.camera)
-        inside = ((predicted >= low) & (predicted <= high)).all(axis=-1)
+        inside: Bools = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
         pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
         edge = (2.0 * margin * self.camera.focal.max())[..., None]  # whole, and some plate around it
         size = np.array([self.camera.width, self.camera.height])
@@ -85,7 +85,7 @@ def guesses(pixels: Floats, size: tuple[int, int] | None) -> Iterator[View]:
 
 
 def _spacing(points: Floats) -> float:
-    return median(cKDTree(points).query(points, 2)[0][:, 1]) if len(points) > 1 else 0.0
+    return median(np.asarray(cKDTree(points).query(points, 2)[0])[:, 1]) if len(points) > 1 else 0.0
 
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
