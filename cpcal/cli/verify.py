@@ -155,7 +155,7 @@ def legs_beside(run: Path) -> Iterator[Callable[[], Legs]]:
 
         def answers() -> Legs:
             found: list[LegChecked | None] = [None] * len(checks)
-            for k, (share, future) in enumerate(zip(shares, begun, strict=True)):
+            for k, future in enumerate(begun):
                 with suppress(BrokenExecutor):
                     found[k::count] = future.result()
             return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost worker, here
