@@ -44,6 +44,6 @@ def test_the_corners_of_the_data_are_the_corners_of_the_frame():
 def test_words_are_escaped_and_data_are_no_markup():
     figure = Figure(100, 50)
     figure.text(1.0, math.pi, "<b>&")
-    Axes(figure, (0.0, 0.0, 9.0, 9.0), (0.0, 1.0), (0.0, 1.0)).line([(0, 0), (1, 1)], INK)
+    Axes(figure, (0.0, 0.0, 9.0, 9.0), (0.0, 1.0), (0.0, 1.0)).line(INK, [(0, 0), (1, 1)])
     assert ">&lt;b&gt;&amp;</text>" in figure.svg("x")
     assert 'd="M0 9L9 0"' in figure.svg("x")
