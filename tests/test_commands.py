@@ -14,7 +14,8 @@ from cpcal.cli import app
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-SHORT = {  # added to a command so that it ends soon, which changes nothing of how it is understood: the last value counts
+# Added to a command so that it ends soon, which changes nothing of how it is understood: the last value counts.
+SHORT = {
     "simulate": ["--factor", "0"],
     "certify": ["--legs", "1", "--time-limit", "2"],
     "handeye study --simulate": ["--simulate", "5"],
