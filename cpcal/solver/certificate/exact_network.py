@@ -210,7 +210,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
     ]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
     checked = [[None if p is None else _checked(p) for p in part] for part in elements]
-    items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]  # type: ignore[arg-type]
+    items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
     return items, rows
 
 
