@@ -107,9 +107,7 @@ def test_a_contractor_that_takes_no_deadline_is_refused_with_the_remedy() -> Non
     x = net.variable("x", (), (0, 1))
     net.add(x * x <= 0.25)
     for contractor in (Former(), Shaving(Former()), Repeat(Former()), Former() >> HC4(net)):
-        with pytest.raises(
-            PluginError, match=r"Former takes no deadline: write def contract\(self, box, dead"
-        ):
+        with pytest.raises(PluginError, match=r"Former takes no deadline: write def contract\(self, box, dead"):
             net.contract(contractors=[contractor])
     with pytest.raises(PluginError, match=r"write def contract_batch\(self, boxes, deadline=math"):
         net.solve(contractors=[FormerBatches(net)], strategy="largest", width=0.1)
