@@ -10,7 +10,8 @@ from .exact_campaign import ExactCampaign
 from .files import POSE_SET_SUFFIX, WORK
 from .header import FORMAT
 from .refusal import Refused, Unusable
-from .run import RESULT_NAME, LegChecked, RobustChecked, check_run, leg_checks
+from .run import RESULT_NAME, Certificates, LegChecked, RobustChecked, certificates_of, check_run, leg_checks
 
-__all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Claims", "ExactCampaign"]
-__all__ += ["LegChecked", "Point", "Refused", "RobustChecked", "Unusable", "check", "check_run", "leg_checks"]
+__all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Certificates", "Claims"]
+__all__ += ["ExactCampaign", "LegChecked", "Point", "Refused", "RobustChecked", "Unusable"]
+__all__ += ["certificates_of", "check", "check_run", "leg_checks"]

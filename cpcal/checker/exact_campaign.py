@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array as array_of
+from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ class ExactCampaign:
         self.legs = 0
         self.place: dict[str, int] = {}  # number of each measurement by its name, pose/run
         self._numbers = array_of("d")
+        self._shortest: dict[int, F] = {}
         try:
             with opened(path) as stream:
                 members = Members(stream, _LARGEST)
@@ -75,6 +77,12 @@ class ExactCampaign:
         numbers = self._numbers[k * width : (k + 1) * width]
         widths = (*numbers[first : first + 6], numbers[first + 5 + leg])
         return Measurement(numbers[3:7], numbers[:3], numbers[6 + leg], widths)
+
+    def shortest(self, leg: int) -> F:
+        """Of all lengths that the readings of a leg may stand for."""
+        if leg not in self._shortest:
+            self._shortest[leg] = min(self.measurement(k, leg).shortest for k in range(len(self)))
+        return self._shortest[leg]
 
 
 def _depth(value: Any) -> int:

@@ -14,9 +14,9 @@ from typing import Any, BinaryIO
 from .readers import shown
 from .refusal import Refused, Unusable
 
-WORK = 100_000_000  # of one certificate: see docs/certificate-format.md, "Limits"
-RUN_WORK = 100_000_000  # of all legs of a run of up to 1,000 measurements: 10 s
+WORK = 100_000_000  # of one certificate, or of a run of up to 1,000 measurements: 10 s
 _A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond
+A_FILE = 10_000  # at least
 POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
 STUDY_NAME = "study.json"  # of hand-eye runs
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
@@ -153,7 +153,7 @@ class Members:
 
 def leg_work(legs: int, measurements: int) -> int:
     """What the check of each of so many legs of a run may cost."""
-    return RUN_WORK // max(legs, 1) + _A_MEASUREMENT * max(0, measurements - 1_000)
+    return WORK // max(legs, 1) + _A_MEASUREMENT * max(0, measurements - 1_000)
 
 
 class Budget:

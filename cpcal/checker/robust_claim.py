@@ -10,6 +10,7 @@ from fractions import Fraction as F
 from typing import Any
 
 from .claims import Accepted
+from .exact_campaign import ExactCampaign
 from .files import Budget
 from .readers import shown
 from .refusal import Refused, Unusable
@@ -30,8 +31,8 @@ from .run import (
 )
 
 
-def check_leg(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
-    campaign, bracket = certificates.campaign, leg["bracket"]
+def check_leg(campaign: ExactCampaign, certificates: Certificates, result: Json, leg: Json) -> LegChecked:
+    bracket = leg["bracket"]
     number, outliers = leg["leg"], result["options"]["outliers"]
 
     def accepted(file: Any) -> Accepted:

@@ -12,7 +12,7 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import Budget, content, leg_work, parsed
+from .files import A_FILE, WORK, Budget, content, leg_work, parsed
 from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
@@ -82,7 +82,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
         work = work // max(len(legs), 1) or leg_work(len(legs), len(campaign))
         certificates = Certificates(folder, campaign, work)
-        return [partial(_checked, replace(certificates), result, leg) for leg in legs]
+        return [partial(_checked, campaign, replace(certificates), result, leg) for leg in legs]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
@@ -104,33 +104,45 @@ def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, An
     yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
 
 
+def certificates_of(folder: Path, *, work: int = 0) -> Certificates:
+    """Those of a folder without result.json, about one campaign or about constraints that they state themselves.
+
+    They share one budget, as the legs of a run do. Raises Refused for a campaign.json that is none.
+    """
+    if not (folder / NAME).exists():
+        return Certificates(folder, folder / NAME, work or WORK)
+    campaign = ExactCampaign(folder / NAME)
+    return Certificates(folder, campaign, work or campaign.legs * leg_work(campaign.legs, len(campaign)))
+
+
 @dataclass
 class Certificates:
     """Those of a folder: each is checked once, and all together cost no more than `work`."""
 
     folder: Path
-    campaign: ExactCampaign
+    campaign: ExactCampaign | Path
     work: int
 
     def __post_init__(self) -> None:
         self.budget = Budget(self.work)
-        self._names = {path.name for path in self.folder.glob("*.cert.jsonl")}
+        self.names = {path.name for path in self.folder.glob("*.cert.jsonl")}
         self._known: dict[str, Accepted] = {}
 
     def accepted(self, file: Any) -> Accepted:
-        if file not in self._names:
+        if file not in self.names:
             raise Refused(f"names no certificate of its folder: {shown(file)}")
         if file not in self._known:
+            self.budget.spend(A_FILE)
             self._known[file] = check(self.folder / file, self.campaign, work=self.budget)
         return self._known[file]
 
 
-def _checked(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
+def _checked(campaign: ExactCampaign, certificates: Certificates, result: Json, leg: Json) -> LegChecked:
     if result["options"]["outliers"]:
         from .robust_claim import check_leg
 
-        return check_leg(certificates, result, leg)
-    campaign, bracket = certificates.campaign, leg["bracket"]
+        return check_leg(campaign, certificates, result, leg)
+    bracket = leg["bracket"]
     number, name, every = leg["leg"], bracket["certificate"], list(range(len(campaign)))
 
     def accepted(file: Any, chosen: list[int]) -> Accepted:
@@ -259,8 +271,8 @@ def _of_the_hull(result: Json, box: Json, accepted: Accepted, *, empty: bool) ->
 
 def all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
     """Whether the cap is above every eps for which legs can be longer than eps."""
-    cap, shortest = accepted.claims.cap, min(campaign.measurement(k, leg).shortest for k in range(len(campaign)))
-    return cap is not None and cap >= shortest + accepted.hi[6]
+    cap = accepted.claims.cap
+    return cap is not None and cap >= campaign.shortest(leg) + accepted.hi[6]
 
 
 def nothing_beside(of: Json, *proved: str) -> None:

@@ -22,7 +22,7 @@ from cpcal.cli.options import (
     output,
 )
 from cpcal.cli.verified import other_fits, stated_otherwise
-from cpcal.cli.verify import check_all, checked_certificate, checked_legs, result_of
+from cpcal.cli.verify import check_all, checked_certificates, checked_legs, result_of
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
@@ -46,7 +46,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
     fits, result, timeout = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / TIMEOUT)
     parts = (FITS, RUN, PIXEL_RUN)
-    accepted, said = check_all(path for part in parts for path in sorted((folder / part).glob("*.cert.jsonl")))
+    accepted, said = check_all(folder / part for part in parts)
     if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
         from cpcal.checker.pose_claim import check_pose_sets
 
@@ -140,7 +140,7 @@ def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     for run in (folder / RUN, folder / PIXEL_RUN):
         if run.is_dir():
             _stop(run, [*_refused(run), *stated_otherwise(load_campaign_json(run), load_result(run))])
-    claimed = {path.name: checked_certificate(path) for path in sorted((folder / FITS).glob("*.cert.jsonl"))}
+    claimed = checked_certificates(folder / FITS)
     proved = {name: found for name, found in claimed.items() if not isinstance(found, str)}
     wrong = [f"{name}: {reason}" for name, reason in claimed.items() if isinstance(reason, str)]
     stated = load_fits(folder / FITS)

@@ -239,6 +239,9 @@ def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, said: list[str
 
 def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: list[str]) -> Iterator[str]:
     """The same of compare.json: of legs of a campaign, or of the user's networks."""
+    if twice := list(_repeated("entries", [(entry.subject, entry.model) for entry in stated.entries])):
+        yield from twice
+        return
     campaign, options, entries = None, None, []
     if stated.options is not None:
         campaign, options = load_campaign_json(folder), replace(stated.options, eps=None, outliers=0)
@@ -248,7 +251,6 @@ def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: 
             yield "options.legs"
         if not stated.interrupted and len(stated.entries) != len(legs) * len(stated.models):
             yield "entries"
-    yield from _repeated("entries", [(entry.subject, entry.model) for entry in stated.entries])
     yield from _unnamed([entry.certificate for entry in stated.entries], claimed)
     exact = None if campaign is None else ExactCampaign(folder / CAMPAIGN_NAME)
     for note in map(ModelNote, () if campaign is None else stated.models):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, suppress
 from fractions import Fraction as F
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,17 +16,19 @@ from cpcal.checker import (
     POSE_SET_SUFFIX,
     RESULT_NAME,
     Accepted,
+    Certificates,
     LegChecked,
     Refused,
     Unusable,
+    certificates_of,
     check,
     leg_checks,
 )
 from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
+from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, RUN, unfinished
-from cpcal.solver.execution.forked import side_by_side
+from cpcal.solver.execution.executors import executor_for
 
 if TYPE_CHECKING:
     from cpcal.questions import Result
@@ -36,10 +39,9 @@ Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
 
 
-def told(name: str, accepted: Accepted, seconds: float | None = None) -> Iterator[Statement]:
+def told(name: str, accepted: Accepted) -> Iterator[Statement]:
     """What a certificate proves, and how much work the check was."""
-    work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
-    yield from ((True, f"{name}: {sentence}: PROVED, {work}") for sentence in sentences(accepted))
+    yield from ((True, f"{name}: {sentence}: PROVED, {accepted.steps} steps") for sentence in sentences(accepted))
 
 
 def sentences(accepted: Accepted) -> list[str]:
@@ -146,8 +148,23 @@ def legs_beside(run: Path) -> Iterator[Callable[[], Legs]]:
 
         yield refuse
         return
-    with side_by_side(checks) as answers:
+    count = min(len(checks), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+    shares = [checks[k::count] for k in range(count)]
+    with executor_for(count) as (executor, _):
+        begun = [executor.submit(_done, share) for share in shares]
+
+        def answers() -> Legs:
+            found: list[LegChecked | None] = [None] * len(checks)
+            for k, future in enumerate(begun):
+                with suppress(BrokenExecutor):
+                    found[k::count] = future.result()
+            return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost worker, here
+
         yield answers
+
+
+def _done(checks: Sequence[Callable[[], LegChecked]]) -> list[LegChecked]:
+    return [one() for one in checks]
 
 
 def checked_legs(run: Path) -> Legs:
@@ -168,28 +185,36 @@ def result_of(run: Path) -> Result | str:
         return "; ".join(problem.what for problem in error.problems)
 
 
-def checked_certificate(path: Path) -> Accepted | str:
-    """What a certificate proves, or why it is refused. Raises InputError where there is nothing to check."""
+def checked_certificate(path: Path, among: Certificates | None = None) -> Accepted | str:
+    """What a certificate proves, or why it is refused; `among` others it shares their budget.
+
+    Raises InputError where there is nothing to check.
+    """
     try:
-        return check(path)
+        return check(path) if among is None else among.accepted(path.name)
     except Refused as reason:
         return str(reason)
     except Unusable as reason:
         raise InputError([Problem(str(path), str(reason), "name the folder of a run, or a certificate")]) from None
 
 
-def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:
-    """Whether all certificates are accepted, each for the campaign.json beside it, and a sentence."""
-    steps, files = 0, list(certificates)
-    refused = []
-    for path in files:
-        try:
-            steps += check(path).steps
-        except (Refused, Unusable) as reason:
-            refused.append(f"{path.name} ({reason})")
-    of = f"{len(files)} certificates"
+def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
+    """The same of all certificates of a folder, which share one budget. Raises InputError."""
+    try:
+        among = certificates_of(folder)
+    except Refused as reason:
+        return {folder.name: str(reason)}
+    return {name: checked_certificate(folder / name, among) for name in sorted(among.names)}
+
+
+def check_all(folders: Iterable[Path]) -> tuple[bool, str]:
+    """Whether all certificates of these folders are accepted, and a sentence."""
+    found = [one for folder in folders for one in checked_certificates(folder).items()]
+    refused = [f"{name} ({reason})" for name, reason in found if isinstance(reason, str)]
+    of = f"{len(found)} certificates"
     if refused:
         return False, f"Of {of} the checker REFUSED {len(refused)}: {'; '.join(refused)}."
+    steps = sum(one.steps for _, one in found if not isinstance(one, str))
     return True, f"The checker accepted all {of} (exact arithmetic, no solver): {steps:,} steps."
 
 
@@ -239,7 +264,7 @@ def _statements(target: Path, campaign: Path | None, sources: list[Path]) -> Ite
     elif target.is_dir():
         yield from of_folder(target)
     else:
-        yield from _of_certificate(target)[0]
+        yield from _said_of(target.name, checked_certificate(target))
 
 
 def of_folder(folder: Path) -> Iterator[Statement]:
@@ -263,13 +288,13 @@ def of_folder(folder: Path) -> Iterator[Statement]:
         if not heads and any(folder.glob(f"*/{RUN.head}")):
             yield from verified.of_campaigns(folder)
         else:
-            proved = {}
-            for path in _certificates(folder, heads):
-                said, accepted = _of_certificate(path)
-                yield from said
-                if accepted is not None:
-                    proved[path.name] = accepted
-            yield from verified.of_others(folder, proved)
+            _there(folder, heads)
+            found = checked_certificates(folder)
+            for name, accepted in found.items():
+                yield from _said_of(name, accepted)
+            yield from verified.of_others(
+                folder, {name: one for name, one in found.items() if not isinstance(one, str)}
+            )
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
@@ -287,22 +312,19 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
         yield False, "campaign.json: REFUSED, the campaign is another one: its SHA-256 differs"
 
 
-def _certificates(folder: Path, heads: list[str]) -> list[Path]:
-    """Those of a folder without result.json. Raises InputError where there is nothing to check."""
-    found = sorted(folder.glob("*.cert.jsonl"))
+def _there(folder: Path, heads: list[str]) -> None:
+    """Raises InputError where a folder without result.json has nothing to check."""
     if unfinished(folder):
         what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
         raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
-    if not found and not heads:
+    if not heads and not any(folder.glob("*.cert.jsonl")):
         what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
         raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
-    return found
 
 
-def _of_certificate(path: Path) -> tuple[list[Statement], Accepted | None]:
-    """What one certificate proves by itself. Raises InputError where it cannot be read."""
-    began = time.monotonic()
-    accepted = checked_certificate(path)
+def _said_of(name: str, accepted: Accepted | str) -> Iterator[Statement]:
+    """What one certificate proves."""
     if isinstance(accepted, str):
-        return [(False, f"{path.name}: REFUSED, {accepted}")], None
-    return list(told(path.name, accepted, time.monotonic() - began)), accepted
+        yield False, f"{name}: REFUSED, {accepted}"
+    else:
+        yield from told(name, accepted)

@@ -9,7 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
+from benchmarks.genuine_runs import RUNS
+from cpcal.checker import Refused, certificates_of
+from cpcal.checker.files import A_FILE
 from cpcal.cli import app
+from cpcal.files.folders import save_campaign_json
 
 
 @pytest.fixture(scope="module")
@@ -109,3 +113,42 @@ def test_a_refuted_tolerance_is_certified(run, tmp_path):
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(run.parent / "campaign")])
     assert done.exit_code == 0
     assert "|g| <= 0.1 mm for any readings" in done.output
+
+
+@pytest.mark.parametrize("kind", ["compare", "fits", "accuracy"])
+def test_all_certificates_of_a_folder_share_one_budget(kind, tmp_path, monkeypatch):
+    """Each by itself costs less than half of what they may cost together."""
+    RUNS[kind](tmp_path)
+    run = tmp_path / "run"
+    among = certificates_of(run)
+    before = among.budget.left
+    for name in among.names:
+        among.accepted(name)
+        assert before - among.budget.left >= A_FILE
+    whole, legs = before - among.budget.left, among.campaign.legs
+    monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: -(-whole // legs))
+    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 0
+    monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: whole // legs - 1)
+    done = CliRunner().invoke(app, ["verify", str(run)])
+    assert done.exit_code == 1
+    refused = [line for line in done.output.splitlines() if "takes more work than the" in line]
+    assert [line.split(":")[0] for line in refused] == [max(among.names)]
+
+
+def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path):
+    """A certificate of a hundred bytes counts as a millisecond, and the campaign is read once for all of them."""
+    save_campaign_json(cpcal.simulate(seed=4, factor=0.0), tmp_path)
+    for k in range(30):
+        (tmp_path / f"{k}.cert.jsonl").write_text("{}\n")
+    among = certificates_of(tmp_path, work=25 * A_FILE)
+    for k, name in enumerate(sorted(among.names)):
+        with pytest.raises(Refused, match="more work than" if k >= 24 else "format"):
+            among.accepted(name)
+
+
+def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
+    RUNS["fits"](tmp_path)
+    (tmp_path / "run" / "campaign.json").write_text("{}")
+    done = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
+    assert done.exit_code == 1
+    assert "run: REFUSED, campaign.json: is not JSON of this format" in done.output

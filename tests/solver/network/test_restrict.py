@@ -38,6 +38,7 @@ def bodies(net: ConstraintNetwork, x: Expr, y: Expr, rng: np.random.Generator) -
         abs(p[::-1, 1]) - rng.normal(size=(N, 1))[:, 0] * x[1] ** 3,
         sqr(y)[:, None] + p,
         y[1:4][[0, 1, 2, 2, 1, 0]] - r,
+        p[np.arange(N), [0, 2, 1, 1, 0, 2]] * x[0] - r,
     ]
 
 
