@@ -133,8 +133,12 @@ class NetworkStatement:
         }
         for c in self.items:
             parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
-            texts = {k: p and [[list(monomial), number(v)] for monomial, v in sorted(p) if v] for k, p in parts.items()}
+            texts = {k: p and _polynomial(p) for k, p in parts.items()}
             yield {"name": c.name, "root": c.root, **texts}
+
+
+def _polynomial(p: Given) -> list[Any]:
+    return [[list(monomial), number(c)] for monomial, c in sorted(p) if c]
 
 
 def limits(box: Box) -> dict[str, list[str]]:
