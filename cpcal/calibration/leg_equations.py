@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Floats, frozen_array
+from cpcal.common.values import Floats, fill, frozen_array
 from cpcal.robot import Campaign, quaternion_from_rotation_vector, rotation_matrix
 
 _SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
@@ -106,10 +106,9 @@ class Noise:
     freedom: float = np.inf
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", frozen_array(self.pose))
-        object.__setattr__(self, "length", frozen_array(self.length))
+        fill(self, pose=frozen_array(self.pose), length=frozen_array(self.length))
         if self.correlation is not None:
-            object.__setattr__(self, "correlation", frozen_array(self.correlation))
+            fill(self, correlation=frozen_array(self.correlation))
         pose, length, joint = self.pose, self.length, self.correlation
         if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
             what = f"has the shapes {pose.shape} and {length.shape}"

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -190,7 +190,7 @@ class Camera(Value):
             array = frozen_array(getattr(self, name))
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
-            object.__setattr__(self, name, array)
+            fill(self, **{name: array})
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
 

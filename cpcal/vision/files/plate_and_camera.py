@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_file
-from cpcal.common.values import Floats, Value, frozen_array, frozen_mapping
+from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.files.settings import Table, TomlReader, matrix, provenance_lines, quoted, vector
 from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
@@ -61,10 +61,10 @@ class CameraRecord(Value):
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        fill(self, provenance=frozen_mapping(self.provenance))
         problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
         if self.covariance is not None:
-            object.__setattr__(self, "covariance", frozen_array(self.covariance))
+            fill(self, covariance=frozen_array(self.covariance))
             problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
             if self.camera.model != BROWN:
                 what = f"goes with a lens of the model {self.camera.model}"
