@@ -45,14 +45,13 @@ class LegEquations:
 
     def by_parameters(self, x: Floats) -> Floats:
         """dg/dx, (N, n, 7): [-v/||v||, R' v/||v||, -1]."""
-        along = self._along(self.vectors(x)[0])
+        along, _ = self._directions(x)
         turned = np.einsum("kni,kij->knj", along, self.rotation)
         return np.concatenate([-along, turned, np.full((*along.shape[:2], 1), -1.0)], axis=-1)
 
     def by_pose(self, x: Floats) -> Floats:
         """dg/d(P, theta), (N, n, 6): [v, R b x v] / ||v||; per mm and per rad. By the leg readings it is -1."""
-        vector, arm = self.vectors(x)
-        along = self._along(vector)
+        along, arm = self._directions(x)
         return np.concatenate([along, np.cross(arm, along)], axis=-1)
 
     def vectors(self, x: Floats) -> tuple[Floats, Floats]:
@@ -60,10 +59,10 @@ class LegEquations:
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
         return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
 
-    @staticmethod
-    def _along(vector: Floats) -> Floats:
-        """Unit vectors (N, n, 3)."""
-        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST))
+    def _directions(self, x: Floats) -> tuple[Floats, Floats]:
+        """v / ||v|| and R b, each (N, n, 3)."""
+        vector, arm = self.vectors(x)
+        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST)), arm
 
 
 def weighted_jacobian(equations: LegEquations, weight: Floats, x: Floats) -> Floats:
