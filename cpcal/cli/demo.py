@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -301,7 +300,7 @@ def _images_found(
                 tuple(_pictures(done)),
             ),
             ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
-            ImagePart("Where time went", table=_time(done)),
+            ImagePart("Time", (_pace(done),)),
             ImagePart("Reading sets from pixels", (enclosed,), tuple(widths)),
             ImagePart("", (again,), tuple(brackets)),
         )
@@ -358,11 +357,7 @@ def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     return (("", *_AXES), *((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items()))
 
 
-def _time(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    count = sum(found.measured for found in done.found.values())
-    work: Counter[str] = sum((Counter(found.seconds) for found in done.found.values()), Counter())
-    total = work.total()
-    rows = [(stage, f"{seconds:.1f}", f"{1e3 * seconds / max(count, 1):.1f}") for stage, seconds in work.items()]
-    pace = f"{count / total:.0f}" if total > 0.0 else "—"
-    rows.append((f"all: {pace} images a second of work; the paper: {_PACE:.1f}", f"{total:.1f}", ""))
-    return (("stage", "work [s]", "an image [ms]"), *rows)
+def _pace(done: ImageStudy) -> str:
+    count, total = (sum(getattr(found, name) for found in done.found.values()) for name in ("measured", "seconds"))
+    pace = f"{count / total:.0f} images a second of work" if total > 0.0 else "No image was measured now"
+    return f"{pace}; the paper: {_PACE:.1f}."

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import partial
+from functools import partial, reduce
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
 from cpcal.checker.exact_polynomial import constant
-from cpcal.checker.header import polynomial
-from cpcal.checker.problem import Constraint, Problem, Unknowns
+from cpcal.checker.header import Given, polynomial
+from cpcal.checker.problem import SIDES, Constraint, Problem, Unknowns
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box, IntervalArray
@@ -34,9 +34,6 @@ from cpcal.solver.network.rewrite import terms
 _DIGITS = 64  # of a number, on either side of the point, at most
 LONGEST = 2 * 4 * _DIGITS  # bits
 HIGHEST_POWER = 1100  # of two, in a number of the format
-
-
-Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 
 
 @dataclass(frozen=True)
@@ -75,19 +72,27 @@ class Statement(Protocol):
 
 
 # parts of the leg network's constraints: -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row
+_LEG_CONSTRAINTS = range(2)
 _LEG_SIDES = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
 
 
 @dataclass(frozen=True)
 class LegStatement:
-    """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all."""
+    """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all.
+
+    The network's constraints beyond those of the leg are of the `forms`, from number `first` on.
+    """
 
     problem: Problem
     sha256: str
     leg: int
     only: tuple[int, ...] | None = None
+    forms: tuple[Given, ...] = ()
+    first: int = 0
 
     def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
+        if constraint == len(_LEG_CONSTRAINTS):
+            return SIDES[part], self.problem.count - len(self.forms) + self.first + element
         return _LEG_SIDES[constraint, part], element if self.only is None else self.only[element]
 
     def header(self, domain: Box) -> Iterator[dict[str, Any]]:
@@ -96,8 +101,9 @@ class LegStatement:
             "campaign": self.sha256,
             "leg": self.leg,
             "model": self.problem.model,
-            "measurements": self.problem.count,
+            "measurements": self.problem.count - len(self.forms),
             "only": None if self.only is None else list(self.only),
+            **({"forms": [_polynomial(form) for form in self.forms]} if self.forms else {}),
             **limits(domain),
         }
 
@@ -126,12 +132,9 @@ class NetworkStatement:
             **limits(domain),
         }
         for c in self.items:
-            yield _constraint(c)
-
-
-def _constraint(c: Stated) -> dict[str, Any]:
-    parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
-    return {"name": c.name, "root": c.root} | {k: None if p is None else _polynomial(p) for k, p in parts.items()}
+            parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
+            texts = {k: p and _polynomial(p) for k, p in parts.items()}
+            yield {"name": c.name, "root": c.root, **texts}
 
 
 def _polynomial(p: Given) -> list[Any]:
@@ -205,9 +208,9 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
         body, others = exact.of(sqr(factor) * node.args[0]), exact.of(rest)
         signs = {c.constant > 0 for c in exact.of(factor).ravel()}
         if signs == {True}:
-            low, high = _less(low, others), _less(high, others)
+            low, high = _minus(low, others), _minus(high, others)
         elif signs == {False}:  # rest - sqrt(u) between low and high
-            low, high = (None if b is None else _taken(others, b) for b in (high, low))
+            low, high = _minus(others, high), _minus(others, low)
             upper, lower = lower, upper
         else:
             raise NotStated("the factor of the square root changes its sign")
@@ -216,10 +219,8 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
         *(lower if _somewhere(constraint.lower, -1.0) else []),
     ]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
-    items = [
-        Stated(f"{name}[{k}]", node is not None, *(p if p is None else _checked(p) for p in parts))  # type: ignore[arg-type]
-        for k, parts in enumerate(zip(*elements, strict=True))
-    ]
+    checked = [[None if p is None else _checked(p) for p in part] for part in elements]
+    items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
     return items, rows
 
 
@@ -252,14 +253,6 @@ def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Obje
     return exact.of(bound)
 
 
-def _less(bound: Objects | None, others: Objects) -> Objects | None:
-    return None if bound is None else np.frompyfunc(lambda b, o: None if b is None else b - o, 2, 1)(bound, others)
-
-
-def _taken(others: Objects, bound: Objects) -> Objects:
-    return np.asarray(np.frompyfunc(lambda o, b: None if b is None else o - b, 2, 1)(others, bound), dtype=object)
-
-
 def _checked(p: _Poly) -> Given:
     for c in p.terms.values():
         power = 4 * HIGHEST_POWER if c.denominator & (c.denominator - 1) else c.denominator.bit_length()
@@ -272,6 +265,9 @@ def _bits(c: F) -> int:
     """Of the odd mantissa of a dyadic number."""
     n = abs(c.numerator)
     return n.bit_length() - (n & -n).bit_length() + 1
+
+
+_minus: Any = np.frompyfunc(lambda a, b: None if a is None or b is None else a - b, 2, 1)
 
 
 class _Poly:
@@ -292,11 +288,11 @@ class _Poly:
             out[m] = out.get(m, F(0)) + c
         return _Poly(out)
 
-    def __sub__(self, other: _Poly) -> _Poly:
-        return self + -other
-
     def __neg__(self) -> _Poly:
         return _Poly({m: -c for m, c in self.terms.items()})
+
+    def __sub__(self, other: _Poly) -> _Poly:
+        return self + -other
 
     def __mul__(self, other: _Poly) -> _Poly:
         out: Terms = {}
@@ -340,7 +336,8 @@ class ExactPolynomials:
         if node.op == "sqr":
             return np.asarray(args[0] * args[0], dtype=object)
         if node.op == "power" and node.parameter >= 0:
-            return _power(args[0], node.parameter)
+            one = _array([_Poly({(): F(1)})] * args[0].size, args[0].shape)
+            return np.asarray(reduce(np.multiply, [args[0]] * node.parameter, one), dtype=object)
         if node.op in _BINARY:
             return np.asarray(_BINARY[node.op](*args), dtype=object)
         raise NotStated(f"{node.op!r} has no exact polynomial form")
@@ -353,13 +350,6 @@ _BINARY: dict[str, Any] = {
     "mul": np.multiply,
     "div": np.true_divide,
 }
-
-
-def _power(x: Objects, n: int) -> Objects:
-    out = _array([_Poly({(): F(1)})] * x.size, x.shape)
-    for _ in range(n):
-        out = np.asarray(out * x, dtype=object)
-    return out
 
 
 def _constant(node: Expr) -> Objects:
