@@ -72,8 +72,8 @@ def certified_boxes(
     for leg, error in zip(result.legs, assumed, strict=True):
         options = replace(result.options, eps=error.eps, tolerance=None, method="bound")
         question = Question(campaign=campaign, options=options, certificates=folder, prefix=PREFIX)
-        center = np.array(leg.bracket.center)
-        start = np.append(leg.bracket.center if leg.bracket.point is None else leg.bracket.point, error.eps)
+        center = np.array(leg.center)
+        start = np.append(leg.center if leg.bracket.point is None else leg.bracket.point, error.eps)
         found = by_bound(PreparedLeg.of(question, leg.leg, center), start, lambda _: None)
         box = found.minimum.enclosure
         sides = (tuple(map(float, side[:7])) for side in (box.lo, box.hi))

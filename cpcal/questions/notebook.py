@@ -62,7 +62,7 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "leg": leg.leg,
             "parameter": name,
             "unit": result.model.unit(name),
-            "center": leg.bracket.center[k],
+            "center": leg.center[k],
             "certified": math.nan if leg.bracket.point is None else leg.bracket.point[k],
             "range_lo": math.nan if known is None else float(known.box.lo[k]),
             "range_hi": math.nan if known is None else float(known.box.hi[k]),

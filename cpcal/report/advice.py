@@ -47,7 +47,7 @@ class Fitted:
 def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Fitted:
     """The fit that was the center of the box, or else one made now."""
     known = result.options.center == "fit"
-    x = np.array(leg.bracket.center) if known else fit_model(campaign, leg.leg, model)
+    x = np.array(leg.center) if known else fit_model(campaign, leg.leg, model)
     with np.errstate(all="ignore"):  # the center of a damaged result may be anywhere
         values, slopes = model_residuals(campaign, leg.leg, x, model), model_jacobian(campaign, leg.leg, x, model)
         return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))
