@@ -38,7 +38,6 @@ from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
 from cpcal.questions import (
-    Explained,
     Result,
     load_result,
     result_text,
@@ -247,7 +246,7 @@ def status_of(result: Result) -> Status:
     if result.options.tolerance is None:
         good = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
     else:
-        good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
+        good = all(verdict_of(result, leg).passes for leg in result.legs)
     return Status.ANSWERED if good else Status.UNKNOWN
 
 

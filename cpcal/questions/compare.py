@@ -71,13 +71,13 @@ def comparison(
         wrong.append(Problem("models", "none is named", f"name some, such as {', '.join(COMPARED)}"))
     if len(set(names)) < len(names):
         wrong.append(Problem("models", "one is named twice", "name each once"))
-    if center not in _CENTERS:
-        wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
     for name in widths:
         if name not in names:
             wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
     for name, model in zip(names, models, strict=True):
         wrong += chosen_model(campaign, model, widths.get(name))[1]
+    if center not in _CENTERS:
+        wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
     given = {"center": center if center in _CENTERS else "plain", "support": "none"} | given
     question_of(campaign, wrong, model="plain", **given)
     return [

@@ -16,7 +16,7 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
-from cpcal.questions import Explained, LegResult, Result, verdict_of
+from cpcal.questions import LegResult, Result, verdict_of
 from cpcal.report.section import Mark, Section, Table, Words, origin, page_text, verdict, versions
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
 
@@ -55,7 +55,7 @@ def _at(found: Compared) -> str | None:
 def passing(found: Compared, leg: int) -> list[str]:
     """The models that pass for a leg."""
     legs = _legs(found)[leg]
-    return [model for model, one in legs.items() if isinstance(verdict_of(found[model], one), Explained)]
+    return [model for model, one in legs.items() if verdict_of(found[model], one).passes]
 
 
 def comparison_table(found: Compared) -> Table:
