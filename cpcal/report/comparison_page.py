@@ -17,7 +17,7 @@ from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
 from cpcal.questions import LegResult, Result, verdict_of
-from cpcal.report.section import Mark, Section, Table, Words, origin, page_text, verdict, versions
+from cpcal.report.section import Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
 
 COMPARISON_PAGE = "compare.html"
@@ -60,7 +60,7 @@ def passing(found: Compared, leg: int) -> list[str]:
 
 def comparison_table(found: Compared) -> Table:
     """A row a leg and model. Bounds are rounded to the side on which they stay proved."""
-    rows: list[tuple[Words, ...]] = []
+    rows: list[Sequence[Words]] = []
     for number, legs in _legs(found).items():
         for model, leg in legs.items():
             judged, bracket = verdict_of(found[model], leg), leg.bracket
@@ -75,7 +75,7 @@ def comparison_table(found: Compared) -> Table:
             rows.append((f"leg {number}", model, *between, word, file, ", ".join(ranges)))
     at = "verdict" if (asked := _at(found)) is None else f"at {asked}"
     head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", at, "certificate", "extra parameters")
-    return Table(head, tuple(rows), ("", "word", "", "", "word", "word", "word"), "compared")
+    return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
 
 
 def comparison_sentences(found: Compared) -> list[str]:
@@ -124,17 +124,16 @@ def _short(result: Result, leg: LegResult) -> str:
 def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False) -> Path:
     """Write `compare.html` beside the runs of the models; its path. The same results give the same bytes."""
     at, robot = _at(found), _asked(found).robot
-    page = page_text(
+    notice = "Interrupted: what is shown was proved until then; the rest is missing."
+    page = Page(
         f"Models compared: {robot}",
-        "cpcal: models compared",
+        "models compared",
         robot,
         [_answers(found), _models(found), _origin(found)],
-        notices=["Interrupted: what is shown was proved until then; the rest is missing."] * stopped,
-        lead="How small can the error of each model be?"
-        if at is None
-        else f"Which models do the measurements refute at {at}?",
+        [notice] if stopped else [],
+        f"Which models do the measurements refute at {at}?" if at else "How small can the error of each model be?",
     )
-    return write_file(Path(folder) / COMPARISON_PAGE, page)
+    return page.write(Path(folder) / COMPARISON_PAGE)
 
 
 def _answers(found: Compared) -> Section:
@@ -170,10 +169,9 @@ def _origin(found: Compared) -> Section:
     command = Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command")
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(_asked(found).campaign_sha256, "code"),
-        "Versions": f"This page was written by {versions()}.",
         "To check the proofs again": (command, Mark(about, "small")),
     }
-    return origin(**data)
+    return origin(data)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -219,20 +217,20 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     ordered = sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
     write_file(folder / SUMMARY_TABLE, summary_table(ordered))
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
-    table = Table(head, tuple(map(_cells, ordered)), ("names word", "names word", "word"), "cards")
+    table = Table(head, [_cells(row) for row in ordered], ("names word", "names word", "word"), "cards")
     both = f"{SHORT_QUANTIFIER} Both bounds are proved; each campaign's page says by which certificates."
     answer = Section("The smallest error of the worst leg", [Mark(both, "quantifier")], tables=[table])
     unusable = [Section("Could not be used", items=failed, style="names")] if failed else []
-    page = page_text(
+    stopped = "Stopped before all campaigns were begun. The same command with --resume does the rest."
+    page = Page(
         "Campaigns certified",
-        "cpcal: many campaigns",
+        "many campaigns",
         "Campaigns certified",
-        [answer, *unusable, origin(Versions=f"This page was written by {versions()}.")],
-        notices=["Stopped before all campaigns were begun. The same command with --resume does the rest."]
-        * bool(missing),
-        lead=f"{_counts(rows, failed, missing)}.",
+        [answer, *unusable, origin({})],
+        [stopped] if missing else [],
+        f"{_counts(rows, failed, missing)}.",
     )
-    path = write_file(folder / SUMMARY_PAGE, page)
+    path = page.write(folder / SUMMARY_PAGE)
     lines = [_counts(rows, failed, missing)]
     lines += [
         f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]

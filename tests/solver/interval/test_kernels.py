@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from benchmarks.kernel_soundness import KERNELS, swept
 from cpcal.solver import compiled
+from cpcal.solver.interval.kernels import factor
 
 PLAIN = """
 import cpcal, numpy as np, sys
@@ -29,6 +31,15 @@ def test_ten_thousand_operand_pairs_are_enclosed(name: str) -> None:
     compared, wrong = swept(name, 10_000, seed=3)
     assert wrong is None
     assert compared > 2_000
+
+
+def test_no_factor_among_small_whole_numbers_is_lost() -> None:
+    """All intervals with ends from -2 to 2, so that zero is in them, at their ends, and on both sides."""
+    intervals = list(itertools.combinations_with_replacement(range(-2, 3), 2))
+    for z, y, x in itertools.product(intervals, repeat=3):
+        low, high = factor(*map(float, (*z, *y, *x)))
+        for a, b in itertools.product(range(x[0], x[1] + 1), range(y[0], y[1] + 1)):
+            assert low <= a <= high or not z[0] <= a * b <= z[1], (z, y, x, a, b)
 
 
 def test_compiled_code_and_plain_python_give_the_same_solutions_to_the_last_bit() -> None:
