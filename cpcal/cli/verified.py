@@ -1,16 +1,11 @@
-"""`cpcal verify` of a folder: what its certificates prove, what its files state besides, and whether these agree.
-
-Each file is read as its dataclass, whose fields say how they are checked (`files.codec`). What the certificates and
-the campaign give is put in the place of what is stated, and both are compared, key by key; the rest is information.
-"""
+"""`cpcal verify` of a folder, where the checker alone does not do: what is computed again with arrays, and tables."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction as F
 from math import degrees
 from pathlib import Path
@@ -18,23 +13,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.checker import Accepted, RobustChecked, Unusable
-from cpcal.checker.leg import EXTRA
+from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
+from cpcal.checker import Refused, RobustChecked, Unusable
+from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import Legs, Statement, of_folder, result_of, runs_in, told
-from cpcal.common.errors import InputError, PluginError, Problem, Problems, printable
+from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.common.values import Floats
-from cpcal.files import campaign_sha256, load_campaign_json
-from cpcal.files.codec import differing
-from cpcal.files.folders import NAME as CAMPAIGN_NAME
+from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
+from cpcal.legs import LegModel, Parameter, leg_model
 from cpcal.questions import (
     INFORMATION,
     RESULT_NAME,
-    CampaignNote,
     LegResult,
     Result,
     Uncertified,
@@ -47,8 +39,6 @@ from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
     from cpcal.checker.pose_claim import PoseSetChecked
-
-Claimed = Mapping[str, Accepted]  # what the certificates of a folder prove, by their names
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -152,78 +142,19 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
         return "of a point that is too far away"
 
 
-# accuracy.json ---------------------------------------------------------------
+# accuracy.json --------------------------------------------------------------------------------------------------------
 
 
-def of_accuracy(folder: Path, claimed: Claimed) -> Iterator[Statement]:
-    """Whether the certificates claim what the folder's accuracy.json states."""
-    said: list[str] = []
+def of_accuracy(folder: Path) -> Iterator[Statement]:
+    """What is accepted of a folder that `cpcal accuracy` wrote. Raises InputError."""
     try:
-        wrong = list(_other_sets(folder, load_accuracy(folder), claimed, said))
-    except InputError as error:
-        if not (folder / CAMPAIGN_NAME).is_file():
-            raise
-        yield False, f"{ACCURACY_NAME}: REFUSED, {error.problems[0].what}"
-        return
-    yield from ((True, sentence) for sentence in said)
-    yield from ((False, f"{ACCURACY_NAME}: REFUSED, {key} is not what is proved") for key in wrong)
-
-
-def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, said: list[str]) -> Iterator[str]:
-    """The keys of accuracy.json that certificates and campaign do not bear; what else is to be said is `said`."""
-    campaign = load_campaign_json(folder)
-    digest, assumed = campaign_sha256(campaign), {error.leg: error.eps for error in stated.assumed}
-
-    def proved(box: CertifiedBox) -> CertifiedBox:
-        accepted = None if box.certificate is None else claimed.get(box.certificate)
-        if accepted is None or accepted.leg is None or not _of_all(accepted, digest, PLAIN.name):
-            return replace(box, certificate=None)
-        claims = accepted.claims
-        sides = ((), ()) if claims.infeasible or claims.enclosure is None else claims.enclosure
-        lo, hi = (tuple(map(float, side[: len(PARAMETERS)])) for side in sides)
-        return CertifiedBox(accepted.leg, float(claims.cap or 0), lo, hi, box.certificate)
-
-    named = [box.certificate for box in stated.boxes if box.certificate is not None]
-    yield from _repeated("boxes", [box.leg for box in stated.boxes])
-    yield from _unnamed(named, claimed)
-    yield from (f"the assumed error of leg {box.leg}" for box in stated.boxes if assumed.get(box.leg) != box.eps)
-    yield from ("delta" for name in named if name in claimed and not _speaks_of(claimed[name], stated.delta))
-    note = CampaignNote(digest, campaign.robot.name, len(campaign))
-    yield from differing(stated, replace(stated, campaign=note, boxes=tuple(map(proved, stated.boxes))))
-    for box in stated.boxes:
-        if box.certificate is None:
-            said.append(f"set of leg {box.leg}: NOT CERTIFIED")
-    proofs = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
-    said.append(f"{ACCURACY_NAME}: {proofs}")
-
-
-def _of_all(accepted: Accepted, campaign: str, model: str, leg: int | None = None) -> bool:
-    """Whether a certificate is about all measurements of a leg of this campaign in this model.
-
-    A user-defined model says it in words.
-    """
-    if len(accepted.chosen) < accepted.count:
-        return False
-    if accepted.leg is None:
-        return model not in EXTRA and accepted.about == f"leg {leg}, model {model}, campaign {campaign}"
-    return (accepted.campaign, accepted.model) == (campaign, model) and leg in (None, accepted.leg)
-
-
-def _speaks_of(accepted: Accepted, delta: float) -> bool:
-    """Whether a leg's certificate is about (a, b, l) within `delta` mm of some center; its box is rounded outward."""
-    sides = zip(accepted.lo[: len(PARAMETERS)], accepted.hi, strict=False)
-    slack = F(1, 2**49)
-    return all(2 * delta <= hi - lo <= 2 * F(delta) + (abs(lo) + abs(hi)) * slack for lo, hi in sides)
-
-
-def _repeated(what: str, items: Sequence[object]) -> Iterator[str]:
-    if len(set(items)) < len(items):
-        yield f"{what}, which names one twice,"
-
-
-def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
-    """Certificates beside the file that it does not name."""
-    yield from (f"{printable(name)}, which it does not name," for name in sorted(claimed.keys() - set(named)))
+        load_accuracy(folder)
+        yield from check_accuracy(folder)
+    except Unusable as reason:
+        raise InputError([Problem(str(folder), str(reason), "run cpcal accuracy again")]) from None
+    except (InputError, Refused) as reason:
+        said = reason.problems[0].what if isinstance(reason, InputError) else reason
+        yield False, f"{ACCURACY_NAME}: REFUSED, {str(said).removeprefix(f'{ACCURACY_NAME} ')}"
 
 
 # a folder of runs: of many campaigns, or of one in several models -----------------------------------------------------

@@ -277,25 +277,23 @@ def of_folder(folder: Path) -> Iterator[Statement]:
         from cpcal.handeye.verify import verify_hand_eye
 
         yield from verify_hand_eye(folder)
+    elif heads == [ACCURACY.head]:
+        from cpcal.cli.verified import of_accuracy
+
+        yield from of_accuracy(folder)
     elif heads == [RUN.head]:
         with legs_beside(folder) as legs:
             from cpcal.cli.verified import of_run  # while the legs are being checked
 
             yield from of_run(folder, legs)
+    elif runs_in(folder):
+        from cpcal.cli.verified import of_runs
+
+        yield from of_runs(folder)
     else:
-        if not heads and runs_in(folder):
-            from cpcal.cli.verified import of_runs
-
-            yield from of_runs(folder)
-            return
-        _there(folder, heads)
-        found = checked_certificates(folder)
-        for name, accepted in found.items():
+        _there(folder)
+        for name, accepted in checked_certificates(folder).items():
             yield from _said_of(name, accepted)
-        if heads:
-            from cpcal.cli.verified import of_accuracy
-
-            yield from of_accuracy(folder, {name: one for name, one in found.items() if not isinstance(one, str)})
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -321,12 +319,12 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
             yield False, f"{name}: REFUSED, the campaign is another one: its SHA-256 differs"
 
 
-def _there(folder: Path, heads: list[str]) -> None:
+def _there(folder: Path) -> None:
     """Raises InputError where a folder without result.json has nothing to check."""
     if unfinished(folder):
         what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
         raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
-    if not heads and not any(folder.glob("*.cert.jsonl")):
+    if not any(folder.glob("*.cert.jsonl")):
         what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
         raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
 
