@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.solver.contract import Composable, Contraction, Step, repeated
+from cpcal.solver.contract import Composable, Contraction, narrowed, repeated
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, rows_tape
 
@@ -29,22 +29,12 @@ class HC4(Composable):
         self._tape = rows_tape(network)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        narrowed = self.contract_batch(IntervalArray(box.lo[None], box.hi[None]))
-        result = box.intersect(box.with_bounds(narrowed.lo[0], narrowed.hi[0]))
-        if result.is_empty and not box.is_empty:
-            return Contraction(result, (Step("hc4", None, "", np.nan),))
-        return Contraction(result, moved_bounds("hc4", box, result))
+        left = self.contract_batch(box.array[None])
+        return narrowed("hc4", box, box.intersect(box.with_bounds(left.lo[0], left.hi[0])))
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
         return self._tape.contract(self._engine, boxes, self._sweeps)
-
-
-def moved_bounds(contractor: str, before: Box, after: Box) -> tuple[Step, ...]:
-    """The bounds that differ, as steps (without the rows that moved them)."""
-    steps = [Step(contractor, after.names[k], "lo", float(after.lo[k])) for k in np.flatnonzero(after.lo > before.lo)]
-    steps += [Step(contractor, after.names[k], "hi", float(after.hi[k])) for k in np.flatnonzero(after.hi < before.hi)]
-    return tuple(steps)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -80,9 +70,7 @@ class BoxConsistency(Composable):
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         after = repeated(partial(self._round, deadline), box, ratio=0.9, most=self._most).box
-        if after.is_empty and not box.is_empty:
-            return Contraction(after, (Step("box", None, "", np.nan),))
-        return Contraction(after, moved_bounds("box", box, after))
+        return narrowed("box", box, after)
 
     def _round(self, deadline: float, box: Box) -> Contraction:
         for component in range(len(box)):
@@ -99,18 +87,14 @@ class BoxConsistency(Composable):
             ends = [k for k in sorted({0, len(pieces) - 1}) if pieces[k][1] - pieces[k][0] > 1.5 * tolerance]
             if not ends:
                 break
-            left = self._left(box, component, [part for k in ends for part in _graded(*pieces[k], tolerance)])
+            lo, hi = np.array([part for k in ends for part in _graded(*pieces[k], tolerance)]).T
+            with np.errstate(all="ignore"):
+                tested = self._tested(box, component, IntervalArray(lo, hi))
+            left = [(a, b) for a, b in zip(tested.lo.tolist(), tested.hi.tolist(), strict=True) if a <= b]
             pieces = sorted(left + [piece for k, piece in enumerate(pieces) if k not in ends])
             if not pieces:
                 return Box.empty(box.names)
         return box.replace(component, lo=pieces[0][0], hi=pieces[-1][1])
-
-    def _left(self, box: Box, component: int, pieces: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        """What the constraints leave of pieces of one component's interval."""
-        lo, hi = (np.array(bound) for bound in zip(*pieces, strict=True))
-        with np.errstate(all="ignore"):
-            left = self._tested(box, component, IntervalArray(lo, hi))
-        return [(float(a), float(b)) for a, b in zip(left.lo, left.hi, strict=True) if a <= b]
 
     def _tested(self, box: Box, component: int, pieces: IntervalArray) -> IntervalArray:
         """For K pieces (K,) what the rows r <= 0 leave of each; NaN where some row is positive or undefined."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.values import Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, Step, repeated
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import BoxProgram, LinearSolution, tightened
@@ -20,49 +19,28 @@ from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 # The box around a polyhedron, by two linear programs per variable (paper, eq. 13 and 14).
 
 
-class PolyhedralPrograms:
+class PolyhedralPrograms(BoxProgram):
     """The linear programs of one polyhedron in one bounded box; `origin` (m, 2) names the constraint of each row."""
 
-    def __init__(
-        self,
-        name: str,
-        polyhedron: Polyhedron,
-        origin: Indices,
-        box: Box,
-        arithmetic: Arithmetic,
-    ) -> None:
-        self._name, self._origin, self._box, self._polyhedron = name, origin, box, polyhedron
-        self._program = BoxProgram(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic)
-
-    def run(self, first: int | None, deadline: float) -> Contraction:
-        """Contract every bound, the lower one of variable `first` (the objective) before all others."""
-        return replace(tightened(self, self._box, first, deadline), polyhedron=self._polyhedron)
-
-    @property
-    def variables(self) -> Collection[int]:
-        return range(len(self._box))
-
-    @property
-    def count(self) -> int:
-        return self._program.count
-
-    def minimize(self, variable: int, sign: float) -> LinearSolution:
-        return self._program.minimize(variable, sign)
+    def __init__(self, name: str, polyhedron: Polyhedron, origin: Indices, box: Box, arithmetic: Arithmetic) -> None:
+        super().__init__(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic)
+        self._name, self._origin, self._in = name, origin, box
+        self.variables = range(len(box))
 
     def coordinates(self, solution: LinearSolution) -> Floats:
         return solution.point
 
     def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
         sign = 1.0 if side == "lo" else -1.0
-        lowest, rows = self._program.proved(variable, sign, solution)
+        lowest, rows = self.proved(variable, sign, solution)
         new = sign * lowest
-        better = new > self._box.lo[variable] if side == "lo" else new < self._box.hi[variable]
+        better = new > self._in.lo[variable] if side == "lo" else new < self._in.hi[variable]
         if not (better and np.isfinite(new)):
             return None
-        return Step(self._name, self._box.names[variable], side, new, self._carriers(rows))
+        return Step(self._name, self._in.names[variable], side, new, self._carriers(rows))
 
     def empty(self, solution: LinearSolution) -> Step | None:
-        proved, rows = self._program.proved_empty(solution)
+        proved, rows = self.proved_empty(solution)
         return Step(self._name, None, "", np.nan, self._carriers(rows)) if proved else None
 
     def _carriers(self, rows: Indices) -> tuple[tuple[int, int], ...]:
@@ -86,13 +64,7 @@ class IntervalRows:
     matrix: IntervalArray
     origin: Indices
 
-    @property
-    def usable(self) -> npt.NDArray[np.bool_]:
-        """Rows that say something: defined, and finite where it matters."""
-        finite = np.isfinite(self.matrix.lo).all(axis=1) & np.isfinite(self.matrix.hi).all(axis=1)
-        return np.asarray(finite & np.isfinite(self.value.lo))
-
-    def __getitem__(self, rows: npt.NDArray[np.bool_]) -> IntervalRows:
+    def only(self, rows: Bools) -> IntervalRows:
         return IntervalRows(self.point, self.value[rows], self.matrix[rows], self.origin[rows])
 
 
@@ -126,25 +98,19 @@ class Linearised:
                 )
                 for (form, origin), matrix in zip(chosen, jacobians, strict=True)
             ]
-            rows = _joined(point, blocks)
-            out.append(rows[rows.usable])
+            value, matrix = (
+                IntervalArray(
+                    *(np.concatenate([empty, *(getattr(part, end) for part in parts)]) for end in ("lo", "hi"))
+                )
+                for empty, parts in (
+                    (np.zeros(0), [b.value for b in blocks]),
+                    (np.zeros((0, len(point))), [b.matrix for b in blocks]),
+                )
+            )
+            named = np.concatenate([np.zeros((0, 2), dtype=np.intp), *(b.origin for b in blocks)])
+            finite = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1) & np.isfinite(value.lo)
+            out.append(IntervalRows(point, value, matrix, named).only(finite))  # the others say nothing
         return out
-
-
-def _joined(point: Floats, blocks: list[IntervalRows]) -> IntervalRows:
-    n = len(point)
-
-    def stacked(parts: list[IntervalArray], empty: tuple[int, ...]) -> IntervalArray:
-        zeros = np.zeros(empty)
-        lows, highs = [zeros, *(p.lo for p in parts)], [zeros, *(p.hi for p in parts)]
-        return IntervalArray(np.concatenate(lows), np.concatenate(highs))
-
-    return IntervalRows(
-        point,
-        stacked([b.value for b in blocks], (0,)),
-        stacked([b.matrix for b in blocks], (0, n)),
-        np.concatenate([np.zeros((0, 2), dtype=np.intp), *(b.origin for b in blocks)]),
-    )
 
 
 # Which real matrix stands for the interval matrix of the rows on a box.
@@ -227,7 +193,8 @@ class Krawczyk(Composable):
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
-        return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic).run(self._objective, deadline)
+        programs = PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic)
+        return replace(tightened(programs, box, self._objective, deadline), polyhedron=polyhedron)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""
@@ -272,4 +239,4 @@ class Beaumont(Krawczyk):
 
 def _thick(rows: IntervalRows) -> IntervalRows:
     radius, size = rows.matrix.rad.max(axis=1, initial=0.0), rows.matrix.mag.max(axis=1, initial=0.0)
-    return rows[radius > _THIN * size]
+    return rows.only(radius > _THIN * size)

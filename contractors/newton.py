@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from contractors.hc4 import moved_bounds
-from cpcal.solver.contract import Composable, Contraction, Step
+from cpcal.solver.contract import Composable, Contraction, narrowed
 from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, square_of, stop_flag
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
@@ -43,9 +42,7 @@ class Newton(Composable):
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         left = self.contract_batch(box.array[None], deadline)
         after = box.intersect(box.with_bounds(left.lo[0], left.hi[0]))
-        if after.is_empty and not box.is_empty:
-            return Contraction(after, (Step("newton", None, "", np.nan),))
-        return Contraction(after, moved_bounds("newton", box, after))
+        return narrowed("newton", box, after)
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from contractors.hc4 import HC4, moved_bounds
+from contractors.hc4 import HC4
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats
-from cpcal.solver.contract import Composable, Contraction, Contractor, Step, monotone_tolerance
+from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, monotone_tolerance, narrowed
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
@@ -41,13 +41,11 @@ class QInter(Composable):
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty:
             return Contraction(box)
-        results = [part.contract(box, deadline).box for part in self._parts]
+        results = [contracted(part, box, deadline).box for part in self._parts]
         boxes = IntervalArray(np.stack([b.lo for b in results]), np.stack([b.hi for b in results]))
         hull = q_intersection(boxes, self._q)
-        if hull is None:
-            return Contraction(Box.empty(box.names), (Step("qinter", None, "", np.nan),))
-        after = box.intersect(box.with_bounds(hull.lo, hull.hi))
-        return Contraction(after, moved_bounds("qinter", box, after))
+        after = Box.empty(box.names) if hull is None else box.intersect(box.with_bounds(hull.lo, hull.hi))
+        return narrowed("qinter", box, after)
 
 
 def qinter(

@@ -6,27 +6,28 @@ contractor sees more in it than in the whole; the ends of all variables are trie
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
-from collections.abc import Sequence
-from functools import reduce
 
 import numpy as np
 
-from contractors.hc4 import HC4, moved_bounds
-from cpcal.common.values import Floats
-from cpcal.solver.contract import Composable, Contraction, Contractor, Step, shrunk, takes_batches
+from contractors.hc4 import HC4
+from cpcal.common.values import Floats, Ints
+from cpcal.solver.contract import (
+    Composable,
+    Contraction,
+    Contractor,
+    answered,
+    contracted,
+    narrowed,
+    shrunk,
+    takes_batches,
+)
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
 # ------------------------------------------------------------------------------------------------------------------
 # Boxes cut into slices along one variable, and all slices contracted: what shaving and CID have in common.
-
-
-def slice_of(box: Box, component: int, lo: float, hi: float) -> Box:
-    """The part of a box between two values of one component."""
-    return box.replace(component, lo=lo, hi=hi)
 
 
 def cuts(lo: float, hi: float, pieces: int) -> Floats:
@@ -35,35 +36,31 @@ def cuts(lo: float, hi: float, pieces: int) -> Floats:
     return np.unique(np.concatenate([[lo], np.clip(inner, lo, hi), [hi]]))
 
 
-def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int, deadline: float = math.inf) -> list[Box]:
-    """Each box contracted by `inner`; all at once, `passes` times, where it can do that."""
-    if not boxes:
-        return []
+def contracted_slices(
+    inner: Contractor, box: Box, component: Ints, slices: IntervalArray, passes: int, deadline: float = math.inf
+) -> IntervalArray:
+    """What `inner` leaves (B, n) of parts of a box, each between two values of one component: `component` (B,) and
+    `slices` (B,). NaN where nothing is left. All at once, `passes` times, where it takes batches."""
+    rows = np.arange(len(component))
+    lo, hi = (np.repeat(bound[None], len(rows), axis=0) for bound in (box.lo, box.hi))
+    lo[rows, component], hi[rows, component] = slices.lo, slices.hi
     if not takes_batches(inner):
-        return [inner.contract(box, deadline).box for box in boxes]
-    array = IntervalArray(np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes]))
-    left = contracted(inner, array, passes, deadline)
-    return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, left.lo, left.hi, strict=True)]
-
-
-def contracted(inner: Contractor, array: IntervalArray, passes: int, deadline: float = math.inf) -> IntervalArray:
-    """The same for bounds (B, n) of boxes, with a contractor that takes batches; NaN where nothing is left."""
+        left = [contracted(inner, box.with_bounds(*bounds), deadline).box for bounds in zip(lo, hi, strict=True)]
+        return IntervalArray(np.stack([one.lo for one in left]), np.stack([one.hi for one in left]))
+    array = IntervalArray(lo, hi)
     for _ in range(passes):
         alive = np.flatnonzero(~array.empty.any(axis=1))
         if not alive.size:
             break
         lo, hi = array.lo.copy(), array.hi.copy()
-        narrowed = inner.contract_batch(array[alive], deadline)  # type: ignore[attr-defined]
-        lo[alive], hi[alive] = narrowed.lo, narrowed.hi
+        left = answered(inner, "contract_batch", array[alive], deadline)
+        lo[alive], hi[alive] = left.lo, left.hi
         with np.errstate(all="ignore"):
             pays = shrunk((array.hi - array.lo)[alive], (hi - lo)[alive], 0.9)
         array = IntervalArray(lo, hi)
         if not pays:
             break
     return array
-
-
-_SIDES = 2
 
 
 class Shaving(Composable):
@@ -92,57 +89,32 @@ class Shaving(Composable):
         self._adaptive, self._most, self._passes = adaptive, most, passes
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        after = self._shaved(box, deadline) if not box.is_empty else box
-        if after.is_empty and not box.is_empty:
-            return Contraction(after, (Step("shaving", None, "", np.nan),))
-        return Contraction(after, moved_bounds("shaving", box, after))
+        return narrowed("shaving", box, box if box.is_empty else self._shaved(box, deadline))
 
     def _shaved(self, box: Box, deadline: float) -> Box:
-        box = self._inner.contract(box, deadline).box
-        share = np.full((len(box), _SIDES), self._fraction)
+        box = contracted(self._inner, box, deadline).box
+        share = np.full((len(box), 2), self._fraction)  # of the width, at the lower and the upper end
         for _ in range(self._most):
-            ends = [] if box.is_empty else self._open_ends(box, share)
-            if not ends or time.monotonic() > deadline:
+            bounded = np.isfinite(box.lo) & np.isfinite(box.hi) & (box.hi > box.lo) & np.isfinite(box.hi - box.lo)
+            component, side = np.nonzero(bounded[:, None] & (share >= self._least))
+            if box.is_empty or not component.size or time.monotonic() > deadline:
                 break
-            slices = [_end(box, component, side, share[component, side]) for component, side in ends]
-            results = contract_all(self._inner, slices, self._passes, deadline)
-            lo, hi = box.lo.copy(), box.hi.copy()
-            for (component, side), piece, rest in zip(ends, slices, results, strict=True):
-                _cut_off(lo, hi, component, side, piece, rest)
-                share[component, side] = self._next(share[component, side], rest.is_empty)
-            smaller = box.with_bounds(lo, hi)
-            box = self._inner.contract(smaller, deadline).box if smaller != box else box
+            lo, hi, low = box.lo[component], box.hi[component], side == 0
+            step = share[component, side] * (hi - lo)
+            cut = np.minimum(np.maximum(np.where(low, lo + step, hi - step), lo), hi)
+            slices = IntervalArray(np.where(low, lo, cut), np.where(low, cut, hi))
+            left = contracted_slices(self._inner, box, component, slices, self._passes, deadline)
+            refuted = left.empty.any(axis=1)
+            rows = np.arange(len(component))
+            ends = np.where(refuted, cut, np.where(low, left.lo[rows, component], left.hi[rows, component]))
+            new_lo, new_hi = box.lo.copy(), box.hi.copy()
+            new_lo[component[low]] = np.maximum(lo, ends)[low]
+            new_hi[component[~low]] = np.minimum(hi, ends)[~low]
+            again = np.where(refuted, np.minimum(2.0 * share[component, side], 0.5), 0.25 * share[component, side])
+            share[component, side] = again if self._adaptive else np.where(refuted, share[component, side], 0.0)
+            smaller = box.with_bounds(new_lo, new_hi)
+            box = contracted(self._inner, smaller, deadline).box if smaller != box else box
         return box
-
-    def _open_ends(self, box: Box, share: Floats) -> list[tuple[int, int]]:
-        """The (component, side) pairs that are still worth a slice."""
-        bounded = np.isfinite(box.lo) & np.isfinite(box.hi) & (box.hi > box.lo) & np.isfinite(box.hi - box.lo)
-        open_ends = bounded[:, None] & (share >= self._least)
-        return [(int(component), int(side)) for component, side in np.argwhere(open_ends)]
-
-    def _next(self, share: float, refuted: bool) -> float:
-        """The share of the width for the next slice at an end; 0 when there is to be none."""
-        if not self._adaptive:
-            return share if refuted else 0.0
-        return min(2.0 * share, 0.5) if refuted else 0.25 * share
-
-
-def _end(box: Box, component: int, side: int, share: float) -> Box:
-    """The slice at one end."""
-    lo, hi = float(box.lo[component]), float(box.hi[component])
-    cut = lo + share * (hi - lo) if side == 0 else hi - share * (hi - lo)
-    cut = min(max(cut, lo), hi)
-    return slice_of(box, component, lo, cut) if side == 0 else slice_of(box, component, cut, hi)
-
-
-def _cut_off(lo: Floats, hi: Floats, component: int, side: int, piece: Box, rest: Box) -> None:
-    """Move the bound to what is left of the slice, or behind the slice when nothing is."""
-    if side == 0:
-        new = piece.hi[component] if rest.is_empty else rest.lo[component]
-        lo[component] = max(lo[component], new)
-    else:
-        new = piece.lo[component] if rest.is_empty else rest.hi[component]
-        hi[component] = min(hi[component], new)
 
 
 def shaving(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Shaving:
@@ -182,40 +154,30 @@ class Cid(Composable):
         self._ratio, self._rounds = ratio, rounds if adaptive else 1
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        after = self._narrowed(box, deadline) if not box.is_empty else box
-        if after.is_empty and not box.is_empty:
-            return Contraction(after, (Step("cid", None, "", np.nan),))
-        return Contraction(after, moved_bounds("cid", box, after))
+        return narrowed("cid", box, box if box.is_empty else self._disjoined(box, deadline))
 
-    def _narrowed(self, box: Box, deadline: float) -> Box:
-        box = self._inner.contract(box, deadline).box
+    def _disjoined(self, box: Box, deadline: float) -> Box:
+        box = contracted(self._inner, box, deadline).box
         active = list(range(len(box)))
         for _ in range(self._rounds):
             paying = []
             for component in active:
-                if time.monotonic() > deadline:
+                if box.is_empty or time.monotonic() > deadline:
                     return box
                 before, box = box, self._turn(box, component, deadline)
-                if box.is_empty:
-                    return box
-                if shrunk(before.width, box.width, self._ratio):
+                if not box.is_empty and shrunk(before.width, box.width, self._ratio):
                     paying.append(component)
             active = paying
-            if not active:
-                break
         return box
 
     def _turn(self, box: Box, component: int, deadline: float) -> Box:
         """The hull of what is left of the slices along one component."""
-        if box.is_empty or not np.isfinite(box.width[component]) or box.lo[component] == box.hi[component]:
+        if not np.isfinite(box.width[component]) or box.lo[component] == box.hi[component]:
             return box
         ends = cuts(float(box.lo[component]), float(box.hi[component]), self._slices)
-        if not takes_batches(self._inner):
-            pieces = [slice_of(box, component, lo, hi) for lo, hi in itertools.pairwise(ends.tolist())]
-            return box.intersect(reduce(Box.hull, contract_all(self._inner, pieces, self._passes, deadline)))
-        lo, hi = (np.repeat(bound[None], len(ends) - 1, axis=0) for bound in (box.lo, box.hi))
-        lo[:, component], hi[:, component] = ends[:-1], ends[1:]
-        left = contracted(self._inner, IntervalArray(lo, hi), self._passes, deadline)
+        slices = IntervalArray(ends[:-1], ends[1:])
+        which = np.full(len(ends) - 1, component)
+        left = contracted_slices(self._inner, box, which, slices, self._passes, deadline)
         some = ~left.empty.any(axis=1)
         if not some.any():
             return Box.empty(box.names)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import wraps
 from hashlib import sha256
 from importlib import import_module
@@ -14,10 +13,11 @@ import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, check, check_run
 from cpcal.cli import verify
+from cpcal.solver.execution.executors import executor_for
 
 
 def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For `cpcal verify`, many times: a certificate that was accepted is not checked again, and nothing is forked."""
+    """For `cpcal verify`, many times: a certificate that was accepted is not checked again, and no process begins."""
     known: dict[tuple[bytes, ...], Accepted] = {}
 
     def once(path: Path, *given: Any, **options: Any) -> Accepted:
@@ -29,7 +29,7 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in (check_run.__module__, verify.__name__):
         monkeypatch.setattr(import_module(module), "check", once)
-    monkeypatch.setattr(verify, "side_by_side", lambda checks: nullcontext(lambda: [one() for one in checks]))
+    monkeypatch.setattr(verify, "executor_for", lambda count: executor_for(1))
 
 
 def remembered(check: Callable[..., Accepted]) -> Callable[..., Accepted]:

@@ -14,9 +14,11 @@ from cpcal.cli import app
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-SHORT = {  # added to a command so that it ends soon, which changes nothing of how it is understood
+# Added to a command so that it ends soon, which changes nothing of how it is understood: the last value counts.
+SHORT = {
     "simulate": ["--factor", "0"],
     "certify": ["--legs", "1", "--time-limit", "2"],
+    "handeye study --simulate": ["--simulate", "5"],
     "handeye certify": ["--time-limit", "3"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
@@ -30,9 +32,7 @@ ELSEWHERE = {  # what needs files that a page does not make, or an installed pac
 }
 
 
-OWN = {
-    "your-data"
-}  # pages whose commands are run by a test of their own, with the files that they need: test_your_data.py
+OWN = {"your-data"}  # pages whose commands are run by a test of their own, with the files that they need
 
 
 def blocks(page: Path) -> list[list[str]]:
@@ -75,6 +75,7 @@ def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
             continue
         added = next((more for key, more in SHORT.items() if " ".join(words).startswith(key)), [])
         added = [] if "--study" in words else added[2:] if "--legs" in words else added
+        added = [*added, "--workers", "1"] if "--workers" in words else added
         outcome = CliRunner().invoke(app, [*words, *added], prog_name="cpcal")
         assert outcome.exit_code in (0, 1), (words, outcome.output[-500:])
 

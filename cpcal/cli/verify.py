@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, suppress
 from fractions import Fraction as F
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,7 +28,7 @@ from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, RUN, unfinished
-from cpcal.solver.execution.forked import side_by_side
+from cpcal.solver.execution.executors import executor_for
 
 if TYPE_CHECKING:
     from cpcal.questions import Result
@@ -146,8 +148,23 @@ def legs_beside(run: Path) -> Iterator[Callable[[], Legs]]:
 
         yield refuse
         return
-    with side_by_side(checks) as answers:
+    count = min(len(checks), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+    shares = [checks[k::count] for k in range(count)]
+    with executor_for(count) as (executor, _):
+        begun = [executor.submit(_done, share) for share in shares]
+
+        def answers() -> Legs:
+            found: list[LegChecked | None] = [None] * len(checks)
+            for k, future in enumerate(begun):
+                with suppress(BrokenExecutor):
+                    found[k::count] = future.result()
+            return [one or check() for one, check in zip(found, checks, strict=True)]  # of a lost worker, here
+
         yield answers
+
+
+def _done(checks: Sequence[Callable[[], LegChecked]]) -> list[LegChecked]:
+    return [one() for one in checks]
 
 
 def checked_legs(run: Path) -> Legs:

@@ -1,28 +1,36 @@
-"""The worth of Minibex's expressions, by the names that are known where they stand."""
+"""Minibex read: text to tokens, tokens to declarations and trees, these to a network and an objective.
+
+file        = [ "constants" { constant ";" } ] parts "variables" variable { (";" | ",") variable } ";" parts
+              [ "minimize" expression [";"] ] [ "constraints" block { ";" block } [";"] "end" | "end" ]
+parts       = { function | "parameters" constant { (";" | ",") constant } ";" }
+constant    = [ "*" ] name dimensions ("=" | "in") expression     "*": its value may be set by a program
+variable    = name dimensions [ "in" expression ]
+dimensions  = { "[" expression "]" }     at most three
+function    = "function" name "(" name dimensions { "," name dimensions } ")"
+              { name "=" expression ";" } "return" expression [";"] "end"
+block       = "for" name "=" expression ":" expression ";" block { ";" block } [";"] "end"
+            | expression ("=" | "<=" | ">=" | "<" | ">" | "in") expression | "integer" "(" expression ")"
+            | "(" block ")" | name "=" expression     for a new name: what it stands for from there on
+expression  = sums of products of powers: + -, then * /, then ^ and ' (which bind a minus sign to what follows)
+"""
 
 from __future__ import annotations
 
+import re
+import struct
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, InputError, ModelError, shown
-from cpcal.problems.minibex_read import (
-    DEEPEST,
-    File,
-    Function,
-    Loop,
-    Parser,
-    Relation,
-    Source,
-    Symbol,
-    SyntaxNode,
-    Token,
-)
-from cpcal.problems.minibex_values import (
+from cpcal.common.errors import CpcalError, InputError, ModelError, Problem, shown
+from cpcal.problems.problem import StatedProblem
+from cpcal.problems.values import (
     FORMS,
     FUNCTIONS,
     MOST,
@@ -32,12 +40,12 @@ from cpcal.problems.minibex_values import (
     applied,
     array_of,
     as_operand,
+    divided,
     indexed,
     interval_of,
     is_row,
     minus,
     negative,
-    over,
     pairs,
     plus,
     power,
@@ -45,50 +53,400 @@ from cpcal.problems.minibex_values import (
     times,
     transposed,
 )
-from cpcal.problems.problem import StatedProblem
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr
 from cpcal.solver.network.mathematics import floor
 
+# ------------------------------------------------------------------------------------------------------------------
+# Text cut into tokens, each with its line and column.
+
+_TOKEN = re.compile(
+    r"""(?P<space>[ \t\r\n]+|//[^\n]*|/\*.*?\*/)
+    |(?P<number>(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?)
+    |(?P<hex>\#[0-9a-fA-F]{1,16})
+    |(?P<name>[A-Za-z_][A-Za-z0-9_]*)
+    |(?P<sign><=|>=|:=|[-+*/^'=<>(){}\[\];,:!])""",
+    re.VERBOSE | re.DOTALL,
+)
+_SECTIONS = ("constants", "variables", "parameters", "function", "minimize", "constraints", "end", "for", "return")
+_KEYWORDS = {form: word for word in _SECTIONS for form in (word, word.capitalize(), word.upper())}
+_TOKENS_MOST = 1_000_000
+_CONSTRAINTS_MOST = 100_000
+_DEEPEST = 60  # of nested brackets, functions and loops
+
+_HABITS = {"==": "write = once", "**": "write ^ for a power"}  # of other languages
+_RELATIONS = ("=", "<=", ">=", "<", ">", "in")
+_OPENING, _CLOSING = ("(", "["), (")", "]")
+_PI = Interval(3.141592653589793, 3.1415926535897936)
+_EVERYTHING = Data(Interval(-np.inf, np.inf))
+_BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*": times, "/": divided, "^": power}
+
 Names = Mapping[str, Value]
 
-PI = Interval(3.141592653589793, 3.1415926535897936)
-_BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*": times, "/": over, "^": power}
-_UNARY: dict[str, Callable[[Value], Value]] = {"negative": negative, "transposed": transposed}
+
+@dataclass(frozen=True)
+class Token:
+    """kind: "number", "name", "keyword", "sign" or "end of file"; text as written (keywords in small letters)."""
+
+    kind: str
+    text: str
+    line: int
+    column: int
+    value: float = 0.0
 
 
-class Evaluator:
+@dataclass(frozen=True)
+class SyntaxNode:
+    """kind       "number", "name", "call or index", "index", "range", "row", "column", "interval", "ball", "sum",
+               "negative", "transposed" or the sign of an operation
+    parts      the nodes below; `token` is where it stands
+    from_zero  of an index in square brackets
+    """
+
+    kind: str
+    token: Token
+    parts: tuple[SyntaxNode, ...] = ()
+    from_zero: bool = False
+
+
+@dataclass(frozen=True)
+class Function:
+    inputs: tuple[Token, ...]
+    steps: tuple[tuple[Token, SyntaxNode], ...]
+    result: SyntaxNode
+
+
+@dataclass(frozen=True)
+class Relation:
+    """`right` is None for "integer". A name that nothing has yet = `right` says what the name stands for."""
+
+    sign: Token
+    left: SyntaxNode
+    right: SyntaxNode | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    name: Token
+    first: SyntaxNode
+    last: SyntaxNode
+    blocks: tuple[Relation | Loop, ...]
+
+
+def read_minibex(text: str, where: str) -> StatedProblem:
+    """The problem in a text called `where`. Raises InputError that names line and column.
+
+    Numbers are the float64 nearest to their decimal text; quotients and whole powers of numbers are exact. An interval
+    that is declared as data means THERE EXISTS a value of it at each place where it is written. "<" is read as "<=".
+    """
+    return _Meaning(text, where).problem()
+
+
+class _Parser:
+    """Trees of expressions and constraints, by recursive descent, one token ahead.
+
+    Raises InputError at the first token that has no place."""
+
+    def __init__(self, text: str, where: str) -> None:
+        self.text, self.where, self.at, self.depth = text, where, 0, 0
+        self.tokens = list(self.cut())
+
+    def wrong(self, what: str, remedy: str, token: Token) -> InputError:
+        """The error to raise: it names line and column."""
+        return InputError([Problem(self.where, f"column {token.column}: {what}", remedy, token.line)])
+
+    def fail(self, what: str, remedy: str) -> NoReturn:
+        raise self.wrong(what, remedy, self.now)
+
+    # tokens -----------------------------------------------------------------------------------
+
+    def cut(self) -> Iterator[Token]:
+        """Raises InputError where no token begins."""
+        at, line, start, count = 0, 1, 0, 0
+        while at < len(self.text):
+            found, column = _TOKEN.match(self.text, at), at - start + 1
+            kind = found.lastgroup if found else None
+            endless = self.text.startswith("/*", at) and kind != "space"
+            if found is None or endless or count > _TOKENS_MOST:
+                what = "a comment does not end" if endless else f"{shown(self.text[at])} has no meaning"
+                raise self.wrong(what, "write Minibex here", Token("sign", self.text[at], line, column))
+            text = found.group()
+            if kind == "name" and text in _KEYWORDS:
+                yield Token("keyword", _KEYWORDS[text], line, column)
+            elif kind == "hex":  # the bits of a float64
+                bits = bytes.fromhex(text[1:].zfill(16))
+                yield Token("number", text, line, column, struct.unpack(">d", bits)[0])
+            elif kind != "space":
+                yield Token(str(kind), text, line, column, float(text) if kind == "number" else 0.0)
+            count += kind != "space"
+            line += text.count("\n")
+            if "\n" in text:
+                start = at + text.rindex("\n") + 1
+            at = found.end()
+        yield Token("end of file", "", line, at - start + 1)
+
+    @property
+    def now(self) -> Token:
+        return self.tokens[self.at]
+
+    def take(self) -> Token:
+        token = self.now
+        self.at += token.kind != "end of file"
+        return token
+
+    def takes(self, *texts: str) -> Token | None:
+        """The next token, if it is one of these."""
+        return self.take() if self.now.text in texts and self.now.kind != "number" else None
+
+    def needs(self, text: str) -> None:
+        if not self.takes(text):
+            self.fail(f"{self.told()} stands where {shown(text)} should", f"write {shown(text)} before it")
+
+    def name(self) -> Token:
+        if self.now.kind != "name":
+            self.fail(f"{self.told()} stands where a name should", "write a name: letters, digits and _")
+        return self.take()
+
+    def told(self) -> str:
+        return "the end of the file" if self.now.kind == "end of file" else shown(self.now.text)
+
+    @contextmanager
+    def deeper(self) -> Iterator[None]:
+        self.depth += 1
+        if self.depth > _DEEPEST:
+            what = f"brackets are nested more than {_DEEPEST} deep"
+            self.fail(what, "write it in parts, with functions or constants")
+        yield
+        self.depth -= 1
+
+    # expressions ------------------------------------------------------------------------------
+
+    def expression(self) -> SyntaxNode:
+        with self.deeper():
+            left = self.product()
+            while sign := self.takes("+", "-"):
+                left = SyntaxNode(sign.text, sign, (left, self.product()))
+        return left
+
+    def product(self) -> SyntaxNode:
+        left = self.signed()
+        while sign := self.takes("*", "/"):
+            left = SyntaxNode(sign.text, sign, (left, self.signed()))
+        return left
+
+    def signed(self) -> SyntaxNode:
+        signs = []
+        while sign := self.takes("+", "-"):
+            signs.append(sign)
+        found = self.indexed()
+        while sign := self.takes("^"):
+            minus_sign, exponent = self.takes("-"), self.indexed()
+            exponent = SyntaxNode("negative", minus_sign, (exponent,)) if minus_sign else exponent
+            found = SyntaxNode("^", sign, (found, exponent))
+        for sign in reversed(signs):
+            found = SyntaxNode("negative", sign, (found,)) if sign.text == "-" else found
+        return found
+
+    def indexed(self) -> SyntaxNode:
+        left = self.atom()
+        while opening := self.takes("(", "[", "'"):
+            if opening.text == "'":
+                left = SyntaxNode("transposed", opening, (left,))
+                continue
+            parts = self.listed(self.place, ",")
+            self.needs(")" if opening.text == "(" else "]")
+            called = left.kind == "name" and opening.text == "("
+            kind, token = ("call or index", left.token) if called else ("index", opening)
+            left = SyntaxNode(kind, token, (left, *parts), opening.text == "[")
+        return left
+
+    def listed(self, one: Callable[[], SyntaxNode], sign: str) -> list[SyntaxNode]:
+        parts = [one()]
+        while self.takes(sign):
+            parts.append(one())
+        return parts
+
+    def place(self) -> SyntaxNode:
+        """An index, an argument, a range of indices, or ":" for all."""
+        token = self.now
+        if self.takes(":"):
+            return SyntaxNode("range", token)
+        first = self.expression()
+        return SyntaxNode("range", token, (first, self.expression())) if self.takes(":") else first
+
+    def atom(self) -> SyntaxNode:
+        token = self.take()
+        if token.text == "sum" and self.now.text == "(":
+            self.needs("(")
+            turns = self.turns()
+            self.needs(",")
+            found = SyntaxNode("sum", token, (*turns, self.expression()))
+            self.needs(")")
+            return found
+        if token.kind in ("number", "name"):
+            return SyntaxNode(token.kind, token)
+        if token.text in ("[", "<"):
+            first = self.expression()
+            self.needs(",")
+            last = self.expression()
+            self.needs("]" if token.text == "[" else ">")
+            return SyntaxNode("interval" if token.text == "[" else "ball", token, (first, last))
+        if token.text == "(":
+            first, sign = self.expression(), self.now.text
+            parts = [first, *self.listed(self.expression, sign)] if self.takes(",", ";") else [first]
+            self.needs(")")
+            return first if len(parts) == 1 else SyntaxNode("row" if sign == "," else "column", token, tuple(parts))
+        self.at -= token.kind != "end of file"
+        before = self.tokens[self.at - 1].text + token.text if self.at else ""
+        remedy = _HABITS.get(before, "write a number, a name or a bracket")
+        return self.fail(f"{self.told()} stands where an expression should begin", remedy)
+
+    def turns(self) -> tuple[SyntaxNode, SyntaxNode, SyntaxNode]:
+        """`name = first : last` of a loop or a sum."""
+        name = self.name()
+        self.needs("=")
+        first = self.expression()
+        self.needs(":")
+        return SyntaxNode("name", name), first, self.expression()
+
+    # functions and constraints ----------------------------------------------------------------
+
+    def named(self) -> tuple[Token, tuple[SyntaxNode, ...]]:
+        """A name and its dimensions."""
+        token, dimensions = self.name(), []
+        while self.takes("["):
+            dimensions.append(self.expression())
+            self.needs("]")
+        if len(dimensions) > 3:
+            raise self.wrong(f"{token.text} has {len(dimensions)} dimensions", "give at most three", token)
+        return token, tuple(dimensions)
+
+    def function(self) -> Function:
+        self.needs("(")
+        inputs = [self.named()[0]]
+        while self.takes(","):
+            inputs.append(self.named()[0])
+        self.needs(")")
+        steps = []
+        while self.now.kind == "name":
+            left = self.name()
+            self.needs("=")
+            steps.append((left, self.expression()))
+            self.needs(";")
+        self.needs("return")
+        result = self.expression()
+        self.takes(";")
+        self.needs("end")
+        return Function(tuple(inputs), tuple(steps), result)
+
+    def blocks(self) -> tuple[Relation | Loop, ...]:
+        """Up to "end", which is taken."""
+        out: list[Relation | Loop] = []
+        while not self.takes("end"):
+            if self.takes("for"):
+                with self.deeper():
+                    name, first, last = self.turns()
+                    self.needs(";")
+                    out.append(Loop(name.token, first, last, self.blocks()))
+            else:
+                out.append(self.relation())
+            if self.now.text != "end":
+                self.needs(";")
+        return tuple(out)
+
+    def relation(self) -> Relation:
+        """In brackets or not."""
+        if self.now.text == "(" and self.holds_relation():
+            self.take()
+            with self.deeper():
+                found = self.relation()
+                self.needs(")")
+            return found
+        if self.now.text == "integer" and self.tokens[self.at + 1].text == "(":
+            sign = self.take()
+            self.needs("(")
+            found = Relation(sign, self.expression())
+            self.needs(")")
+            return found
+        left = self.expression()
+        if self.now.text not in _RELATIONS:
+            self.fail(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
+        found = Relation(self.take(), left, self.expression())
+        if self.now.text in _RELATIONS:
+            self.fail("a second relation follows", "write a <= b and b <= c as two constraints")
+        return found
+
+    def holds_relation(self) -> bool:
+        """Whether the bracket that begins here is round a relation, not round an expression."""
+        depth = 0
+        for before, token in pairwise(self.tokens[self.at :]):
+            depth += (before.text in _OPENING) - (before.text in _CLOSING)
+            after_value = before.kind in ("number", "name") or before.text in (*_CLOSING, "'")
+            if depth == 1 and token.text == "integer" and before.text == "(":
+                return True
+            if depth == 1 and token.text in _RELATIONS and (after_value or token.text not in "<>"):
+                return True
+            if depth == 0 or token.text == ";":
+                return False
+        return False
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What expressions are worth, by the names that are known where they stand.
+
+
+class _Evaluator(_Parser):
     """Functions see `constants` and their inputs, nothing else. Every error is an InputError with line and column."""
 
-    def __init__(self, source: Source) -> None:
-        self.source = source
-        self.constants: dict[str, Value] = {"pi": PI, "oo": Data(Interval(np.finfo(float).max, np.inf))}
+    def __init__(self, text: str, where: str) -> None:
+        super().__init__(text, where)
+        self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(np.finfo(float).max, np.inf))}
         self.functions: dict[str, Function] = {}
         self.used: set[str] = set()  # names that were asked for
-        self.depth = 0
+        self.calls = 0  # of functions in one another
+
+    @contextmanager
+    def placed(self, token: Token) -> Iterator[None]:
+        """Gives the token's place to an error of the solver's modelling layer."""
+        try:
+            yield
+        except InputError:
+            raise
+        except (CpcalError, OverflowError, ZeroDivisionError, ValueError) as error:
+            raise self.wrong(str(error).splitlines()[0][:200], "correct the expression", token) from None
 
     def value(self, node: SyntaxNode, names: Names) -> Value:
-        with Placed(self.source, node.token):
+        with self.placed(node.token):
             return self.worth(node, names)
 
     def worth(self, node: SyntaxNode, names: Names) -> Value:
-        if node.kind == "number":
-            return Fraction(node.token.value)
-        if node.kind == "name":
-            return self.named(node.token, names)
-        if node.kind in _BINARY:
+        kind, token = node.kind, node.token
+        if kind == "number":
+            return Fraction(token.value)
+        if kind == "name":
+            if token.text not in names:
+                raise self.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
+            self.used.add(token.text)
+            return names[token.text]
+        if kind in _BINARY:
             return self.chain(node, names)
-        if node.kind in _UNARY:
-            return _UNARY[node.kind](self.value(node.parts[0], names))
-        if node.kind in ("row", "column"):
-            return stacked([self.value(part, names) for part in node.parts], row=node.kind == "row")
-        if node.kind in ("interval", "ball"):
-            low, high = (interval_of(self.value(part, names)) for part in node.parts)
-            return Data(_between(low, high) if node.kind == "interval" else low + Interval(-high.hi, high.hi))
-        if node.kind == "sum":
-            return self.total(node, names)
-        return self.indexed_or_called(node, names)
+        if kind == "sum":
+            name, first, last, body = node.parts
+            total: Value = Fraction(0)
+            for k, turn in enumerate(self.range(name.token, first, last, names)):
+                entry = self.value(body, {**names, name.token.text: Fraction(turn)})
+                total = plus(total, entry) if k else entry
+            return total
+        if kind in ("index", "call or index"):
+            return self.indexed_or_called(node, names)
+        values = [self.value(part, names) for part in node.parts]
+        if kind in ("row", "column"):
+            return stacked(values, row=kind == "row")
+        if kind in ("interval", "ball"):
+            low, high = map(interval_of, values)
+            return Data(_between(low, high) if kind == "interval" else low + Interval(-high.hi, high.hi))
+        return negative(values[0]) if kind == "negative" else transposed(values[0])
 
     def chain(self, node: SyntaxNode, names: Names) -> Value:
         """A sum or product of any length, from its left end: no call for each of its signs."""
@@ -99,40 +457,21 @@ class Evaluator:
         found = self.value(node, names)
         for sign in reversed(signs):
             right = self.value(sign.parts[1], names)
-            with Placed(self.source, sign.token):
+            with self.placed(sign.token):
                 found = _BINARY[sign.kind](found, right)
         return found
-
-    def named(self, token: Token, names: Names) -> Value:
-        if token.text not in names:
-            raise self.source.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
-        self.used.add(token.text)
-        return names[token.text]
-
-    def scalar(self, node: SyntaxNode, names: Names) -> Expr:
-        value = as_operand(self.value(node, names))
-        if not isinstance(value, Expr):
-            raise self.source.wrong("a number that depends on a variable must stand here", "write one", node.token)
-        return value
 
     def whole(self, node: SyntaxNode, names: Names) -> int:
         value = self.value(node, names)
         if not isinstance(value, Fraction) or value.denominator != 1:
-            raise self.source.wrong("a whole number must stand here", "write one, or a name of one", node.token)
+            raise self.wrong("a whole number must stand here", "write one, or a name of one", node.token)
         return int(value)
 
-    def total(self, node: SyntaxNode, names: Names) -> Value:
-        name, value = node.parts[0].token, None
-        for k in self.turns(name, node.parts[1], node.parts[2], names):
-            entry = self.value(node.parts[3], {**names, name.text: Fraction(k)})
-            value = entry if value is None else plus(value, entry)
-        return Fraction(0) if value is None else value
-
-    def turns(self, name: Token, first: SyntaxNode, last: SyntaxNode, names: Names) -> range:
-        """Of a loop or a sum."""
+    def range(self, name: Token, first: SyntaxNode, last: SyntaxNode, names: Names) -> range:
+        """The turns of a loop or a sum."""
         start, end = self.whole(first, names), self.whole(last, names)
         if end - start >= MOST:
-            raise self.source.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name)
+            raise self.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name)
         return range(start, end + 1)
 
     def indexed_or_called(self, node: SyntaxNode, names: Names) -> Value:
@@ -141,59 +480,42 @@ class Evaluator:
             return self.called(node.token, [self.value(place, names) for place in places])
         array = self.value(head, names)
         if not isinstance(array, np.ndarray):
-            raise self.source.wrong("a number has no index", "take it out", node.token)
-        row = is_row(array) and len(places) == 1
+            raise self.wrong("a number has no index", "take it out", node.token)
         if len(places) > array.ndim:
-            raise self.source.wrong(f"{len(places)} indices for {array.ndim} dimensions", "give fewer", node.token)
-        sides = array.shape[1:] if row else array.shape
-        return indexed(array, tuple(self.place(p, names, n, node) for p, n in zip(places, sides, strict=False)))
+            raise self.wrong(f"{len(places)} indices for {array.ndim} dimensions", "give fewer", node.token)
+        sides = array.shape[1:] if is_row(array) and len(places) == 1 else array.shape
+        base = 0 if node.from_zero else 1
+        return indexed(array, tuple(self.index(p, names, n, base) for p, n in zip(places, sides, strict=False)))
 
-    def place(self, node: SyntaxNode, names: Names, side: int, of: SyntaxNode) -> int | slice:
-        base = 0 if of.from_zero else 1
+    def index(self, node: SyntaxNode, names: Names, side: int, base: int) -> int | slice:
+        """From 0; the file counts from `base`."""
         ends = node.parts if node.kind == "range" else (node, node)
         first, last = (self.whole(end, names) for end in ends) if ends else (base, side - 1 + base)
         if not base <= first <= last <= side - 1 + base:
             what = f"the index {first if first == last else f'{first}:{last}'} is not from {base} to {side - 1 + base}"
-            raise self.source.wrong(what, "x(1) and x[0] are the first", node.token)
+            raise self.wrong(what, "x(1) and x[0] are the first", node.token)
         return slice(first - base, last - base + 1) if node.kind == "range" else first - base
 
     def called(self, token: Token, arguments: list[Value]) -> Value:
         if token.text in FUNCTIONS:
             return applied(token.text, arguments)
         if token.text in FORMS:
-            return FORMS[token.text](arguments)
+            return FORMS[token.text](*arguments)
         if token.text not in self.functions:
-            raise self.source.wrong(f"{shown(token.text)} is no function", "declare it, or correct the name", token)
+            raise self.wrong(f"{shown(token.text)} is no function", "declare it, or correct the name", token)
         function = self.functions[token.text]
         if len(arguments) != len(function.inputs):
             what = f"{token.text} takes {len(function.inputs)} arguments, not {len(arguments)}"
-            raise self.source.wrong(what, "give as many", token)
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise self.source.wrong("functions call one another without end", "take the circle out", token)
-        inputs = {symbol.token.text: value for symbol, value in zip(function.inputs, arguments, strict=True)}
-        local: dict[str, Value] = {**self.constants, **inputs}
+            raise self.wrong(what, "give as many", token)
+        self.calls += 1
+        if self.calls > _DEEPEST:
+            raise self.wrong("functions call one another without end", "take the circle out", token)
+        local = {**self.constants, **{name.text: of for name, of in zip(function.inputs, arguments, strict=True)}}
         for step, expression in function.steps:
             local[step.text] = self.value(expression, local)
         found = self.value(function.result, local)
-        self.depth -= 1
+        self.calls -= 1
         return found
-
-
-class Placed:
-    """Gives the token's place to an error of the solver's modelling layer."""
-
-    def __init__(self, source: Source, token: Token) -> None:
-        self.source, self.token = source, token
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, InputError):
-            return
-        if isinstance(error, (CpcalError, OverflowError, ZeroDivisionError, ValueError)):
-            raise self.source.wrong(str(error).splitlines()[0][:200], "correct the expression", self.token) from None
 
 
 def _between(low: Interval, high: Interval) -> Interval:
@@ -204,171 +526,169 @@ def _between(low: Interval, high: Interval) -> Interval:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What a Minibex file means: its tree becomes a network, and an objective where there is one.
-
-_CONSTRAINTS_MOST = 100_000
-_EVERYTHING = Data(Interval(-np.inf, np.inf))
+# What a file means: its declarations, in their order, become a network, and an objective where there is one.
 
 
-def read_minibex(text: str, where: str) -> StatedProblem:
-    """The problem in a text called `where`. Raises InputError that names line and column.
+class _Meaning(_Evaluator):
+    """Builds the problem of one file while it is parsed."""
 
-    Numbers are the float64 nearest to their decimal text; quotients and whole powers of numbers are exact. An interval
-    that is declared as data means THERE EXISTS a value of it at each place where it is written. "<" is read as "<=".
-    """
-    source = Source(text, where)
-    return _Meaning(source, Parser(source).file()).problem()
-
-
-class _Meaning:
-    """Builds the problem of one file."""
-
-    def __init__(self, source: Source, file: File) -> None:
-        self.source, self.file, self.evaluator = source, file, Evaluator(source)
-        self.temporary: dict[str, Token] = {}  # names that are set in the constraints
+    def __init__(self, text: str, where: str) -> None:
+        super().__init__(text, where)
+        self.network = Network(Path(where).stem or "problem")
+        self.names: dict[str, Value] = {}  # of variables and parameters
+        self.set_here: dict[str, Token] = {}  # names that are set in the constraints
 
     def problem(self) -> StatedProblem:
-        known, network = self.evaluator, Network(Path(self.source.where).stem or "problem")
-        for symbol in self.file.constants:
-            self.new(symbol.token, known.constants)
-            known.constants[symbol.token.text] = self.constant(symbol)
-        names = dict(known.constants)
-        for symbol in self.file.variables:
-            self.new(symbol.token, names)
-            names[symbol.token.text] = self.variable(symbol, network)
-        for symbol in self.file.parameters:
-            self.new(symbol.token, names)
-            names[symbol.token.text] = self.constant(symbol) if symbol.thin else self.parameter(symbol, network)
-        for function in self.file.functions:
-            self.new(function.token, {**names, **known.functions})
-            known.functions[function.token.text] = function
-        goal = None if self.file.goal is None else known.scalar(self.file.goal, names)
-        for count, (relation, scope) in enumerate(self.relations(self.file.blocks, names)):
+        if self.takes("constants"):
+            while self.now.kind == "name" or self.now.text == "*":
+                self.declared(self.constants, parameter=False)
+                self.needs(";")
+        if self.parts() and self.now.kind == "end of file":
+            self.fail("the file declares functions alone", "declare Variables, and Constraints or what to Minimize")
+        self.needs("variables")
+        self.variable()
+        while self.takes(";", ","):
+            if self.now.kind != "name" or self.now.text.lower() == "maximize":
+                break
+            self.variable()
+        self.parts()
+        names, goal = {**self.constants, **self.names}, None
+        if self.takes("minimize"):
+            tree = self.expression()
+            goal = as_operand(self.value(tree, names))
+            if not isinstance(goal, Expr):
+                raise self.wrong("a number that depends on a variable must stand here", "write one", tree.token)
+        self.takes(";")
+        blocks: tuple[Relation | Loop, ...] = ()
+        if self.takes("constraints"):
+            self.takes(";")
+            blocks = self.blocks()
+        elif goal is None:
+            largest = self.now.text.lower() == "maximize"
+            remedy = "write Minimize and the negative" if largest else "say what is asked for, after a ;"
+            self.fail(f"{self.told()} stands where Minimize or Constraints should", remedy)
+        else:
+            self.takes("end")
+        if self.now.kind != "end of file":
+            self.fail(f"{shown(self.now.text)} comes after the end", "take it out")
+        for count, (relation, scope) in enumerate(self.relations(blocks, names)):
             if count == _CONSTRAINTS_MOST:
                 what = f"there are more than {_CONSTRAINTS_MOST:,} constraints"
-                raise self.source.wrong(what, "write fewer", relation.sign)
-            with Placed(self.source, relation.sign):
-                network.add(self.constraint(relation, scope, network))
-        self.check_used()
-        whole = tuple(name for name, is_whole in zip(network.names, network.whole, strict=True) if is_whole)
-        return StatedProblem(network, goal, integer=whole)
-
-    def new(self, token: Token, names: Any) -> None:
-        if token.text in names or token.text in RESERVED:
-            raise self.source.wrong(f"{shown(token.text)} is there already", "choose another name", token)
+                raise self.wrong(what, "write fewer", relation.sign)
+            with self.placed(relation.sign):
+                self.network.add(self.constraint(relation, scope))
+        for name, token in self.set_here.items():  # one that is used nowhere is a slip of the pen
+            if name not in self.used:
+                what = f"{shown(name)} is set here and used nowhere"
+                raise self.wrong(what, "correct the name of the variable, or take the line out", token)
+        whole = tuple(name for name, is_whole in zip(self.network.names, self.network.whole, strict=True) if is_whole)
+        return StatedProblem(self.network, goal, integer=whole)
 
     # declarations -----------------------------------------------------------------------------
 
-    def dimensions(self, symbol: Symbol) -> tuple[int, ...]:
-        shape = tuple(self.evaluator.whole(node, self.evaluator.constants) for node in symbol.dimensions)
-        if any(side < 1 for side in shape) or int(np.prod(shape, dtype=object)) > MOST:
-            what = f"{symbol.token.text} has the dimensions {shape}"
-            raise self.source.wrong(what, f"give whole numbers from 1, and at most {MOST:,} entries", symbol.token)
-        return shape
+    def parts(self) -> int:
+        """Functions and parameters, in any order; how many functions."""
+        count = 0
+        while word := self.takes("function", "parameters"):
+            if word.text == "function":
+                token = self.name()
+                self.new(token)
+                self.functions[token.text] = self.function()
+                count += 1
+                continue
+            self.declared(self.names, parameter=True)
+            while self.takes(";", ",") and self.now.kind == "name":
+                self.declared(self.names, parameter=True)
+        return count
 
-    def constant(self, symbol: Symbol) -> Value:
-        assert symbol.value is not None  # the grammar asks for one
-        shape, value = self.dimensions(symbol), self.evaluator.value(symbol.value, self.evaluator.constants)
-        with Placed(self.source, symbol.token):
-            spread = self.spread(symbol, value, shape)
-            entries = spread if symbol.thin else [_data(interval_of(entry)) for entry in spread]
-        return array_of(entries, shape) if shape else entries[0]
+    def new(self, token: Token) -> None:
+        if any(token.text in known for known in (self.constants, self.names, self.functions, RESERVED)):
+            raise self.wrong(f"{shown(token.text)} is there already", "choose another name", token)
 
-    def variable(self, symbol: Symbol, network: Network) -> Value:
-        shape = self.dimensions(symbol)
-        value: Value = _EVERYTHING
-        if symbol.value is not None:
-            value = self.evaluator.value(symbol.value, self.evaluator.constants)
-        with Placed(self.source, symbol.token):
-            bounds = [interval_of(entry) for entry in self.spread(symbol, value, shape)]
+    def declared(self, names: dict[str, Value], *, parameter: bool) -> None:
+        """A constant, or a parameter: of bounds THERE EXISTS a value, the same wherever the parameter stands."""
+        self.takes("*")
+        token, dimensions = self.named()
+        self.new(token)
+        exact = self.takes("=")
+        if not exact:
+            self.needs("in")
+        entries, shape = self.entries(token, dimensions, self.expression())
+        with self.placed(token):
+            if not exact:
+                bounds = [interval_of(entry) for entry in entries]
+                if parameter:
+                    entries = [self.network.parameter((b.lo, b.hi), forall=False) for b in bounds]
+                else:
+                    entries = [b if b.lo == b.hi else Data(b) for b in bounds]
+        names[token.text] = array_of(entries, shape) if shape else entries[0]
+
+    def variable(self) -> None:
+        token, dimensions = self.named()
+        self.new(token)
+        entries, shape = self.entries(token, dimensions, self.expression() if self.takes("in") else None)
+        with self.placed(token):
+            bounds = [interval_of(entry) for entry in entries]
             lo, hi = (np.array([getattr(b, end) for b in bounds]).reshape(shape) for end in ("lo", "hi"))
-            leaf = network.variable(symbol.token.text, shape=shape, domain=(lo, hi))
-        return array_of([leaf[k] for k in np.ndindex(shape)], shape) if shape else leaf
+            leaf = self.network.variable(token.text, shape=shape, domain=(lo, hi))
+        self.names[token.text] = array_of([leaf[k] for k in np.ndindex(shape)], shape) if shape else leaf
 
-    def parameter(self, symbol: Symbol, network: Network) -> Value:
-        """Numbers known to lie within bounds: THERE EXISTS a value of each, the same wherever it stands."""
-        assert symbol.value is not None  # the grammar asks for one
-        shape, value = self.dimensions(symbol), self.evaluator.value(symbol.value, self.evaluator.constants)
-        with Placed(self.source, symbol.token):
-            bounds = [interval_of(entry) for entry in self.spread(symbol, value, shape)]
-            entries = [network.parameter((b.lo, b.hi), forall=False) for b in bounds]
-        return array_of(entries, shape) if shape else entries[0]
-
-    def spread(self, symbol: Symbol, value: Value, shape: tuple[int, ...]) -> list[Any]:
-        """The entries of a value of that shape; one number stands for all."""
-        if not isinstance(value, np.ndarray):
-            return [value] * int(np.prod(shape, dtype=int))
-        told = shape if value.shape == (1, *shape) else value.shape  # a row and a column of one length
-        if told != shape:
-            what = f"{symbol.token.text} has the dimensions {shape} and a value of {value.shape}"
-            raise self.source.wrong(what, "give a value of its size", symbol.token)
-        return list(value.ravel())
+    def entries(
+        self, token: Token, dimensions: tuple[SyntaxNode, ...], value: SyntaxNode | None
+    ) -> tuple[list[Any], tuple[int, ...]]:
+        """What a name is set to or lies in, entry by entry, and its shape; one number stands for all entries."""
+        shape = tuple(self.whole(node, self.constants) for node in dimensions)
+        if any(side < 1 for side in shape) or int(np.prod(shape, dtype=object)) > MOST:
+            what = f"{token.text} has the dimensions {shape}"
+            raise self.wrong(what, f"give whole numbers from 1, and at most {MOST:,} entries", token)
+        found = _EVERYTHING if value is None else self.value(value, self.constants)
+        if not isinstance(found, np.ndarray):
+            return [found] * int(np.prod(shape, dtype=int)), shape
+        if shape not in (found.shape, found.shape[1:] if is_row(found) else None):  # a row serves as a column
+            what = f"{token.text} has the dimensions {shape} and a value of {found.shape}"
+            raise self.wrong(what, "give a value of its size", token)
+        return list(found.ravel()), shape
 
     # constraints ------------------------------------------------------------------------------
 
     def relations(self, blocks: tuple[Relation | Loop, ...], names: Names) -> Iterator[tuple[Relation, Names]]:
         names = dict(names)
         for block in blocks:
-            if isinstance(block, Relation):
-                new = self.new_name(block, names)
-                if new is None:
-                    yield block, names
-                else:
-                    assert block.right is not None
-                    names[new.text] = self.evaluator.value(block.right, names)
-                    self.temporary[new.text] = new
+            if isinstance(block, Loop):
+                for k in self.range(block.name, block.first, block.last, names):
+                    yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
                 continue
-            for k in self.evaluator.turns(block.name, block.first, block.last, names):
-                yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
+            token = block.left.token
+            known = token.text in names or token.text in self.functions
+            if block.right is not None and block.left.kind == "name" and block.sign.text == "=" and not known:
+                names[token.text] = self.value(block.right, names)  # what has no meaning yet gets one
+                self.set_here[token.text] = token
+            else:
+                yield block, names
 
-    def new_name(self, relation: Relation, names: Names) -> Token | None:
-        """What stands alone on the left of = and has no meaning yet gets one."""
-        token = relation.left.token
-        plain = relation.left.kind == "name" and relation.sign.text == "=" and token.text not in names
-        return token if plain and token.text not in self.evaluator.functions else None
-
-    def check_used(self) -> None:
-        """A name that is set in the constraints and nowhere used is a slip of the pen."""
-        for name, token in self.temporary.items():
-            if name not in self.evaluator.used:
-                what = f"{shown(name)} is set here and used nowhere"
-                raise self.source.wrong(what, "correct the name of the variable, or take the line out", token)
-
-    def constraint(self, relation: Relation, names: Names, network: Network) -> list[Constraint]:
-        left = self.evaluator.value(relation.left, names)
+    def constraint(self, relation: Relation, names: Names) -> list[Constraint]:
+        left = self.value(relation.left, names)
         if relation.right is None:
-            return [c for entry in np.ravel(np.asarray(left, dtype=object)) for c in self.whole(entry, network)]
-        right = self.evaluator.value(relation.right, names)
-        if relation.sign.text == "in":
-            return [self.within(*parts) for parts in pairs(left, right)]
-        difference, out = minus(left, right), []
-        for entry in difference.ravel() if isinstance(difference, np.ndarray) else [difference]:
+            return [c for entry, _ in pairs(left, Fraction(0)) for c in self.integer(entry)]
+        right, sign, out = self.value(relation.right, names), relation.sign.text[0], []
+        both = pairs(left, right) if sign == "i" else pairs(minus(left, right), Fraction(0))
+        for entry, bounds in both:
             body = as_operand(entry)
             if not isinstance(body, Expr):
-                raise self.source.wrong("a constraint without a variable", "take it out", relation.sign)
-            sign = relation.sign.text[0]
-            out.append(body <= 0.0 if sign == "<" else body >= 0.0 if sign == ">" else body == 0.0)
+                raise self.wrong("a constraint without a variable", "take it out", relation.sign)
+            if sign == "i":
+                inside = interval_of(bounds)
+                out.append(body.within((inside.lo, inside.hi)))
+            else:
+                out.append(body <= 0.0 if sign == "<" else body >= 0.0 if sign == ">" else body == 0.0)
         return out
 
-    @staticmethod
-    def within(value: Value, bounds: Value) -> Constraint:
-        """An expression in an interval of constants."""
-        body, inside = as_operand(value), interval_of(bounds)
-        if not isinstance(body, Expr):
-            raise ModelError("a constraint without a variable")
-        return body.within((inside.lo, inside.hi))
-
-    @staticmethod
-    def whole(value: Value, network: Network) -> list[Constraint]:
+    def integer(self, value: Value) -> list[Constraint]:
         """`integer(...)`: of a variable a property of it, of an expression an equation."""
         body = as_operand(value)
         if not isinstance(body, Expr):
             raise ModelError("integer() of a number says nothing of a variable")
         if body.op == "variable" or (body.op == "index" and body.args[0].op == "variable"):
-            network.require_whole(body)
+            self.network.require_whole(body)
             return []
         return [floor(body) - body == 0.0]
-
-
-def _data(bounds: Interval) -> Interval | Data:
-    return bounds if bounds.lo == bounds.hi else Data(bounds)

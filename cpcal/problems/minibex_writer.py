@@ -13,15 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.problems.values import array_of
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
 from cpcal.solver.network.expression import topological
 
 Texts = npt.NDArray[np.object_]
 
-_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-_CALLED = {"log": "ln", **{name: name for name in ("sqrt", "abs", "exp", "sin", "cos", "tan", "asin", "acos", "atan")}}
-_CALLED |= {name: name for name in ("sinh", "cosh", "tanh", "floor", "ceil", "sign", "min", "max", "atan2")}
+_FORMS = {"add": "({}+{})", "sub": "({}-{})", "mul": "({}*{})", "div": "({}/{})", "neg": "(-{})", "log": "ln({})"}
+_FORMS |= {"pow": "exp({1}*ln({0}))", "expm1": "(exp({})-1)", "log1p": "ln(1+{})", "sqr": "({}^2)"}
+_CALLED = ("sqrt", "abs", "exp", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "floor", "ceil")
+_FORMS |= {name: name + "({})" for name in (*_CALLED, "sign")}
+_FORMS |= {name: name + "({},{})" for name in ("min", "max", "atan2")}
 _LONGEST = 10_000_000  # characters
 
 
@@ -48,7 +51,7 @@ class _MinibexWriter:
             if len(leaf.shape) > 2:
                 raise ModelError(f"{leaf.name!r} has {len(leaf.shape)} axes: Minibex has vectors and matrices")
             places = [",".join(str(k + 1) for k in index) for index in np.ndindex(leaf.shape)]
-            self._done[leaf.digest] = _texts([f"{leaf.name}({p})" if p else leaf.name for p in places], leaf.shape)
+            self._done[leaf.digest] = array_of([f"{leaf.name}({p})" if p else leaf.name for p in places], leaf.shape)
         self._used: Counter[bytes] = Counter()
 
     def declared(self, leaf: Expr) -> str:
@@ -99,25 +102,16 @@ class _MinibexWriter:
             return self._leaf(node)
         if node.op == "index":
             flat = args[0].ravel().tolist()
-            return _texts([flat[k] for k in np.ravel(node.data).tolist()], node.shape)  # type: ignore[arg-type]
+            return array_of([flat[k] for k in np.ravel(node.data).tolist()], node.shape)  # type: ignore[arg-type]
         if node.op == "sum":
             moved = np.moveaxis(args[0], node.parameter, 0)
             return _each(lambda *parts: f"({'+'.join(parts)})", node.shape, *moved)
-        if node.op in _SIGNS:
-            return _each(lambda a, b: f"({a}{_SIGNS[node.op]}{b})", node.shape, *args)
-        if node.op == "neg":
-            return _each(lambda a: f"(-{a})", node.shape, *args)
-        if node.op in ("sqr", "power"):
-            count = 2 if node.op == "sqr" else node.parameter
-            return _each(lambda a: f"({a}^{count})" if count >= 0 else f"(1/{a}^{-count})", node.shape, *args)
-        if node.op == "pow":
-            return _each(lambda a, b: f"exp({b}*ln({a}))", node.shape, *args)
-        if node.op in ("expm1", "log1p"):
-            text = "(exp({})-1)" if node.op == "expm1" else "ln(1+{})"
-            return _each(text.format, node.shape, *args)
-        if node.op not in _CALLED:
+        form = _FORMS.get(node.op)
+        if node.op == "power":
+            form = f"({{}}^{node.parameter})" if node.parameter >= 0 else f"(1/{{}}^{-node.parameter})"
+        if form is None:
             raise ModelError(f"Minibex has no {node.op!r}")
-        return _each(lambda *parts: f"{_CALLED[node.op]}({','.join(parts)})", node.shape, *args)
+        return _each(form.format, node.shape, *args)
 
     def _leaf(self, node: Expr) -> Texts:
         data = node.data
@@ -127,7 +121,7 @@ class _MinibexWriter:
             if users > 1:
                 raise ModelError("a reading that is used twice has one value in both places: Minibex can not say that")
         pairs = zip(data.lo.ravel().tolist(), data.hi.ravel().tolist(), strict=True)
-        return _texts([_number(lo) if lo == hi else _interval(lo, hi) for lo, hi in pairs], node.shape)
+        return array_of([_number(lo) if lo == hi else _interval(lo, hi) for lo, hi in pairs], node.shape)
 
 
 def _arguments(constraint: Constraint) -> list[Expr]:
@@ -147,12 +141,6 @@ def _interval(lo: float, hi: float) -> str:
     return f"[{low},{high}]"
 
 
-def _texts(values: list[str], shape: tuple[int, ...]) -> Texts:
-    out = np.empty(len(values), dtype=object)
-    out[:] = values
-    return out.reshape(shape)
-
-
 def _each(function: Any, shape: tuple[int, ...], *args: Texts) -> Texts:
     parts = [np.broadcast_to(arg, shape).ravel() for arg in args]
-    return _texts([function(*each) for each in zip(*parts, strict=True)], shape)
+    return array_of([function(*each) for each in zip(*parts, strict=True)], shape)

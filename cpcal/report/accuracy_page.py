@@ -12,9 +12,9 @@ import numpy as np
 from markupsafe import Markup
 
 from cpcal.accuracy.findings import Accuracy, CellAccuracy, PoseAccuracy, WorkspaceAccuracy
-from cpcal.common.files import listed, write_file
+from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
-from cpcal.report.section import Drawing, Mark, Section, Table, Words, key, most, origin, page_text, verdict, versions
+from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, Svg, ticks
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -153,11 +153,11 @@ def _draw(axes: Axes, cell: CellAccuracy, ends: list[float]) -> None:
     (x0, y0), (x1, y1) = cell.lo[:2], cell.hi[:2]
     square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     if not cell.proved:
-        axes.area(square, "none", SUPPORT, 1.0, DASHES)
+        axes.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
         return
     shade = next((k for k, end in enumerate(ends) if cell.position_bound <= end), _STEPS - 1)
-    axes.area(square, "var(--paper)")
-    axes.area(square, f"{EDGE}; fill-opacity: {opacity(shade)}")
+    axes.area("var(--paper)", square)
+    axes.area(f"{EDGE}; fill-opacity: {opacity(shade)}", square)
 
 
 def dominating(
@@ -185,15 +185,15 @@ _KINDS = {"PROVED": "explained", "REFUTED": "unexplained", "THE ASSUMPTION": "un
 def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
     """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
     robot = found.campaign.robot
-    page = page_text(
+    page = Page(
         f"Accuracy: {robot}",
-        "cpcal: accuracy certificate",
+        "accuracy certificate",
         robot,
         [answer(found), *_where(found.workspace), *_at_poses(found), _assumption(found), *_next(found), _origin(found)],
-        notices=[assumption(found)],
-        lead="How far from where its controller says can the platform be?",
+        [assumption(found)],
+        "How far from where its controller says can the platform be?",
     )
-    return write_file(Path(folder) / ACCURACY_PAGE, page)
+    return page.write(Path(folder) / ACCURACY_PAGE)
 
 
 def answer(found: Accuracy) -> Section:
@@ -201,48 +201,40 @@ def answer(found: Accuracy) -> Section:
         f"Controller: {found.controller} parameters. Its own readings are taken to be reached; what the servo leaves "
         "counts as model error. Poses are of the mobile frame in the campaign's base frame."
     )
-    return Section("Answer", [_styled(sentence) for sentence in sentences(found)], notes=[note])
-
-
-def _styled(sentence: str) -> Words:
-    """With a badge for its first words."""
-    word, _, rest = sentence.partition(":")
-    kind = next((kind for begin, kind in _KINDS.items() if sentence.startswith(begin)), None)
-    return sentence if kind is None else (verdict(word, kind), f":{rest}")
+    said: list[Words] = []
+    for sentence in sentences(found):
+        word, _, rest = sentence.partition(":")
+        kind = next((kind for begin, kind in _KINDS.items() if sentence.startswith(begin)), None)
+        said.append(sentence if kind is None else (verdict(word, kind), f":{rest}"))
+    return Section("Answer", said, notes=[note])
 
 
 def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
     if over is None or not over.cells:
         return
     swatch = Markup('<i class="key" style="background: {}; opacity: {}"></i>')
-    shaded = [(swatch.format(EDGE, opacity(k)), f"up to {at_most(end)} mm") for k, end in enumerate(shades(over))]
+    legend: dict[str, Words] = {
+        swatch.format(EDGE, opacity(k)): f"up to {at_most(end)} mm" for k, end in enumerate(shades(over))
+    }
     caption = (
         "Proved bounds of the position for all poses of each cell, seen from above at three heights. Cells of several "
         "rotations lie over one another; the worst is seen. Cells that are not near the worst are not divided further, "
         f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
     )
-    legend = (*shaded, (key("dashed"), "left out"), (Markup(), "× worst pose met"))
-    legs = tuple((name, f"{nearest(100.0 * share, 0)} %") for name, share in dominating(over)[:6])
+    legend |= {"dashed": "left out", "": "× worst pose met"}
+    legs = [(name, f"{nearest(100.0 * share, 0)} %") for name, share in dominating(over)[:6]]
     dominates = Section(
         "Legs that dominate",
         tables=[Table(("the two legs that move the platform most", "share of the workspace"), legs)],
         notes=[
-            (
-                "To first order, at the cells' centers: what is not known of a leg's length, and how far that moves "
-                "the platform."
-            )
+            "To first order, at the cells' centers: what is not known of a leg's length, and how far that moves the "
+            "platform."
         ],
     )
-    cells = [(_cell_text(cell),) for cell in over.left_out]
-    shown, more = most(cells, _MOST, "accuracy.json")
-    left = Section(
-        "Cells left out",
-        ["Nothing is proved of the poses in these cells."],
-        [text for (text,) in shown],
-        notes=more,
-    )
-    parts = [dominates] * bool(legs) + [left] * bool(cells)
-    yield Section("Where in the workspace", figures=[Drawing((map_svg(over),), legend, caption)], parts=parts)
+    cells = Table(("cell",), [(_cell_text(cell),) for cell in over.left_out], ("word",), "", _MOST, "accuracy.json")
+    left = Section("Cells left out", ["Nothing is proved of the poses in these cells."], tables=[cells])
+    parts = [dominates] * bool(legs) + [left] * bool(over.left_out)
+    yield Section("Where in the workspace", figures=[Drawing([map_svg(over)], legend, caption)], parts=parts)
 
 
 def _at_poses(found: Accuracy) -> Iterator[Section]:
@@ -254,43 +246,40 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     widest = [f"{at_most(v)} mm" for v in axes[:3]] + [f"{degrees_up(v)}°" for v in axes[3:]]
     by_axis = ", ".join(f"{n} {v}" for n, v in zip(("x", "y", "z", "rx", "ry", "rz"), widest, strict=True))
     head = ("pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "U [mm]", "legs", *(["truth [mm]"] * truth))
-    rows, more = most([_pose_row(pose, truth) for pose in poses], _MOST, "accuracy.json")
+    worst = Table(head, [_pose_row(pose, truth) for pose in poses], most=_MOST, where="accuracy.json")
     yield Section(
         "At the poses asked for",
-        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), tuple(_summary(poses, truth)))],
+        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), list(_summary(poses, truth)))],
         notes=[
             f"Largest by axis: {by_axis}.",
             "Only the first row is proved (under the assumption). U and the truth are estimates: U takes what the "
             "residuals scatter for noise, and speaks of 95 % of cases, not of all.",
         ],
-        parts=[Section("Worst first", tables=[Table(head, rows)], notes=more)],
+        parts=[Section("Worst first", tables=[worst])],
     )
 
 
 def _summary(poses: Sequence[PoseAccuracy], truth: bool) -> Iterator[tuple[str, ...]]:
     """Mean and largest over the poses, as position accuracy is stated; a row a quantity."""
     estimates = [pose.estimated for pose in poses]
-    quantities: list[tuple[str, list[float], list[float], Callable[[float], str]]] = [
-        ("proved bound", [p.position_bound for p in poses], [p.rotation_bound for p in poses], at_most),
-        ("U of least squares, k = 2", [e.u_position for e in estimates], [e.u_rotation for e in estimates], about),
-        (
-            "simulator's truth",
-            [e.true_position or 0.0 for e in estimates],
-            [e.true_rotation or 0.0 for e in estimates],
-            about,
-        ),
+    bounds = [(pose.position_bound, pose.rotation_bound) for pose in poses]
+    quantities = [
+        ("proved bound", at_most, bounds),
+        ("U of least squares, k = 2", about, [(e.u_position, e.u_rotation) for e in estimates]),
+        ("simulator's truth", about, [(e.true_position or 0.0, e.true_rotation or 0.0) for e in estimates]),
     ]
-    for name, position, rotation, text in quantities[: 3 if truth else 2]:
-        angles = [math.degrees(v) for v in rotation]
-        yield name, *(text(v) for of in (position, angles) for v in (float(np.mean(of)), max(of)))
+    for name, text, values in quantities[: 3 if truth else 2]:
+        position, rotation = np.array(values).T
+        sizes = (size(of) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max))
+        yield name, *(text(float(v)) for v in sizes)
 
 
 def _assumption(found: Accuracy) -> Section:
     head = ("leg", *(f"{n} poses [mm]" for n in found.assumed[0].poses), "refuted below [mm]", "assumed [mm]")
-    rows = tuple(
+    rows = [
         (str(e.leg), *map(about, e.growth), at_least(e.refuted_below), stated(e.eps) if e.stated else about(e.eps))
         for e in found.assumed
-    )
+    ]
     return Section(
         "The assumption",
         [
@@ -307,7 +296,7 @@ def _assumption(found: Accuracy) -> Section:
 
 
 def _next(found: Accuracy) -> Iterator[Section]:
-    rows = tuple((_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses)
+    rows = [(_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses]
     if rows:
         said = ["Measuring these would narrow the bound most; estimates, to first order."]
         yield Section("Next poses", said, tables=[Table(("pose", "chosen by", "worst bound then [mm]"), rows)])
@@ -319,8 +308,7 @@ def _origin(found: Accuracy) -> Section:
         f"certificate holds these proofs: whoever doubts runs it again. {about(found.seconds)} s."
     )
     campaign = (Mark(found.campaign.sha256, "code"), f", {found.campaign.measurements} measurements")
-    data: dict[str, Words] = {"Campaign, SHA-256": campaign, "Proofs": proofs}
-    return origin(**data, Versions=f"This page was written by {versions()}.")
+    return origin({"Campaign, SHA-256": campaign, "Proofs": proofs})
 
 
 def _pose_row(pose: PoseAccuracy, truth: bool) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ Estimates from the least-squares fit and the linearised equations, in floating p
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
@@ -115,7 +116,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     return Advice(better[0], f"{step[1]} If this one is too large: {better[1][0].lower()}{better[1][1:]}", first)
 
 
-def measurement_names(campaign: Campaign, numbers: tuple[int, ...]) -> list[str]:
+def measurement_names(campaign: Campaign, numbers: Iterable[int]) -> list[str]:
     """Measurements counted from 1, each with its id."""
     ids = campaign.measurement_ids
     return [f"{k + 1} ({ids[k]})" for k in numbers]

@@ -17,7 +17,7 @@ from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
 from cpcal.questions import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
-from cpcal.report.section import Mark, Section, Table, Words, origin, page_text, verdict, versions
+from cpcal.report.section import Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
 from cpcal.solver.contract import Verdict
 
@@ -43,7 +43,7 @@ def comparison_table(comparison: Comparison) -> Table:
     of_legs, tolerance = bool(comparison.campaign_sha256), comparison.tolerance
     at = "at the tolerance" if tolerance is None else f"at {stated(tolerance)}{_unit(comparison)}"
     bounds = ("eps_lo [mm]", "eps_hi [mm]") if of_legs else ("eps_lo", "eps_hi")
-    rows: list[tuple[Words, ...]] = []
+    rows: list[Sequence[Words]] = []
     for entry in comparison.entries:
         word: Words = entry.word(tolerance, comparison.options)
         if tolerance is not None:
@@ -52,7 +52,7 @@ def comparison_table(comparison: Comparison) -> Table:
         extra = (_extra(entry),) * of_legs
         rows.append((entry.subject, entry.model, *between, word, entry.certificate or "none", *extra))
     head = ("of", "model", *bounds, at, "certificate", *(("extra parameters",) * of_legs))
-    return Table(head, tuple(rows), ("", "word", "", "", "word", "word", "word"), "compared")
+    return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
 
 
 def _extra(entry: Entry) -> str:
@@ -132,17 +132,15 @@ def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> 
     """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
     at = None if comparison.tolerance is None else f"{stated(comparison.tolerance)}{_unit(comparison)}"
     stopped = "Interrupted: what is shown was proved until then; the rest is missing."
-    page = page_text(
+    page = Page(
         f"Models compared: {comparison.title}",
-        "cpcal: models compared",
+        "models compared",
         comparison.title,
         [_answers(comparison), _models(comparison), _origin(comparison)],
-        notices=[stopped] * comparison.interrupted,
-        lead="How small can the error of each model be?"
-        if at is None
-        else f"Which models do the measurements refute at {at}?",
+        [stopped] if comparison.interrupted else [],
+        f"Which models do the measurements refute at {at}?" if at else "How small can the error of each model be?",
     )
-    return write_file(Path(folder) / COMPARISON_PAGE, page)
+    return page.write(Path(folder) / COMPARISON_PAGE)
 
 
 def _answers(comparison: Comparison) -> Section:
@@ -180,7 +178,6 @@ def _models(comparison: Comparison) -> Section:
 def _origin(comparison: Comparison) -> Section:
     sha256 = comparison.campaign_sha256
     data: dict[str, Words] = {} if sha256 is None else {"Campaign, SHA-256": Mark(sha256, "code")}
-    data["Versions"] = f"This page was written by {versions()}."
     if any(entry.certificate for entry in comparison.entries):
         about = (
             "FOLDER: where this page is. Certificates speak of the campaign; those of a user-defined model state their "
@@ -190,7 +187,7 @@ def _origin(comparison: Comparison) -> Section:
             Mark(f"cpcal verify FOLDER{' --campaign CAMPAIGN' if sha256 else ''}", "command"),
             Mark(about if sha256 else "FOLDER: where this page is.", "small"),
         )
-    return origin(**data)
+    return origin(data)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -236,20 +233,20 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     ordered = sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
     write_file(folder / SUMMARY_TABLE, summary_table(ordered))
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
-    table = Table(head, tuple(map(_cells, ordered)), ("names word", "names word", "word"), "cards")
+    table = Table(head, [_cells(row) for row in ordered], ("names word", "names word", "word"), "cards")
     both = f"{SHORT_QUANTIFIER} Both bounds are proved; each campaign's page says by which certificates."
     answer = Section("The smallest error of the worst leg", [Mark(both, "quantifier")], tables=[table])
     unusable = [Section("Could not be used", items=failed, style="names")] if failed else []
-    page = page_text(
+    stopped = "Stopped before all campaigns were begun. The same command with --resume does the rest."
+    page = Page(
         "Campaigns certified",
-        "cpcal: many campaigns",
+        "many campaigns",
         "Campaigns certified",
-        [answer, *unusable, origin(Versions=f"This page was written by {versions()}.")],
-        notices=["Stopped before all campaigns were begun. The same command with --resume does the rest."]
-        * bool(missing),
-        lead=f"{_counts(rows, failed, missing)}.",
+        [answer, *unusable, origin({})],
+        [stopped] if missing else [],
+        f"{_counts(rows, failed, missing)}.",
     )
-    path = write_file(folder / SUMMARY_PAGE, page)
+    path = page.write(folder / SUMMARY_PAGE)
     lines = [_counts(rows, failed, missing)]
     lines += [
         f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]

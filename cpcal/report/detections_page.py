@@ -8,22 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
-from cpcal.report.section import (
-    Drawing,
-    Mark,
-    Picture,
-    Section,
-    Table,
-    Words,
-    most,
-    origin,
-    page_text,
-    picture,
-    verdict,
-    versions,
-)
+from cpcal.common.values import Floats
+from cpcal.report.section import Drawing, Mark, Page, Picture, Section, Table, Words, origin, picture, verdict
 from cpcal.report.svg import DOT, EDGE, GRID, INK, Axes, Figure, Span, Svg, label_room, tick_labels, ticks
 from cpcal.vision.batch.detect import Detections
 from cpcal.vision.batch.study_images import Sample, SeenImage
@@ -53,53 +40,38 @@ def arrow_svg(means: MeanVectors, x: Span, y: Span, unit: str, place: str, *, la
     figure = Figure(_WIDTH, _HEAD + scale * high + _FOOT)
     axes = Axes(figure, (left, _HEAD, left + scale * wide, _HEAD + scale * high), x, y)
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
-    axes.line(corners, GRID, 0.8)
+    axes.line(GRID, corners, width=0.8)
     axes.x_axis(across, f"x [{place}]")
     axes.y_axis(up, f"y [{place}]")
     if not len(means.at):
         return figure.svg(label)
-    longest = max(float(np.hypot(*means.mean.T).max()), least)
-    stretch = _REACH * _pitch(means, wide, high) / longest
-    ends = means.at + stretch * means.mean
-    _arrows(axes, means, ends)
-    axes.dots(means.at, EDGE, 2.6)
-    _bar(axes, stretch * scale, _round(longest), unit)
     lengths = np.hypot(*means.mean.T)
+    longest = max(float(lengths.max()), least)
+    pitch = math.sqrt(wide * high / max(len(means.at), 9))  # the distance between neighbours, about
+    stretch = _REACH * pitch / longest
+    _arrows(axes, means.at, means.at + stretch * means.mean)
+    axes.dots(means.at, EDGE, 2.6)
+    power = 10.0 ** math.floor(math.log10(longest))  # the bar is as long as 1, 2 or 5 times it
+    bar = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
+    right, top = axes.frame[2], _HEAD - 10.0
+    ends = axes.data([[right - stretch * scale * bar, top], [right, top]])
+    axes.line(INK, ends, width=1.4)
+    axes.marks(ends, "|", INK, 6.0, width=1.0)
+    figure.text(right - stretch * scale * bar - 6.0, top, f"residual {about(bar, 2)} {unit}", anchor="end")
     told = [f"{about(v, 2)} {unit}, mean of {n}" for v, n in zip(lengths.tolist(), means.counts.tolist(), strict=True)]
     axes.hover(means.at, told, 9.0)
     return figure.svg(label)
 
 
-def _arrows(axes: Axes, means: MeanVectors, ends: np.ndarray) -> None:
+def _arrows(axes: Axes, at: Floats, ends: Floats) -> None:
     """Shafts, and heads of two barbs, drawn in points of the figure and told back in data."""
-    axes.lines(np.stack([means.at, ends], axis=1), DOT, 0.9)
-    start, tip = axes.at(means.at), axes.at(ends)
-    along = tip - start
+    axes.line(DOT, *np.stack([at, ends], axis=1), width=0.9)
+    tip = axes.at(ends)
+    along = tip - axes.at(at)
     length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     back = -along / length * np.minimum(_BARB, 0.4 * length)
-    across = np.stack([-back[:, 1], back[:, 0]], axis=1)
-    one, two = tip + back + 0.5 * across, tip + back - 0.5 * across
-    axes.lines(axes.data(np.stack([one, tip, two], axis=1)), DOT, 0.9)
-
-
-def _bar(axes: Axes, points: float, length: float, unit: str) -> None:
-    """`length` as it is drawn, above the frame at the right."""
-    right, top = axes.frame[2], axes.frame[1]
-    ends = np.array([[right - points * length, top - 10.0], [right, top - 10.0]])
-    axes.line(axes.data(ends), INK, 1.4)
-    axes.marks(axes.data(ends), "|", INK, 6.0, width=1.0)
-    axes.figure.text(right - points * length - 6.0, top - 10.0, f"residual {about(length, 2)} {unit}", anchor="end")
-
-
-def _pitch(means: MeanVectors, wide: float, high: float) -> float:
-    """Distance between neighbours, about."""
-    return math.sqrt(wide * high / max(len(means.at), 9))
-
-
-def _round(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above it."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9))
+    aside = 0.5 * np.stack([-back[:, 1], back[:, 0]], axis=1)
+    axes.line(DOT, *axes.data(np.stack([tip + back + aside, tip, tip + back - aside], axis=1)), width=0.9)
 
 
 MOST_ROWS = 12  # of a table
@@ -113,9 +85,9 @@ def write_detections_page(found: Detections, sample: Sample, target: Target, cam
     """Write `TABLE.html` beside the table of poses, all or nothing; its path. Raises InputError."""
     name, doubtful = table.name, sum(bool(row.doubt) for row in found.rows)
     poses = sum(row.found for row in found.rows)
-    page = page_text(
+    page = Page(
         f"Images to poses: {name}",
-        "cpcal: images to poses",
+        "images to poses",
         f"What was found in the images of {name}",
         [
             *_refused(found, name),
@@ -124,7 +96,7 @@ def write_detections_page(found: Detections, sample: Sample, target: Target, cam
             *_numbers(found.rows),
             *_maps(sample, target, camera),
             _time(found),
-            origin(Numbers=f"In full they are in {name}.", Versions=f"This page was written by {versions()}."),
+            origin({"Numbers": f"In full they are in {name}."}),
         ],
         lead=(
             f"Target “{target.name}”. ",
@@ -136,7 +108,7 @@ def write_detections_page(found: Detections, sample: Sample, target: Target, cam
             " refused.",
         ),
     )
-    return write_file(table.with_name(f"{name}.html"), page)
+    return page.write(table.with_name(f"{name}.html"))
 
 
 def _refused(found: Detections, name: str) -> Iterator[Section]:
@@ -145,22 +117,20 @@ def _refused(found: Detections, name: str) -> Iterator[Section]:
         more = ", ..." if len(files) > _NAMED else ""
         rows.append((reason, f"{len(files):,}", ", ".join(files[:_NAMED]) + more))
     if rows:
-        shown, note = most(rows, MOST_ROWS, name)
         head = ("why there is no pose", "images", "such as")
-        yield Section("Refused", tables=[Table(head, shown)], notes=note)
+        yield Section("Refused", tables=[Table(head, rows, most=MOST_ROWS, where=name)])
 
 
 def _doubtful(found: Detections, name: str) -> Iterator[Section]:
     worst = sorted((row for row in found.rows if row.doubt), key=lambda row: -row.values[SCALE])
     if worst:
         rows = [(row.file, about(row.values[SCALE]), nearest(row.values[RMS], 4), str(row.dots)) for row in worst]
-        shown, note = most(rows, MOST_ROWS, name)
         said = (
             "Residuals are larger than the dots’ noise explains, so that the pose may be off by more than is stated: "
             "check the camera’s calibration, the target’s dots and whether the plate is flat."
         )
         head = ("image", "scale", "residuals, RMS [px]", "dots")
-        yield Section("Doubtful", [said], tables=[Table(head, shown)], notes=note)
+        yield Section("Doubtful", [said], tables=[Table(head, rows, most=MOST_ROWS, where=name)])
 
 
 def _some_images(sample: Sample) -> Iterator[Section]:
@@ -171,7 +141,7 @@ def _some_images(sample: Sample) -> Iterator[Section]:
         "--overlay DIR writes all of them, larger."
     )
     if sample.pictures:
-        drawing = Drawing(caption=caption, pictures=tuple(map(_picture, sample.pictures)))
+        drawing = Drawing(caption=caption, pictures=[_picture(seen) for seen in sample.pictures])
         yield Section("Some images", figures=[drawing])
 
 
@@ -190,22 +160,24 @@ def _numbers(rows: Sequence[Detection]) -> Iterator[Section]:
     values = values_of(rows)
     if not len(values):
         return
-    degrees = np.degrees(1.0)
-    columns = {name: values[:, NUMBERS.index(name)] for name in ("missing", "false")}
+    missing, false = (values[:, NUMBERS.index(name)] for name in ("missing", "false"))
     dots = np.array([row.dots for row in rows if row.found])
     lines = [
-        ("dots that the pose rests on", dots, float(dots.min()), 0),
-        ("dots of the target that are missing", columns["missing"], float(columns["missing"].max()), 0),
-        ("found dots that are none of the target's", columns["false"], float(columns["false"].max()), 0),
-        ("residuals, RMS per axis [px]", values[:, RMS], float(values[:, RMS].max()), 4),
-        ("scale: mean square of residuals over the stated one", values[:, SCALE], float(values[:, SCALE].max()), 2),
+        ("dots that the pose rests on", dots, 0),
+        ("dots of the target that are missing", missing, 0),
+        ("found dots that are none of the target's", false, 0),
+        ("residuals, RMS per axis [px]", values[:, RMS], 4),
+        ("scale: mean square of residuals over the stated one", values[:, SCALE], 2),
     ]
     for part, of in ((SIGMA, "stated deviation of"), (SHARED, "of it shared by all images,")):
-        position, turn = values[:, part][:, :3].max(axis=1), degrees * values[:, part][:, 3:].max(axis=1)
-        lines.append((f"{of} the position, largest axis [mm]", position, float(position.max()), 4))
-        lines.append((f"{of} the rotation, largest axis [°]", turn, float(turn.max()), 5))
-    told = [(name, nearest(float(np.median(v)), d), nearest(worst, d)) for name, v, worst, d in lines]
-    yield Section("Poses", tables=[Table(("of all poses", "median", "worst"), tuple(told))])
+        position, turn = values[:, part][:, :3].max(axis=1), np.degrees(values[:, part][:, 3:].max(axis=1))
+        lines += [(f"{of} the position, largest axis [mm]", position, 4)]
+        lines += [(f"{of} the rotation, largest axis [°]", turn, 5)]
+    worst = [float(v.min() if v is dots else v.max()) for _, v, _ in lines]
+    told = [
+        (name, nearest(float(np.median(v)), d), nearest(w, d)) for (name, v, d), w in zip(lines, worst, strict=True)
+    ]
+    yield Section("Poses", tables=[Table(("of all poses", "median", "worst"), told)])
 
 
 def _maps(sample: Sample, target: Target, camera: Camera) -> Iterator[Section]:
@@ -228,7 +200,7 @@ def _maps(sample: Sample, target: Target, camera: Camera) -> Iterator[Section]:
     ):
         svg = arrow_svg(means, *spans, unit, unit, label=f"Mean residuals: {title}", least=least)
         warning = [Mark(f"More than noise: {why}.", "notice")] if means.rms > _NOT_NOISE * means.noise_rms else []
-        parts.append(Section(title, warning, figures=[Drawing((svg,), caption=_said(means, unit), style="fits")]))
+        parts.append(Section(title, warning, figures=[Drawing([svg], caption=_said(means, unit), style="fits")]))
     said = (
         f"Found minus predicted centres of {sample.measured} images, evenly spread, the most doubtful among them. "
         "Noise points nowhere, and its means shrink; what stays is the same in every image, and no mean of poses "
@@ -255,5 +227,5 @@ def _time(found: Detections) -> Section:
         share = f"{nearest(100.0 * seconds / total, 0)} %"
         rows.append((stage, nearest(seconds, 2), nearest(1e3 * seconds / found.measured, 1), share))
     said = f"Processor time of the {found.measured:,} images that were measured now, all workers together."
-    table = Table(("stage", "work [s]", "an image [ms]", "share"), tuple(rows))
+    table = Table(("stage", "work [s]", "an image [ms]", "share"), rows)
     return Section(title, [said], tables=[table])

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cpcal.checker.hand_eye import above, errors, largest
-from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up
 from cpcal.handeye.certify import HandEyeResult, exact_readings
 from cpcal.handeye.model import PlacedFrames, exact_study
@@ -18,8 +17,8 @@ from cpcal.handeye.study import HandEyeStudy
 from cpcal.handeye.words import frames_of, names_of, sentences, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages
 from cpcal.report.figures import Enclosure, enclosure_svg
-from cpcal.report.section import Drawing, Section, Table, most, origin, page_text, verdict, versions
-from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Axes, Figure, Svg, label_room, tick_labels, ticks
+from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
+from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Figure, Svg, chart, counted
 from cpcal.robot import normalised, rotation_matrix
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -30,22 +29,17 @@ _SIZE = (620.0, 190.0)  # points
 
 def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> Svg:
     """Name, px and whether it is within the tolerance, of each image; two lines across, px."""
-    drawn = [min(value, 1e6) for _, value, _ in images]
-    top = 1.08 * max([*drawn, dashed, full, 1e-9])
-    numbers = ticks(0.0, top, 5)
+    heights = [min(value, 1e6) for _, value, _ in images]
     figure, count = Figure(*_SIZE), len(images)
-    left = label_room(tick_labels(numbers)) + 8.0
-    axes = Axes(figure, (left, 6.0, _SIZE[0] - 12.0, _SIZE[1] - 32.0), (0.0, count + 1.0), (0.0, top))
-    axes.y_axis(numbers, "largest error [px]", grid=True)
-    axes.x_axis(
-        [t for t in ticks(0.0, count + 1.0, 12, whole=True) if 1.0 <= t <= count], "image, in the order of poses.csv"
-    )
-    for (name, exact, ok), value, k in zip(images, drawn, range(1, count + 1), strict=True):
-        axes.line([(k, 0.0), (k, value)], GRID, 1.2)
-        axes.dots([(k, value)], DOT if ok else SUPPORT, 5.0)
-        axes.hover([(k, value)], [f"{name}: {at_most(exact, 4)} px"])
-    axes.line([(0.0, full), (count + 1.0, full)], INK, 1.0)
-    axes.line([(0.0, dashed), (count + 1.0, dashed)], INK, 1.0, DASHES)
+    x, y = (0.0, count + 1.0), (0.0, 1.08 * max([*heights, dashed, full, 1e-9]))
+    labels = "image, in the order of poses.csv", "largest error [px]"
+    axes = chart(figure, x, y, labels, across=counted(count, 12), grid=True, most=5)
+    for (name, exact, ok), height, k in zip(images, heights, range(1, count + 1), strict=True):
+        axes.line(GRID, [(k, 0.0), (k, height)], width=1.2)
+        axes.dots([(k, height)], DOT if ok else SUPPORT, 5.0)
+        axes.hover([(k, height)], [f"{name}: {at_most(exact, 4)} px"])
+    axes.across((full,), INK, 1.0)
+    axes.across((dashed,), INK, 1.0, DASHES)
     return figure.svg(label)
 
 
@@ -62,22 +56,20 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
     asked, *rest = sentences(found)
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
-    page = page_text(
+    page = Page(
         f"Hand-eye calibration: {found.setup}",
-        "cpcal: hand-eye calibration",
+        "hand-eye calibration",
         "How well do any frames explain the pixels?",
         [
             _answer(found, rest[:-1] if rest and rest[-1].endswith(":") else rest),
             _ranges(found),
             _classical(found),
             *_support(found),
-            origin(
-                Proofs=proofs, Versions=f"Certified by cpcal {found.version}; this page was written by {versions()}."
-            ),
+            origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
         ],
         lead=asked,
     )
-    return write_file(Path(folder) / HAND_EYE_PAGE, page)
+    return page.write(Path(folder) / HAND_EYE_PAGE)
 
 
 def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
@@ -90,16 +82,13 @@ def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
         "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
         "the half-widths that the study states. Errors are measured on undistorted pixels."
     )
-    kind, word = _verdict(found)
-    return Section("Answer", [(verdict(word, kind), first), *rest], notes=[note])
-
-
-def _verdict(found: HandEyeResult) -> tuple[str, str]:
     if found.tolerance is None:
-        return ("explained", "bracket closed") if found.complete else ("undecided", "bracket open")
-    if found.passes is None:
-        return "undecided", "undecided"
-    return ("explained", "tolerance met") if found.passes else ("unexplained", "tolerance refuted")
+        badge = verdict("bracket closed", "explained") if found.complete else verdict("bracket open", "undecided")
+    elif found.passes is None:
+        badge = verdict("undecided", "undecided")
+    else:
+        badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
+    return Section("Answer", [(badge, first), *rest], notes=[note])
 
 
 def _ranges(found: HandEyeResult) -> Section:
@@ -108,59 +97,50 @@ def _ranges(found: HandEyeResult) -> Section:
     rows = [(name, *row) for name, point in cameras for row in _frame_rows(found.setup, point)]
     frames = Section(
         "Frames",
-        tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), tuple(rows))],
+        tables=[Table(("", *_FRAME_HEAD), rows)],
         notes=["“Best found” attains the upper end of the bracket. Numbers in full are in handeye.json."],
     )
     title = "How well the frames are known"
     if found.ranges.empty:
         said = f"No frames in the box explain every pixel to within {tolerance} px. Proved."
         return Section(title, [said], parts=[frames])
-    names, ends = names_of(found.setup), zip(found.ranges.low, found.ranges.high, strict=True)
-    known = tuple(
-        (name, rounded_down(low, 4), rounded_up(high, 4), at_most(high - low, 3), unit)
-        for (name, unit), (low, high) in zip(names, ends, strict=True)
-    )
+    names, low, high = names_of(found.setup), np.array(found.ranges.low), np.array(found.ranges.high)
+    known = [
+        (name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit)
+        for (name, unit), lo, hi in zip(names, low.tolist(), high.tolist(), strict=True)
+    ]
     places = [0, 1, 2, 6, 7, 8]
-    classical = found.asked.center
-    data = Enclosure(
-        tuple(names[k][0] for k in places),
-        np.array([*found.point.camera_position, *found.point.target_position]),
-        np.array(found.ranges.low)[places],
-        np.array(found.ranges.high)[places],
-        np.array([*classical.camera_position, *classical.target_position]),
+    best, classical = (
+        np.array([*point.camera_position, *point.target_position]) for point in (found.point, found.asked.center)
     )
+    data = Enclosure([names[k][0] for k in places], best, low[places], high[places], classical)
     svg = enclosure_svg(data, label="Ranges of the positions", origin="best frames")
     caption = "Ranges of the positions about the best frames; the mark is the least-squares answer."
-    positions = Section(figures=[Drawing((svg,), caption=caption, style="scroll narrow")])
+    positions = Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")])
     return Section(
         title,
-        [
-            (
-                f"Every pair of frames in the box that explains all pixels to within {tolerance} px has these "
-                "parameters. Proved."
-            )
-        ],
+        [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
         parts=[positions, frames],
     )
 
 
-def _frame_rows(setup: str, point: PlacedFrames) -> Iterator[tuple[str, ...]]:
-    camera, target = frames_of(setup)
-    yield camera, _numbers(point.camera_position, 4), _numbers(point.camera_quaternion, 7)
-    yield target, _numbers(point.target_position, 4), _numbers(point.target_quaternion, 7)
+_FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
 
 
-def _numbers(values: Iterable[float], digits: int) -> str:
-    return ", ".join(nearest(v, digits) for v in values)
+def _frame_rows(setup: str, point: PlacedFrames) -> list[tuple[str, ...]]:
+    places = (point.camera_position, point.camera_quaternion), (point.target_position, point.target_quaternion)
+    return [
+        (name, ", ".join(nearest(v, 4) for v in position), ", ".join(nearest(v, 7) for v in quaternion))
+        for name, (position, quaternion) in zip(frames_of(setup), places, strict=True)
+    ]
 
 
 def _classical(found: HandEyeResult) -> Section:
     """The largest error of the least-squares answer in each image, with the bracket and the tolerance."""
     images, tolerance = found.classical.images, at_least(found.ranges.eps, 4)
-    drawn = [(v.image, v.largest, v.ok) for v in images]
-    label = "Largest error of least squares in each image"
+    drawn, label = [(v.image, v.largest, v.ok) for v in images], "Largest error of least squares in each image"
     svg = image_errors_svg(drawn, found.eps_hi, found.ranges.eps, label)
     readings = ", at the fit's readings of the poses" * found.uncertain
     caption = (
@@ -168,14 +148,12 @@ def _classical(found: HandEyeResult) -> Section:
         f"{tolerance} px."
     )
     worst = sorted(images, key=lambda v: -v.largest)
-    rows, more = most(
-        [(v.image, at_most(v.largest, 4), "within" if v.ok else "beyond") for v in worst], _MOST, "handeye.json"
-    )
-    table = Table(("image", "largest error [px]", f"{tolerance} px"), rows)
+    rows = [(v.image, at_most(v.largest, 4), "within" if v.ok else "beyond") for v in worst]
+    table = Table(("image", "largest error [px]", f"{tolerance} px"), rows, most=_MOST, where="handeye.json")
     return Section(
         "The least-squares answer, image by image",
-        figures=[Drawing((svg,), caption=caption)],
-        parts=[Section("Images, worst first", tables=[table], notes=more, folded=True)],
+        figures=[Drawing([svg], caption=caption)],
+        parts=[Section("Images, worst first", tables=[table], folded=True)],
     )
 
 
@@ -199,24 +177,24 @@ def _support(found: HandEyeResult) -> Iterator[Section]:
 def write_wrong_images(study: HandEyeStudy, found: WrongImages, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye-wrong.html` into the folder; its path. The same result gives the same bytes."""
     proofs = f"wrong-*.cert.jsonl: {_CHECKED} {about(found.seconds)} s."
-    rows = tuple(_frame_rows(study.setup, found.point))
-    table = Table(("frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows)
-    page = page_text(
+    page = Page(
         "Hand-eye calibration: wrong images",
-        "cpcal: hand-eye calibration",
+        "hand-eye calibration",
         "Which images are wrong?",
         [
             _wrong(study, found),
             *_blamed(found),
-            Section("Frames without the wrong images", tables=[table]),
-            origin(Proofs=proofs, Versions=f"Found by cpcal {found.version}; this page was written by {versions()}."),
+            Section(
+                "Frames without the wrong images", tables=[Table(_FRAME_HEAD, _frame_rows(study.setup, found.point))]
+            ),
+            origin({"Proofs": proofs}, f"Found by cpcal {found.version}."),
         ],
         lead=(
             f"Of {len(study.images)} images at most {found.outliers} may be wrong: a slipped board, a wrong robot "
             "pose, a wrong name."
         ),
     )
-    return write_file(Path(folder) / WRONG_PAGE, page)
+    return page.write(Path(folder) / WRONG_PAGE)
 
 
 def _wrong(study: HandEyeStudy, found: WrongImages) -> Section:
@@ -240,7 +218,7 @@ def _wrong(study: HandEyeStudy, found: WrongImages) -> Section:
     first, *rest = wrong_sentences(found)
     proved = len(dict(found.blamed)) == len(found.left_out)
     badge = verdict("proved", "explained") if proved else verdict("not all proved", "undecided")
-    return Section("Answer", [(badge, f" {first}"), *rest], figures=[Drawing((svg,), caption=caption)])
+    return Section("Answer", [(badge, f" {first}"), *rest], figures=[Drawing([svg], caption=caption)])
 
 
 def _blamed(found: WrongImages) -> Iterator[Section]:
@@ -296,67 +274,55 @@ def _told(found: HandEyeResult, mark: str) -> list[str]:
     return [f"{mark} {line}" for line in said]
 
 
-def _metres(found: HandEyeResult) -> list[str]:
-    return [repr(v / 1000.0) for v in found.point.camera_position]
-
-
-def _quaternion(found: HandEyeResult) -> list[str]:
-    return [repr(v) for v in found.point.camera_quaternion]
+def _metres(found: HandEyeResult) -> list[tuple[str, str]]:
+    """Position in m and quaternion, by the names that ROS has for them."""
+    (w, i, j, k), position = found.point.camera_quaternion, (v / 1000.0 for v in found.point.camera_position)
+    return list(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, (*position, i, j, k, w)), strict=True))
 
 
 def _ros2(found: HandEyeResult) -> str:
     """A node of a ROS 2 launch file in Python."""
-    (x, y, z), (w, i, j, k) = _metres(found), _quaternion(found)
-    pairs = [("x", x), ("y", y), ("z", z), ("qx", i), ("qy", j), ("qz", k), ("qw", w)]
-    lines = [f'        "--{name}", "{value}",' for name, value in pairs]
-    lines += [f'        "--frame-id", "{_parent(found)}",', '        "--child-frame-id", "camera_optical_frame",']
+    given = [*_metres(found), ("frame-id", _parent(found)), ("child-frame-id", "camera_optical_frame")]
     head = ["from launch_ros.actions import Node", "", *_told(found, "#"), "Node("]
     head += ['    package="tf2_ros",', '    executable="static_transform_publisher",', "    arguments=["]
-    return "\n".join([*head, *lines, "    ],", ")"]) + "\n"
+    return "\n".join([*head, *(f'        "--{name}", "{value}",' for name, value in given), "    ],", ")"]) + "\n"
 
 
 def _easy_handeye(found: HandEyeResult) -> str:
     """A calibration file of easy_handeye."""
-    (x, y, z), (w, i, j, k) = _metres(found), _quaternion(found)
     in_hand = found.setup == "eye-in-hand"
     base = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
     lines = [*_told(found, "#"), "parameters:", f"  eye_on_hand: {str(in_hand).lower()}", f"  {base}"]
     lines += ["  tracking_base_frame: camera_optical_frame", "transformation:"]
-    lines += [f"  {name}: {value}" for name, value in (("x", x), ("y", y), ("z", z))]
-    lines += [f"  {name}: {value}" for name, value in (("qx", i), ("qy", j), ("qz", k), ("qw", w))]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(f"  {name}: {value}" for name, value in _metres(found))]) + "\n"
 
 
 def _urdf(found: HandEyeResult) -> str:
     """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
     r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
     roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
-    pitch = math.asin(max(-1.0, min(1.0, -r[2][0])))
+    pitch, xyz = math.asin(max(-1.0, min(1.0, -r[2][0]))), " ".join(value for _, value in _metres(found)[:3])
     lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
     lines += ['<joint name="camera_optical_joint" type="fixed">', f'  <parent link="{_parent(found)}"/>']
     lines += ['  <child link="camera_optical_frame"/>']
-    lines += [f'  <origin xyz="{" ".join(_metres(found))}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
+    lines += [f'  <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
     return "\n".join(lines) + "\n"
 
 
 def _opencv(found: HandEyeResult) -> str:
     """Matrices of both frames for cv::FileStorage, translations in mm, named as OpenCV's functions name them."""
-    in_hand = found.setup == "eye-in-hand"
-    point = found.point
+    point, in_hand = found.point, found.setup == "eye-in-hand"
     camera, target = ("cam2gripper", "target2base") if in_hand else ("cam2base", "target2gripper")
     lines = ["%YAML:1.0", "---", *_told(found, "#")]
     for name, position, quaternion in (
         (camera, point.camera_position, point.camera_quaternion),
         (target, point.target_position, point.target_quaternion),
     ):
-        turn = [repr(v) for row in rotation_matrix(normalised(quaternion)).tolist() for v in row]
-        lines += _matrix(f"R_{name}", 3, turn) + _matrix(f"t_{name}", 1, [repr(v) for v in position])
+        turn = rotation_matrix(normalised(quaternion)).ravel().tolist()
+        for letter, columns, values in (("R", 3, turn), ("t", 1, position)):
+            lines += [f"{letter}_{name}: !!opencv-matrix", "  rows: 3", f"  cols: {columns}", "  dt: d"]
+            lines += [f"  data: [ {', '.join(map(repr, values))} ]"]
     return "\n".join(lines) + "\n"
-
-
-def _matrix(name: str, columns: int, values: list[str]) -> list[str]:
-    shape = [f"{name}: !!opencv-matrix", "  rows: 3", f"  cols: {columns}", "  dt: d"]
-    return [*shape, f"  data: [ {', '.join(values)} ]"]
 
 
 HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {

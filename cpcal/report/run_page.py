@@ -40,7 +40,7 @@ from cpcal.report.figures import (
     platform_svg,
     residual_svg,
 )
-from cpcal.report.section import Drawing, Mark, Proof, Section, Table, Words, key, origin, page_text, verdict, versions
+from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
     FRAME,
     LONGER,
@@ -63,6 +63,7 @@ _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at
 _DECIMALS = {"mm": 4}  # of parameters in this unit
 _MORE = 9  # of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
+_UNKNOWN = "—"
 
 
 def write_report(
@@ -98,43 +99,31 @@ def render(
 
     Raises InputError when the result is of another campaign, or garbled.
     """
-    sha256 = campaign_sha256(campaign)
+    sha256, absent = campaign_sha256(campaign), [leg.leg for leg in result.legs if leg.leg > campaign.legs]
     if result.campaign_sha256 != sha256:
         what = f"is of another campaign (sha256 {printable(str(result.campaign_sha256))}, not {sha256})"
         raise InputError([Problem("result", what, "give the campaign that was certified, or certify this one")])
-    absent = [leg.leg for leg in result.legs if leg.leg > campaign.legs]
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise InputError([Problem("result", what, remedy)])
+    robot, above = campaign.robot.name, [notices(result, campaign.legs) or ""]
+    title, kicker, last = f"Certified calibration: {robot}", "certified calibration", list(_about(campaign, result))
     if result.options.outliers:
-        return page_text(
-            f"Certified calibration: {campaign.robot.name}",
-            "cpcal: certified calibration, some measurements may be wrong",
-            campaign.robot.name,
-            [outliers_section(result), *_about(campaign, result)],
-            notices=[notices(result, campaign.legs) or ""],
-        )
+        kicker += ", some measurements may be wrong"
+        return Page(title, kicker, robot, [outliers_section(result), *last], above).text()
     known, lacking = _known(result, model)
     fits = [None if known is None else fitted(campaign, result, leg, known) for leg in result.legs]
     proof = None if run is None else embedded(Path(run), result, study=study is not None)
+    checked = proof is not None
     legs = [
-        leg_section(campaign, result, leg, known, fit, frames, lacking=lacking, checked=proof is not None)
+        leg_section(campaign, result, leg, known, fit, frames, lacking=lacking, checked=checked)
         for leg, fit in zip(result.legs, fits, strict=True)
     ]
-    first = _answer(campaign, result, known, fits, checked=proof is not None)
-    head = [f" · {name} {campaign.provenance[name]}" for name in _HEAD if name in campaign.provenance]
-    return page_text(
-        f"Certified calibration: {campaign.robot.name}",
-        f"cpcal: certified calibration{''.join(head)}",
-        campaign.robot.name,
-        [first, *([] if study is None else [study]), *legs, *_bounds(result), *_about(campaign, result)],
-        notices=[
-            notices(result, campaign.legs) or "",
-            *(f"Look at the campaign first: {s}" for s in suspicions(campaign)),
-        ],
-        lead=_lead(campaign, result),
-        proof=proof,
-    )
+    first = _answer(campaign, result, known, fits, checked=checked)
+    kicker += "".join(f" · {name} {campaign.provenance[name]}" for name in _HEAD if name in campaign.provenance)
+    sections = [first, *([] if study is None else [study]), *legs, *_bounds(result), *last]
+    above += [f"Look at the campaign first: {s}" for s in suspicions(campaign)]
+    return Page(title, kicker, robot, sections, above, _lead(campaign, result), proof).text()
 
 
 def _known(result: Result, model: LegModel | None) -> tuple[LegModel | None, str]:
@@ -153,11 +142,14 @@ def _known(result: Result, model: LegModel | None) -> tuple[LegModel | None, str
 # What is said of all legs: the answer first, the proved bounds, how to read it, what it rests on.
 
 
-def claim(words: Words, claim: str, *, leg: int | None = None, parameter: str = "", value: str | None = None) -> Mark:
-    """Words that state what a certificate claims: the page compares them."""
-    data = {} if leg is None else {"leg": str(leg)}
-    data |= {"claim": claim} | ({"parameter": parameter} if parameter else {})
-    return Mark(words, data=data if value is None else data | {"value": value})
+def claim(
+    words: Words, what: str, leg: LegResult | None = None, value: float | str | None = None, parameter: str = ""
+) -> Mark:
+    """Words that state what a certificate claims, exactly `value`: the page compares them."""
+    exact = value.hex() if isinstance(value, float) else value
+    number = None if leg is None else str(leg.leg)
+    data = {"leg": number, "claim": what, "parameter": parameter or None, "value": exact}
+    return Mark(words, data={name: text for name, text in data.items() if text is not None})
 
 
 def badge(result: Result, leg: LegResult) -> Mark:
@@ -176,13 +168,11 @@ def _lead(campaign: Campaign, result: Result) -> Words:
             return ("Do all ", count, f" measurements fit to within eps = {stated(result.options.eps)} mm?")
         rest = f" measurement{'' if len(campaign) == 1 else 's'}? No tolerance was given, so nothing passes or fails."
         return ("How well do the legs fit ", count, rest)
-    value, every = _tolerance(result), overall(result)
-    said = claim(summary(result), "summary", value=value)
-    of_all: list[Words] = (
-        [] if every is None else [verdict(every.word, f"big {every.kind}", claim="overall", value=value), " "]
-    )
-    within = claim(stated(tolerance), "tolerance", value=value)
-    return (*of_all, "Do all ", count, " measurements fit to within the tolerance of ", within, " mm? ", said)
+    every = overall(result)
+    of_all = "" if every is None else verdict(every.word, f"big {every.kind}", claim="overall", value=tolerance.hex())
+    within = claim(stated(tolerance), "tolerance", value=tolerance)
+    said = claim(summary(result), "summary", value=tolerance)
+    return (of_all, " Do all ", count, " measurements fit to within the tolerance of ", within, " mm? ", said)
 
 
 def _answer(
@@ -190,27 +180,33 @@ def _answer(
 ) -> Section:
     if not result.legs:
         return Section(sentences=["No leg was finished."], name="answer")
-    items = []
+    items, errors = [], []
     for leg, fit in zip(result.legs, fits, strict=True):
-        found, value = advise(campaign, result, leg, model, fit), _tolerance(result)
-        said: list[Words] = [badge(result, leg), " "]
-        said.append(claim(fit_sentence(verdict_of(result, leg)), "verdict", leg=leg.leg, value=value))
-        if found.first:
-            said.append(Mark(f" Look first at {', '.join(measurement_names(campaign, found.first))}.", "look"))
-        said += [Mark((" ", Mark("Next:", "next"), f" {found.sentence}"), "look"), *_note(leg, checked=checked)]
-        items.append((Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), Mark(said, "sentence")))
-    errors = [
-        None if fit is None or model is None else fit_error(campaign, leg, model, fit)
-        for leg, fit in zip(result.legs, fits, strict=True)
-    ]
-    legend = [(key("shade"), "proved impossible"), (key("bracket"), "smallest error, between two proved bounds")]
-    forcing = [(key("mark warm"), "forces the error of a leg")] if forcing_numbers(campaign, result) else []
-    seen = [(key("mark soft"), "measured pose"), *forcing, (Markup(), "legs in the colours of their verdicts")]
+        found, said = advise(campaign, result, leg, model, fit), fit_sentence(verdict_of(result, leg))
+        look = f" Look first at {', '.join(measurement_names(campaign, found.first))}." if found.first else ""
+        words: Words = (
+            badge(result, leg),
+            " ",
+            claim(said, "verdict", leg, _tolerance(result)),
+            Mark(look, "look"),
+            Mark((" ", Mark("Next:", "next"), f" {found.sentence}"), "look"),
+            *_note(leg, checked=checked),
+        )
+        items.append((Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), Mark(words, "sentence")))
+        errors.append(None if fit is None or model is None else fit_error(campaign, leg, model, fit))
+    legend = {
+        "shade": "proved impossible",
+        "bracket": "smallest error, between two proved bounds",
+        "cross": "error of least squares",
+    }
+    seen = {"mark soft": "measured pose", "mark warm": "forces the error of a leg"}
+    if not forcing_numbers(campaign, result):
+        del seen["mark warm"]
     return Section(
         items=items,
         beside=[
-            Drawing((errors_svg(result, errors),), (*legend, (key("cross"), "error of least squares"))),
-            Drawing((platform_svg(campaign, result),), tuple(seen)),
+            Drawing([errors_svg(result, errors)], legend),
+            Drawing([platform_svg(campaign, result)], {**seen, "": "legs in the colours of their verdicts"}),
         ],
         notes=[
             "Measurements are counted from 1. What to look at, what to do next and whether parameters are undetermined "
@@ -223,34 +219,24 @@ def _answer(
 
 def _note(leg: LegResult, *, checked: bool) -> list[Words]:
     """Where the page says whether it accepts the leg's certificates."""
-    return [
-        " ",
-        Mark("not checked" if leg.certified else "not certified", "proof", data={"proof": str(leg.leg)}),
-    ] * checked
+    word = "not checked" if leg.certified else "not certified"
+    return [" ", Mark(word, "proof", data={"proof": str(leg.leg)})] if checked else []
 
 
 def bounds_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     eps = result.options.eps
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if eps is None else ("eps asked [mm]",)
-    rows: list[tuple[Words, ...]] = []
+    rows: list[Sequence[Words]] = []
     for leg in result.legs:
-        lo, hi = bracket_text(leg.bracket.lo, leg.bracket.hi)
-        between: tuple[Words, ...] = (
-            claim(lo, "eps_lo", leg=leg.leg, value=leg.bracket.lo.hex()),
-            claim(hi, "eps_hi", leg=leg.leg, value=leg.bracket.hi.hex()),
-            gap_text(leg.bracket.lo, leg.bracket.hi),
-        )
-        work = (
-            "yes" if leg.certified else "no",
-            str(len(leg.support.ids)),
-            f"{leg.work.nodes:,}",
-            f"{leg.work.programs:,}",
-        )
-        cells = between if eps is None else (stated(eps),)
-        rows.append((str(leg.leg), badge(result, leg), *cells, *work, nearest(leg.work.seconds, 2)))
-    head = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
-    return Table(head, tuple(rows), ("", "word"))
+        lo, hi = leg.bracket.lo, leg.bracket.hi
+        ends = zip(bracket_text(lo, hi), ("eps_lo", "eps_hi"), (lo, hi), strict=True)
+        between = [claim(text, name, leg, end) for text, name, end in ends]
+        cells = [*between, gap_text(lo, hi)] if eps is None else [stated(eps)]
+        work = f"{leg.work.nodes:,}", f"{leg.work.programs:,}", nearest(leg.work.seconds, 2)
+        certified = "yes" if leg.certified else "no"
+        rows.append((str(leg.leg), badge(result, leg), *cells, certified, str(len(leg.support.ids)), *work))
+    return Table(("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds"), rows, ("", "word"))
 
 
 def outliers_section(result: Result) -> Section:
@@ -265,7 +251,7 @@ def outliers_section(result: Result) -> Section:
         "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved."
     )
     head = ("leg", "eps_lo [mm]", "eps_hi [mm]", "gap", "left out", "proofs")
-    return Section(sentences=[said], tables=[Table(head, tuple(rows), ("", "", "", "word", "word"))], name="answer")
+    return Section(sentences=[said], tables=[Table(head, rows, ("", "", "", "word", "word"))], name="answer")
 
 
 def _bounds(result: Result) -> Iterator[Section]:
@@ -309,34 +295,28 @@ def _bounds(result: Result) -> Iterator[Section]:
 
 def _about(campaign: Campaign, result: Result) -> Iterator[Section]:
     yield Section("What was assumed", data=dict(assumptions(campaign, result)), name="assumed")
-    options, certificates = (
-        result.options,
-        [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None],
-    )
-    checking: Words = (
-        Mark("cpcal verify RUN --campaign CAMPAIGN", "command"),
-        Mark(
-            f"Exact rational arithmetic, no solver: {', '.join(certificates)}. The certificates claim what the exact "
-            "rule proved, which may be a part of the gap less than the table says.",
-            "small",
-        ),
-    )
+    options = result.options
+    certificates = [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None]
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(claim(result.campaign_sha256, "campaign"), "code"),
-        "Versions": f"Certified by cpcal {result.version}. This page was written by {versions()}.",
         "To repeat the run": (
             Mark(command(result), "command"),
             Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
         ),
-        **({"To check the proofs again": checking} if certificates else {}),
-        "Asked": (
-            f"relative gap {options.gap}, box ±",
-            claim(str(options.delta), "box", value=options.delta.hex()),
-            f" mm, center “{options.center}”",
-        ),
     }
-    free: dict[str, Words] = {k: Mark(v, "free") for k, v in campaign.provenance.items() if k not in _HEAD}
-    yield origin(**data, **free)
+    if certificates:
+        data["To check the proofs again"] = (
+            Mark("cpcal verify RUN --campaign CAMPAIGN", "command"),
+            Mark(
+                f"Exact rational arithmetic, no solver: {', '.join(certificates)}. The certificates claim what the "
+                "exact rule proved, which may be a part of the gap less than the table says.",
+                "small",
+            ),
+        )
+    box = claim(str(options.delta), "box", value=options.delta)
+    data["Asked"] = (f"relative gap {options.gap}, box ±", box, f" mm, center “{options.center}”")
+    data |= {k.replace("_", " "): Mark(v, "free") for k, v in campaign.provenance.items() if k not in _HEAD}
+    yield origin(data, f"Certified by cpcal {result.version}.")
 
 
 def command(result: Result) -> str:
@@ -360,23 +340,19 @@ def leg_section(
     checked: bool = False,
 ) -> Section:
     """`model`: None where it is not known here; then nothing is said of residuals. `frames`: of the drawing."""
-    found, value = verdict_of(result, leg), _tolerance(result)
-    center = center_sentence(result, leg)
+    found, center = verdict_of(result, leg), center_sentence(result, leg)
     sentences: list[Words] = [
         (
-            claim(found.sentence, "verdict", leg=leg.leg, value=value),
+            claim(found.sentence, "verdict", leg, _tolerance(result)),
             leg_sentence(result, leg).removeprefix(found.sentence),
             f" {center} (No certificate holds this about the center.)" if center else "",
         )
     ]
     drawn = None if model is None else residuals_drawing(campaign, leg, model, fit)
-    if drawn is None:
-        why = (
-            f"The residuals of the proved point are not drawn: {lacking}."
-            if lacking and leg.bracket.point is not None
-            else ""
-        )
-        sentences.append(why or "There is no proved point whose residuals could be drawn.")
+    if drawn is None and lacking and leg.bracket.point is not None:
+        sentences.append(f"The residuals of the proved point are not drawn: {lacking}.")
+    elif drawn is None:
+        sentences.append("There is no proved point whose residuals could be drawn.")
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), *_note(leg, checked=checked)),
         sentences,
@@ -392,71 +368,62 @@ def leg_section(
 
 
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
+    """A row a parameter: its range and the width of that, the certified point, the fit, the nominal value."""
     other = "" if result.model.name == PLAIN.name else ", but where another unit is given"
     at: list[Words] = []
     if leg.ranges is not None:
-        eps = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg=leg.leg, value=leg.ranges.eps.hex())
-        times = (
-            f", {about(leg.ranges.eps / leg.bracket.hi)} times eps_hi" if 0.0 < leg.bracket.hi < leg.ranges.eps else ""
-        )
-        name = leg.ranges.certificate
-        proof = (
-            "Proved in outward-rounded arithmetic; no certificate holds it."
-            if name is None
-            else f"Certified by {name}."
-        )
-        at = ["; ranges at eps = ", eps, " mm"]
+        eps = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
+        at, name = ["; ranges at eps = ", eps, " mm"], leg.ranges.certificate
+        uncertified = "Proved in outward-rounded arithmetic; no certificate holds it."
         said: Words = (
             "The range holds every solution in the box with eps ≤ ",
             eps,
-            f" mm{times}: so well do the measurements determine the parameter. {proof}",
+            f" mm{_times(leg, leg.ranges.eps, ', ')}: so well do the measurements determine the parameter. ",
+            uncertified if name is None else f"Certified by {name}.",
         )
     elif leg.bracket.enclosure.is_empty:
         said = "No parameters in the box satisfy the equations, so there is nothing to enclose."
     else:
         said = "No ranges were computed, for no tolerance is known to be reached."
+    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
+    rows = []
+    for k, (label, decimals) in enumerate(_labels(result)):
+        sides = (_UNKNOWN,) * 3 if leg.ranges is None else _claimed_sides(leg, "ranges", leg.ranges.box, k, decimals)
+        least = _UNKNOWN if fit is None else nearest(float(fit.x[k]), decimals)
+        rows.append((label, *sides, _point(result, leg, k, decimals), least, nearest(float(nominal[k]), decimals)))
+    head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
     digits = " All digits are in result.json; cpcal export writes them." if leg.bracket.point is not None else ""
     return Section(
         (f"Parameters [mm{other}]", *at),
-        tables=[parameters_table(campaign, result, leg, fit)],
+        tables=[Table(head, rows, ("", "main", "main"))],
         notes=[(f"{FRAME} ", said, digits)],
         beside=[parameters_drawing(campaign, leg, fit)],
     )
 
 
-def parameters_table(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Table:
-    """A row a parameter: its range and the width of that, the certified point, the fit, the nominal value."""
-    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
-    rows = []
-    for k, name in enumerate(result.parameters):
-        decimals = _DECIMALS.get(result.model.unit(name), _MORE)
-        sides = ("—",) * 3 if leg.ranges is None else _claimed_sides(leg, "ranges", leg.ranges.box, k, decimals)
-        least = "—" if fit is None else nearest(float(fit.x[k]), decimals)
-        rows.append(
-            (_label(result, name), *sides, _point(leg, name, k, decimals), least, nearest(float(nominal[k]), decimals))
-        )
-    head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
-    return Table(head, tuple(rows), ("", "main", "main"))
+def _times(leg: LegResult, eps: float, begin: str) -> str:
+    """How many times eps_hi an eps is, where it is more."""
+    return f"{begin}{about(eps / leg.bracket.hi)} times eps_hi" if 0.0 < leg.bracket.hi < eps else ""
 
 
-def _label(result: Result, name: str) -> str:
-    unit = result.model.unit(name)
-    return name if unit == "mm" else f"{name} [{unit}]"
+def _labels(result: Result) -> list[tuple[str, int]]:
+    """Of each parameter how it is called in a table, and its decimals."""
+    units = [(name, result.model.unit(name)) for name in result.parameters]
+    return [(name if unit == "mm" else f"{name} [{unit}]", _DECIMALS.get(unit, _MORE)) for name, unit in units]
 
 
-def _point(leg: LegResult, name: str, k: int, decimals: int) -> Words:
+def _point(result: Result, leg: LegResult, k: int, decimals: int) -> Words:
     if leg.bracket.point is None:
-        return "—"
-    return claim(
-        nearest(leg.bracket.point[k], decimals), "point", leg=leg.leg, parameter=name, value=leg.bracket.point[k].hex()
-    )
+        return _UNKNOWN
+    value = leg.bracket.point[k]
+    return claim(nearest(value, decimals), "point", leg, value, result.parameters[k])
 
 
 def _claimed_sides(leg: LegResult, of: str, box: Box, k: int, decimals: int) -> tuple[Words, ...]:
     """The bounds of one parameter and their distance, rounded outward, as claims of `of`: ranges or enclosure."""
-    exact = (float(box.lo[k]).hex(), float(box.hi[k]).hex(), "")
+    exact: tuple[float | str, ...] = (float(box.lo[k]), float(box.hi[k]), "")
     texts = zip(_sides(box, k, decimals), ("lo", "hi", "width"), exact, strict=True)
-    return tuple(claim(t, f"{of}.{side}", leg=leg.leg, parameter=box.names[k], value=v) for t, side, v in texts)
+    return tuple(claim(text, f"{of}.{side}", leg, value, box.names[k]) for text, side, value in texts)
 
 
 def _sides(box: Box, k: int, decimals: int) -> tuple[str, str, str]:
@@ -476,43 +443,45 @@ def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = 
     at_fit = None if fit is None else fit.x[:7]
     data = Enclosure(PARAMETERS, campaign.robot.parameters[leg.leg - 1], box.lo[:7], box.hi[:7], at_fit)
     svg = enclosure_svg(data, label=f"Leg {leg.leg}: {what} of each parameter, relative to its nominal value")
-    legend = [] if data.empty else [(key("bar"), f"{what}, between two ticks")]
-    legend += [(key("nominal"), "nominal value")] + ([] if fit is None else [(key("cross"), "least-squares fit")])
+    legend = {} if data.empty else {"bar": f"{what}, between two ticks"}
+    legend |= {"nominal": "nominal value"} | ({} if fit is None else {"cross": "least-squares fit"})
     said = [
         "There are no bars: no parameters in the box satisfy the equations." * data.empty,
         "Arrows: the bound in that direction is too far away to be drawn, or there is none." * data.unbounded,
         "Where no cross is drawn, the fit is too far away." * data.fit_beyond,
     ]
-    return Drawing((svg,), tuple(legend), " ".join(filter(None, said)), "fits")
+    return Drawing([svg], legend, " ".join(filter(None, said)), "fits")
 
 
 def _enclosed(result: Result, leg: LegResult, frames: DrawingFrames | None) -> Iterator[Section]:
     """Further tables: the enclosure at eps_hi, and the ranges in the drawing's frames."""
     if not leg.bracket.enclosure.is_empty:
         asked = result.options.eps
-        rows = []
-        for k, name in enumerate(result.parameters):
-            decimals = 2 + _DECIMALS.get(result.model.unit(name), _MORE)
-            sides = _claimed_sides(leg, "enclosure", leg.bracket.enclosure, k, decimals)
-            rows.append((_label(result, name), _point(leg, name, k, decimals), *sides))
-        at = "eps_hi" if asked is None else f"{stated(asked)} mm"
-        where = at if asked is None else f"eps = {at}"
+        at, where = ("eps_hi", "eps_hi") if asked is None else (f"{stated(asked)} mm", f"eps = {stated(asked)} mm")
+        rows = [
+            (
+                label,
+                _point(result, leg, k, decimals + 2),
+                *_claimed_sides(leg, "enclosure", leg.bracket.enclosure, k, decimals + 2),
+            )
+            for k, (label, decimals) in enumerate(_labels(result))
+        ]
         title = f"Enclosure at {where}: how sharply the optimum is known, no accuracy of the parameters"
         note = (
             f"“At least” and “at most” enclose every solution in the box with eps ≤ {at}: hardly more than one "
             f"point reaches eps_hi. {FRAME}"
         )
-        table = Table(("parameter", "proved point", "at least", "at most", "width"), tuple(rows))
+        table = Table(("parameter", "proved point", "at least", "at most", "width"), rows)
         yield Section(title, tables=[table], notes=[note], folded=True)
     if frames is not None and leg.bracket.point is not None and leg.ranges is not None:
-        point, moved_ends = frames.point(np.array(leg.bracket.point)), frames.box(leg.ranges.box.lo, leg.ranges.box.hi)
-        box, decimals = Box(leg.ranges.box.names, *moved_ends), _DECIMALS["mm"]
-        cells = [
+        point, ends = frames.point(np.array(leg.bracket.point)), frames.box(leg.ranges.box.lo, leg.ranges.box.hi)
+        box, decimals = Box(leg.ranges.box.names, *ends), _DECIMALS["mm"]
+        moved = [
             (name, nearest(float(point[k]), decimals), *_sides(box, k, decimals)) for k, name in enumerate(box.names)
         ]
-        moved = Table(("parameter", "certified", "at least", "at most", "width"), tuple(cells))
+        table = Table(("parameter", "certified", "at least", "at most", "width"), moved)
         title = "The same ranges in the frames of the robot’s drawing"
-        yield Section(title, tables=[moved], notes=[DRAWING_FRAME], folded=True)
+        yield Section(title, tables=[table], notes=[DRAWING_FRAME], folded=True)
 
 
 def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[Section]:
@@ -521,7 +490,7 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Iterator[Sect
         yield Section("Two parameters at a time", figures=[_pairs(campaign, result, leg)])
     if leg.work.trials:
         head = ("eps asked [mm]", "delay [s]", "answer", "eps_lo then", "eps_hi then", "nodes")
-        table = Table(head, tuple(_trial(leg, trial) for trial in leg.work.trials), ("", "", "word"))
+        table = Table(head, [_trial(leg, trial) for trial in leg.work.trials], ("", "", "word"))
         yield Section(f"Calls of the solver: {len(leg.work.trials)}", tables=[table], folded=True)
     used = contractors_sentences(leg)
     if used:
@@ -559,21 +528,20 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
         widths = " by ".join(plain_gap(float(box.lo[i]), float(box.hi[i])) for i in k)
         label = f"Leg {leg.leg}: polygon that holds {' and '.join(pair.parameters)}, in a rectangle of {widths} mm"
         figures.append(panel_svg(panels[-1], label=label))
-    legend = [(key("polygon"), "all solutions lie in here"), (key("rectangle"), "bounds of each parameter alone")]
-    legend += [(key("dot"), "proved point")] if point is not None else []
-    legend += [(key("cross"), "least-squares fit")] if any(in_view(panel, panel.fit) for panel in panels) else []
-    legend += [(key("square"), "nominal value")] if any(in_view(panel, panel.nominal) for panel in panels) else []
-    times = (
-        f": {about(eps / leg.bracket.hi)} times eps_hi"
-        if result.options.eps is None and 0.0 < leg.bracket.hi < eps
-        else ""
+    signs = (
+        ("polygon", "all solutions lie in here", True),
+        ("rectangle", "bounds of each parameter alone", True),
+        ("dot", "proved point", point is not None),
+        ("cross", "least-squares fit", any(in_view(panel, panel.fit) for panel in panels)),
+        ("square", "nominal value", any(in_view(panel, panel.nominal) for panel in panels)),
     )
     caption = (
         "Solutions are here all parameters in the box that satisfy the equations to within "
-        f"eps = {eps_text(result, eps)} mm, for some readings{times}. "
+        f"eps = {eps_text(result, eps)} mm, for some readings"
+        f"{_times(leg, eps, ': ') if result.options.eps is None else ''}. "
         f"Δ counts from {'the middle of the bounds' if point is None else 'the proved point'}."
     )
-    return Drawing(tuple(figures), tuple(legend), caption)
+    return Drawing(figures, {sign: words for sign, words, drawn in signs if drawn}, caption)
 
 
 def residuals_drawing(
@@ -582,43 +550,41 @@ def residuals_drawing(
     """The residuals of the proved point over the measurements, beside those of the fit; None without such a point."""
     if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
         return None
+    count, small, hi = len(campaign), len(leg.support.ids) <= FEW, leg.bracket.hi
     residual = model_residuals(campaign, leg.leg, leg.bracket.point, model)
     room = reading_sensitivity(campaign, leg.leg, leg.bracket.point, model)
-    support, count, small = np.zeros(len(campaign), dtype=bool), len(campaign), len(leg.support.ids) <= FEW
+    support = np.zeros(count, dtype=bool)
     support[list(support_numbers(campaign, leg))] = small
-    names = measurement_names(campaign, tuple(range(count)))
-    data = Residuals(residual, room, support, leg.bracket.hi, None if fit is None else fit.residuals, names)
-    many, label = count > MOST_POINTS, "residuals of the proved point over the measurements, and the band of eps_hi"
-    legend: list[tuple[Markup, Words]] = [
-        (key("mass"), "residuals, smallest to largest of neighbours, of the proved point")
-    ]
-    legend = legend if many else [(key("dot"), "residual of the proved point")]
+    fits = np.full(count, np.nan) if fit is None else fit.residuals
+    data = Residuals(residual, room, support, hi, fits, measurement_names(campaign, range(count)))
+    legend: dict[str, Words] = {"dot": "residual of the proved point"}
     if fit is not None:
-        legend.append((key("warmline" if many else "cross"), f"of least squares, {about(fit.largest)} mm at most"))
+        legend["cross"] = f"of least squares, {about(fit.largest)} mm at most"
     if room.any():
-        legend.append((key("room"), f"sensitivity to the reading set{'s' * many}"))
-    band = claim(bracket_text(leg.bracket.hi, leg.bracket.hi)[1], "eps_hi", leg=leg.leg, value=leg.bracket.hi.hex())
-    legend.append((key("band"), ("±eps_hi = ±", band, " mm")))
+        legend["room"] = "sensitivity to the reading set"
+    legend["band"] = ("±eps_hi = ±", claim(bracket_text(hi, hi)[1], "eps_hi", leg, hi), " mm")
     if support.any():
-        legend.append((key("support"), "support: these measurements were found to be enough"))
-    beyond, said = int(np.sum(np.abs(residual) > leg.bracket.hi)), ""
+        legend["support"] = "support: these measurements were found to be enough"
+    beyond, said = int(np.sum(np.abs(residual) > hi)), []
+    if count > MOST_POINTS:
+        said.append("Of each run of neighbours the measurement with the largest residual and bar is drawn.")
     if not room.any():
-        said = (
+        said.append(
             "The readings are taken as exact, so all residuals of the proved point lie in the band, up to the "
             "rounding of this drawing."
         )
     elif beyond:
-        reached = "" if many else ", as its bar shows by reaching it"
-        said = (
+        said.append(
             f"At {beyond:,} of {count:,} the centre of the reading set lies outside the band; some other reading "
-            f"in its set is within{reached}."
+            "in its set is within, as its bar shows by reaching it."
         )
     if not small:
-        said += (
-            f" The bound rests on {len(leg.support.ids):,} measurements together: "
+        said.append(
+            f"The bound rests on {len(leg.support.ids):,} measurements together: "
             "no few of them were found to be enough."
         )
-    return Drawing((residual_svg(data, label=f"Leg {leg.leg}: {label}"),), tuple(legend), said.strip())
+    label = f"Leg {leg.leg}: residuals of the proved point over the measurements, and the band of eps_hi"
+    return Drawing([residual_svg(data, label=label)], legend, " ".join(said))
 
 
 def fit_error(campaign: Campaign, leg: LegResult, model: LegModel, found: Fitted) -> float:
@@ -637,8 +603,7 @@ def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike,
     if model.name != PLAIN.name:
         return reading_sensitivities(campaign, leg, parameters, model)
     x = np.asarray(parameters, np.float64)
-    arm = rotation_matrix(campaign.quaternion) @ x[3:6]
-    base = campaign.position - x[:3]
+    arm, base = rotation_matrix(campaign.quaternion) @ x[3:6], campaign.position - x[:3]
     vector = base + arm
     distance = np.linalg.norm(vector, axis=1)
     moved = np.sum(campaign.position_radius * np.abs(vector), axis=1)

@@ -9,19 +9,20 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, TypeVar
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
 from cpcal.common.errors import printable
+from cpcal.common.files import write_file
 from cpcal.common.version import __version__
 from cpcal.report.svg import Svg
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
-Row = TypeVar("Row")
 _PACKAGES = ("numpy", "scipy", "python-flint")
 
 
@@ -40,17 +41,27 @@ Words = str | Mark | Sequence["Words"]
 
 @dataclass(frozen=True)
 class Table:
-    """`head` names the columns. `columns`: styles of the first ones; `style`: of the whole."""
+    """`head` names the columns. `columns`: styles of the first ones; `style`: of the whole.
 
-    head: tuple[str, ...]
-    rows: tuple[tuple[Words, ...], ...]
-    columns: tuple[str, ...] = ()
+    `most`: so many rows are shown, and a note says how many more there are, and in which file (`where`).
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[Words]]
+    columns: Sequence[str] = ()
     style: str = ""
+    most: int | None = None
+    where: str = ""
 
     def cells(self, row: Sequence[Words]) -> list[tuple[Words, str, str]]:
         """Each with the style and the name of its column."""
         styles = [*self.columns, *("" for _ in self.head)]
         return list(zip(row, styles, self.head, strict=False))
+
+    def rest(self) -> str:
+        """A note on the rows that are not shown."""
+        more = 0 if self.most is None else len(self.rows) - self.most
+        return f"And {more:,} more, in {self.where}." if more > 0 else ""
 
 
 @dataclass(frozen=True)
@@ -73,13 +84,13 @@ def picture(caption: str, jpeg: bytes, size: tuple[int, int]) -> Picture:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Figures, or pictures, each with its words, under one caption. `legend`: signs (see `key`), and what they mean."""
+    """Figures, or pictures, each with its words, under one caption. `legend`: what signs mean (see `key`)."""
 
-    figures: tuple[Svg, ...] = ()
-    legend: tuple[tuple[Markup, Words], ...] = ()
+    figures: Sequence[Svg] = ()
+    legend: Mapping[str, Words] = field(default_factory=dict)
     caption: Words = ""
     style: str = "scroll"
-    pictures: tuple[tuple[Picture, Words], ...] = ()
+    pictures: Sequence[tuple[Picture, Words]] = ()
 
     def _repr_html_(self) -> str:
         """For notebooks: the figures alone, in light colours."""
@@ -125,28 +136,29 @@ class Proof:
     compared: str
 
 
-def page_text(
-    title: str,
-    kicker: str,
-    heading: str,
-    sections: Sequence[Section],
-    *,
-    notices: Sequence[Words] = (),
-    lead: Words = "",
-    proof: Proof | None = None,
-) -> str:
-    """The page: one file of HTML that loads nothing. The same sections give the same text."""
-    return _template().render(
-        title=title,
-        kicker=kicker,
-        heading=heading,
-        sections=sections,
-        notices=[words for words in notices if words],
-        lead=lead,
-        proof=proof,
-        pictures=any(map(_pictured, sections)),
-        contents=[(s.name, s.title if isinstance(s.title, str) else s.title[0]) for s in sections if s.name],
-    )
+@dataclass(frozen=True)
+class Page:
+    """One file of HTML that loads nothing. `kicker`: what kind of page it is; `notices` stand above all answers."""
+
+    title: str
+    kicker: str
+    heading: str
+    sections: Sequence[Section]
+    notices: Sequence[Words] = ()
+    lead: Words = ""
+    proof: Proof | None = None
+
+    def text(self) -> str:
+        """The same sections give the same text."""
+        return _template().render(
+            page=self,
+            pictures=any(map(_pictured, self.sections)),
+            contents=[(s.name, s.title if isinstance(s.title, str) else s.title[0]) for s in self.sections if s.name],
+        )
+
+    def write(self, file: Path) -> Path:
+        """Write the file, all or nothing; its path. Raises InputError."""
+        return write_file(file, self.text())
 
 
 def _pictured(section: Section) -> bool:
@@ -165,7 +177,7 @@ def _template() -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["html"] = html
+    environment.filters |= {"html": html, "key": key}
     return environment.get_template("page.html.j2")
 
 
@@ -197,7 +209,9 @@ def verdict(word: Words, kind: str, **data: str) -> Mark:
 
 
 def key(style: str) -> Markup:
-    """The sign of a legend, as report.css draws it."""
+    """The sign of a legend, as report.css draws it; one that is markup already stays. None for words alone."""
+    if isinstance(style, Markup) or not style:
+        return Markup(style)
     if style == "cross":
         return Markup(
             '<svg class="key cross" viewBox="0 0 10 10" aria-hidden="true"><path d="M1 1 9 9M9 1 1 9"/></svg>'
@@ -205,25 +219,12 @@ def key(style: str) -> Markup:
     return Markup('<i class="key {}"></i>').format(style)
 
 
-def origin(**data: Words) -> Section:
-    """The last section: where a page comes from."""
-    return Section("Where it comes from", data={**{k.replace("_", " "): v for k, v in data.items()}}, name="origin")
+def origin(data: Mapping[str, Words], by: str = "") -> Section:
+    """The last section: where a page comes from; `by`: a sentence on what found its answers."""
+    written = f"{by} This page was written by {versions()}.".lstrip()
+    return Section("Where it comes from", data={**data, "Versions": written}, name="origin")
 
 
 def versions() -> str:
     """Of cpcal and of what it computes and draws with, here and now."""
-
-    def of(name: str) -> str:
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            return "of unknown version"
-
-    return ", ".join([f"cpcal {__version__}", *(f"{name} {of(name)}" for name in _PACKAGES)])
-
-
-def most(
-    rows: Sequence[tuple[Words, ...]], count: int, where: str
-) -> tuple[tuple[tuple[Words, ...], ...], tuple[str, ...]]:
-    """The first rows of many, and a note on the others."""
-    return tuple(rows[:count]), (f"And {len(rows) - count:,} more, in {where}.",) if len(rows) > count else ()
+    return ", ".join([f"cpcal {__version__}", *(f"{name} {version(name)}" for name in _PACKAGES)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,13 +16,12 @@ from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, stated
-from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.questions import Result
 from cpcal.questions.fits import CertifiedFits
 from cpcal.report.run_page import DrawingFrames, render
-from cpcal.report.section import Drawing, Mark, Picture, Section, Table, key
+from cpcal.report.section import Drawing, Mark, Picture, Section, Table
 from cpcal.report.svg import (
     BAND,
     DASHES,
@@ -33,10 +32,8 @@ from cpcal.report.svg import (
     SUPPORT,
     Axes,
     Figure,
-    Span,
     Svg,
-    label_room,
-    tick_labels,
+    chart,
     ticks,
 )
 from cpcal.robot import Campaign
@@ -95,33 +92,39 @@ MEASURED, DRAWING = FRAMES = ("measured", "drawing")  # of camera and target; of
 def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
     """Table 2: standard deviations of the leg readings, mm."""
     channels = [c for c in record.repeats.channels if c.statistics.name.startswith("L")]
-    head = ("leg", *(str(k) for k in range(1, len(channels) + 1)))
     rows = _deviations(record, channels, lambda _, value: nearest(value, 4))
     if paper_too and len(channels) == len(TABLE_2):
-        rows.append((PAPER, *(nearest(value, 4) for value in TABLE_2)))
-    return Table(head, tuple(rows))
+        rows.append(_row(PAPER, TABLE_2))
+    return Table(_legs(len(channels)), rows)
 
 
 def poses(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
     """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
     channels = [c for c in record.repeats.channels if not c.statistics.name.startswith("L")]
-    head = ("component", *(f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels))
     rows = _deviations(record, channels, lambda channel, value: _significant(shown(channel, value)))
     if record.repeats.shared is not None:
         each = zip(channels, record.repeats.shared.pose, strict=True)
         rows.append(("shared by all images, beside it", *(_significant(shown(c, value)) for c, value in each)))
     if paper_too:
-        theirs = [_significant(TABLE_3[c.statistics.name]) for c in channels]
-        rows.append((PAPER, *theirs))
-    return Table(head, tuple(rows))
+        rows.append((PAPER, *(_significant(TABLE_3[c.statistics.name]) for c in channels)))
+    units = (f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels)
+    return Table(("component", *units), rows)
 
 
 def equations(record: CalibrationRecord) -> Table:
     """Scatter of the calibration equations between repeats, and of the robot itself where it is seen, mm."""
-    rows = [("equations g between repeats", *(nearest(value, 4) for value in record.repeats.equation_sigma))]
-    if any(record.repeats.robot_sigma):
-        rows.append(("the robot itself", *(nearest(value, 4) for value in record.repeats.robot_sigma)))
-    return Table(("leg", *(str(k) for k in range(1, len(record.repeats.equation_sigma) + 1))), tuple(rows))
+    found = record.repeats
+    rows = [_row("equations g between repeats", found.equation_sigma)]
+    rows += [_row("the robot itself", found.robot_sigma)] if any(found.robot_sigma) else []
+    return Table(_legs(len(found.equation_sigma)), rows)
+
+
+def _legs(count: int) -> tuple[str, ...]:
+    return ("leg", *map(str, range(1, count + 1)))
+
+
+def _row(name: str, values: Iterable[float], decimals: int = 4) -> tuple[str, ...]:
+    return (name, *(nearest(value, decimals) for value in values))
 
 
 def _deviations(
@@ -141,74 +144,59 @@ def shown(channel: Channel, value: float) -> float:
     return math.degrees(value) if channel.unit == "rad" else value
 
 
-def drawing(record: CalibrationRecord) -> Table:
-    """Table 1: the drawing's parameters, mm."""
-    lines = [(str(leg), *(nearest(value, 4) for value in row)) for leg, row in enumerate(record.drawing, 1)]
-    return Table(("leg", *SYMBOLS), tuple(lines))
+def of_legs(rows: Rows) -> Table:
+    """Of each leg its seven parameters, mm; of the drawing it is table 1."""
+    return Table(("leg", *SYMBOLS), [_row(str(leg), row) for leg, row in enumerate(rows, 1)])
 
 
 def parameters(fit: Parameters, frame: str = MEASURED, theirs: Rows | None = None) -> Table:
     """x_c or x_c_sigma, mm, in one of `FRAMES`; below each leg its expanded uncertainty, and what the paper prints,
     where it does."""
-    drawn = frame == DRAWING
-    values, errors = (fit.drawn, fit.drawn_errors) if drawn else (fit.values, fit.standard_errors)
-    lines: list[tuple[str, ...]] = []
-    for leg, row in enumerate(values):
-        lines.append((str(leg + 1), *(nearest(value, 4) for value in row)))
-        lines.append((EXPANDED, *(nearest(2.0 * value, 4) for value in errors[leg])))
-        if theirs is not None and leg < len(theirs):
-            lines.append((PAPER, *(nearest(value, 4) for value in theirs[leg])))
-    return Table(("leg", *SYMBOLS), tuple(lines))
+    values, errors = (fit.drawn, fit.drawn_errors) if frame == DRAWING else (fit.values, fit.standard_errors)
+    rows: list[tuple[str, ...]] = []
+    for leg, (row, error) in enumerate(zip(values, errors, strict=True)):
+        rows += [_row(str(leg + 1), row), _row(EXPANDED, (2.0 * value for value in error))]
+        rows += [_row(PAPER, theirs[leg])] if theirs is not None and leg < len(theirs) else []
+    return Table(("leg", *SYMBOLS), rows)
 
 
 def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
-    plain, every = record.validation.x_c, record.validation.with_outliers
+    found = record.validation
+    plain, every = found.x_c, found.with_outliers
     head = ["error", BEFORE, WITH_X_C, WITH_X_C_SIGMA, *([] if every is None else [WITH_OUTLIERS])]
     columns = {}
     for kind in ("position", "orientation"):
-        before, after = plain.summaries(kind)
-        columns[kind] = [before, after, record.validation.x_c_sigma.summaries(kind)[1]]
-        columns[kind] += [] if every is None else [every.summaries(kind)[1]]
+        fits = [found.x_c_sigma, *([] if every is None else [every])]
+        columns[kind] = [*plain.summaries(kind), *(one.summaries(kind)[1] for one in fits)]
     rows: list[tuple[str, ...]] = []
-    for (name, kind, figure), theirs in zip(_FIGURES, (*TABLE_6, *(4 * [None])), strict=True):
+    for k, (name, kind, figure) in enumerate(_FIGURES):
         values = (getattr(column, figure) for column in columns[kind])
         rows.append((name, *(_significant(math.degrees(v) if kind == "orientation" else v) for v in values)))
-        if paper_too and theirs is not None:
-            rows.append((PAPER, *map(_significant, theirs), *("" for _ in head[4:])))
-    floor = plain.floor
-    if floor is not None:
-        means = (_significant(floor.position_mean), _significant(math.degrees(floor.orientation_mean)))
-        for name, mean in zip(("position", "orientation"), means, strict=True):
-            unit = "mm" if name == "position" else "°"
+        if paper_too and k < len(TABLE_6):
+            rows.append((PAPER, *map(_significant, TABLE_6[k]), *("" for _ in head[4:])))
+    if plain.floor is not None:
+        floors = ("position", "mm", plain.floor.position_mean), ("orientation", "°", plain.floor.orientation_mean)
+        for name, unit, value in floors:
+            mean = _significant(value if unit == "mm" else math.degrees(value))
             rows.append((f"{name}, mean by noise alone [{unit}]", "", mean, mean, *("" for _ in head[4:])))
-    return Table(tuple(head), tuple(rows))
+    return Table(head, rows)
 
 
 def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
     """Headings and tables."""
-    lines = [(str(leg), *(nearest(value, 4) for value in row)) for leg, row in enumerate(found.expanded, 1)]
+    rows = []
+    for one in found.contributions:
+        stated_one = _significant(one.uncertainty) if one.uncertainty else "not stated"
+        sizes = (_significant(value) if one.uncertainty else "—" for value in (one.rms, one.largest))
+        rows.append((one.source.replace("_", " "), "" if math.isnan(one.uncertainty) else stated_one, *sizes))
+    for name, times in (("combined, u_c", 1.0), (EXPANDED, 2.0)):
+        rows.append((name, "", _significant(times * found.rms), _significant(times * found.largest)))
+    budget = Table(("source", "stated", "on average (rms)", "largest"), rows)
     return (
-        ("Uncertainty budget (GUM), parameters laid on the drawing [mm]", _budget(found)),
-        (
-            f"{EXPANDED} of each parameter by the budget, frame: {DRAWING} [mm]",
-            Table(("leg", *SYMBOLS), tuple(lines)),
-        ),
+        ("Uncertainty budget (GUM), parameters laid on the drawing [mm]", budget),
+        (f"{EXPANDED} of each parameter by the budget, frame: {DRAWING} [mm]", of_legs(found.expanded)),
     )
-
-
-def _budget(found: Budget) -> Table:
-    rows = [
-        (
-            one.source.replace("_", " "),
-            "" if math.isnan(one.uncertainty) else _significant(one.uncertainty) if one.uncertainty else "not stated",
-            *(_significant(value) if one.uncertainty else "—" for value in (one.rms, one.largest)),
-        )
-        for one in found.contributions
-    ]
-    rows.append(("combined, u_c", "", _significant(found.rms), _significant(found.largest)))
-    rows.append((EXPANDED, "", _significant(2.0 * found.rms), _significant(2.0 * found.largest)))
-    return Table(("source", "stated", "on average (rms)", "largest"), tuple(rows))
 
 
 _FIGURES = (
@@ -292,9 +280,9 @@ def histogram_svg(channel: Channel, *, label: str) -> Svg:
     figure, highest = Figure(*_PANEL), 1.05 * max(float(curve.max()), float(counts.max()), 1.0)
     axes = Axes(figure, _PLOT_FRAME, (-reach, reach), (0.0, highest))
     bars = zip(edges[:-1].tolist(), edges[1:].tolist(), counts.tolist(), strict=True)
-    axes.areas([[(a, 0.0), (b, 0.0), (b, n), (a, n)] for a, b, n in bars if n], BAND, EDGE)
+    axes.area(BAND, *([(a, 0.0), (b, 0.0), (b, n), (a, n)] for a, b, n in bars if n), edge=EDGE)
     if sigma > 0.0:
-        axes.line(np.stack([at, curve], axis=1), INK, 1.0, DASHES)
+        axes.line(INK, np.stack([at, curve], axis=1), dash=DASHES)
     figure.text(0.5 * (_PLOT_FRAME[0] + _PLOT_FRAME[2]), 8.0, f"{channel.statistics.name} [{unit}]", anchor="middle")
     axes.x_axis(ticks(-0.9 * reach, 0.9 * reach, 4), "")
     axes.y_axis(ticks(0.0, highest, 4, whole=True), "")
@@ -303,29 +291,24 @@ def histogram_svg(channel: Channel, *, label: str) -> Svg:
 
 def validation_svg(found: Validation, *, label: str) -> Svg:
     """Left the position errors, right the improvements of the compared poses; each curve sorted ascending by itself."""
-    figure = Figure(*_PAIR)
     before, after = found.errors("position")
     turned, moved = found.improvement("orientation"), found.improvement("position")
-    _sorted(figure, (0.0, 0.48), {ROOM: before, DOT: after}, "position error [mm]", from_zero=True)
-    _sorted(figure, (0.52, 1.0), {SUPPORT: turned, DOT: moved}, "improvement [%]", from_zero=False)
+    figure = Figure(*_PAIR)
+    for part, name, curves in (
+        ((0.0, 0.48), "position error [mm]", {ROOM: before, DOT: after}),
+        ((0.52, 1.0), "improvement [%]", {SUPPORT: turned, DOT: moved}),
+    ):
+        finite = {colour: np.sort(values[np.isfinite(values)]) for colour, values in curves.items()}
+        every = np.concatenate([np.zeros(1), *finite.values()])
+        margin, count = 0.05 * float(np.ptp(every)) or 1.0, max(map(len, finite.values()))
+        x, y = (0.0, count + 1.0), (float(every.min()) - margin * ("%" in name), float(every.max()) + margin)
+        across, labels = ticks(*x, 5, whole=True), ("validation poses, sorted", name)
+        axes = chart(figure, x, y, labels, across=across, grid=True, most=6, part=part)
+        if "%" in name:
+            axes.across((0.0,), INK, 1.0, DASHES)
+        for colour, values in finite.items():
+            axes.dots(np.stack([np.arange(1.0, len(values) + 1.0), values], axis=1), colour, 2.8)
     return figure.svg(label)
-
-
-def _sorted(figure: Figure, part: Span, curves: dict[str, Floats], label: str, *, from_zero: bool) -> None:
-    """One frame in a part of the figure's width."""
-    finite = {colour: np.sort(values[np.isfinite(values)]) for colour, values in curves.items()}
-    every = np.concatenate([np.zeros(1), *finite.values()])
-    margin = 0.05 * float(every.max() - every.min()) or 1.0
-    y = (0.0 if from_zero else float(every.min()) - margin, float(every.max()) + margin)
-    count, numbers = max(map(len, finite.values())), ticks(*y, 6)
-    left, right = part[0] * figure.width + label_room(tick_labels(numbers)) + 8.0, part[1] * figure.width - 10.0
-    axes = Axes(figure, (left, 6.0, right, figure.height - 32.0), (0.0, count + 1.0), y)
-    axes.y_axis(numbers, label, grid=True)
-    if not from_zero:
-        axes.line([(0.0, 0.0), (count + 1.0, 0.0)], INK, 1.0, DASHES)
-    for colour, values in finite.items():
-        axes.dots(np.stack([np.arange(1.0, len(values) + 1.0), values], axis=1), colour, 2.8)
-    axes.x_axis(ticks(0.0, count + 1.0, 5, whole=True), "validation poses, sorted")
 
 
 @dataclass(frozen=True)
@@ -388,7 +371,7 @@ def _study(found: StudyFound) -> Section:
             ),
         ],
         parts=[
-            Section("Table 1: the drawing’s parameters [mm]", tables=[drawing(record)]),
+            Section("Table 1: the drawing’s parameters [mm]", tables=[of_legs(record.drawing)]),
             *(part.section() for part in (found.images.parts if found.images else ())),
             *_repeats(record),
             *_fits(found),
@@ -421,17 +404,17 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
         histogram_svg(c, label=f"Centred errors of {c.statistics.name}: histogram") for c in record.repeats.channels
     ]
     order = sorted(range(len(names)), key=lambda k: not names[k].startswith("L"))  # figure 3, then figure 4
-    legend = (
-        (key("bar"), "readings, less their configuration’s mean"),
-        (key("dashed"), "normal distribution of the same standard deviation"),
-    )
+    legend = {
+        "bar": "readings, less their configuration’s mean",
+        "dashed": "normal distribution of the same standard deviation",
+    }
     caption = (
         "Figure 3: leg readings L1, L2, …; figure 4: the pose. Bins reach four standard deviations to each side, the "
         "outermost hold what is beyond."
     )
     yield Section(
         "Figures 3 and 4: centred distributions",
-        figures=[Drawing(tuple(histograms[k] for k in order), legend, caption)],
+        figures=[Drawing([histograms[k] for k in order], legend, caption)],
         parts=[
             Section(
                 "Each distribution in words (mm, rad)",
@@ -474,11 +457,8 @@ def _fits(found: StudyFound) -> Iterator[Section]:
         "most, the mobile ones by 1.4 mm. The largest U of a parameter, in the frames of camera and target, is "
         f"{about(largest, 2)} mm."
     )
-    words = [
-        f"x_c: {record.x_c.sentence}",
-        f"x_c_sigma: {record.x_c_sigma.sentence}",
-    ]
     yield Section(sentences=[said + _loose(found.result)])
+    words = [f"x_c: {record.x_c.sentence}", f"x_c_sigma: {record.x_c_sigma.sentence}"]
     yield Section("The fits in words", words, folded=True)
 
 
@@ -510,17 +490,14 @@ def _validated(record: CalibrationRecord) -> Iterator[Section]:
     for heading, table in () if record.budget is None else budget_tables(record.budget):
         yield Section(heading, tables=[table])
     drawings = []
-    for name, letter, errors in (
-        ("x_c", "a", record.validation.x_c),
-        ("x_c_sigma", "b", record.validation.x_c_sigma),
-    ):
+    for name, letter, errors in (("x_c", "a", record.validation.x_c), ("x_c_sigma", "b", record.validation.x_c_sigma)):
         svg = validation_svg(errors, label=f"Errors and improvements of the validation poses with {name}")
-        drawings.append(Drawing((svg,), caption=f"({letter}) {name}. {errors.sentence}"))
-    legend = (
-        (key("dot"), "position, after calibration"),
-        (key("mark room"), "position, before"),
-        (key("mark warm"), "orientation, improvement"),
-    )
+        drawings.append(Drawing([svg], caption=f"({letter}) {name}. {errors.sentence}"))
+    legend = {
+        "dot": "position, after calibration",
+        "mark room": "position, before",
+        "mark warm": "orientation, improvement",
+    }
     yield Section(
         "Figure 5: validation pose by pose",
         figures=[drawings[0], replace(drawings[1], legend=legend)],
@@ -578,19 +555,15 @@ def _certified(found: StudyFound) -> Iterator[Section]:
 def _table7(found: StudyFound) -> Table:
     """Both methods' brackets, lower ends rounded down and upper ends up, beside the paper's; a column a leg, mm."""
     legs = [leg.leg for leg in found.result.legs]
-    timed = {leg.leg: leg for leg in found.timeout.legs}
-    bounds = [bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in found.result.legs]
-    tried = [bracket_text(timed[leg].bracket.lo, timed[leg].bracket.hi) if leg in timed else ("—", "—") for leg in legs]
-    rows = [
-        ("bound: none below", *(lo for lo, _ in bounds)),
-        ("bound: attained", *(hi for _, hi in bounds)),
-        ("timeout: none below", *(lo for lo, _ in tried)),
-        ("timeout: attained", *(hi for _, hi in tried)),
-    ]
+    rows: list[tuple[str, ...]] = []
+    for name, result in (("bound", found.result), ("timeout", found.timeout)):
+        bounds = {leg.leg: bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in result.legs}
+        for side, end in enumerate(("none below", "attained")):
+            rows.append((f"{name}: {end}", *(bounds.get(leg, ("—", "—"))[side] for leg in legs)))
     if max(legs, default=0) <= len(TABLE_7_CERTIFIED):
-        rows.append(("the paper: none below", *(nearest(TABLE_7_CERTIFIED[leg - 1], 2) for leg in legs)))
-        rows.append(("the paper: attained", *(nearest(TABLE_7_ATTAINED[leg - 1], 2) for leg in legs)))
-    return Table(("leg", *map(str, legs)), tuple(rows))
+        for name, theirs in (("none below", TABLE_7_CERTIFIED), ("attained", TABLE_7_ATTAINED)):
+            rows.append(_row(f"the paper: {name}", (theirs[leg - 1] for leg in legs), 2))
+    return Table(("leg", *map(str, legs)), rows)
 
 
 def _fits_table(fits: CertifiedFits) -> Table:
@@ -598,7 +571,7 @@ def _fits_table(fits: CertifiedFits) -> Table:
     for name, verified in fits.both:
         rows.append((f"{name}: satisfied", *(str(fit.verified.holds) for fit in verified)))
         rows.append((f"{name}: refuting", *(str(fit.verified.fails) for fit in verified)))
-    return Table(("leg", *(str(fit.leg) for fit in fits.x_c)), tuple(rows))
+    return Table(("leg", *(str(fit.leg) for fit in fits.x_c)), rows)
 
 
 def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:

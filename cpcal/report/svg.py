@@ -21,8 +21,8 @@ from markupsafe import Markup
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 
-INK, GRID, BAND, EDGE, ROOM, DOT, MASS, SUPPORT = (
-    f"var(--{name})" for name in ("ink", "grid", "band", "edge", "room", "dot", "mass", "support")
+INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (
+    f"var(--{name})" for name in ("ink", "grid", "band", "edge", "room", "dot", "support")
 )
 DASHES = "5 3.5"
 _FONT = "font: 9px system-ui, sans-serif"
@@ -109,7 +109,7 @@ class Axes:
         """Below the frame."""
         left, _, right, bottom = self.frame
         if grid:
-            self.lines([[(t, self.y[0]), (t, self.y[1])] for t in ticks], GRID, 0.6)
+            self.line(GRID, *([(t, self.y[0]), (t, self.y[1])] for t in ticks), width=0.6)
         places = self.at([(t, self.y[0]) for t in ticks])[:, 0].tolist()
         ends = "".join(f"M{_n(x)} {_n(bottom)}v{_n(_TICK)}" for x in places)
         self._path(f"M{_n(left)} {_n(bottom)}H{_n(right)}{ends}", _stroke(INK, 0.8))
@@ -121,7 +121,7 @@ class Axes:
         """At the left of the frame; the label is `away` from it, else as close as the numbers let it be."""
         left, top, _, bottom = self.frame
         if grid:
-            self.lines([[(self.x[0], t), (self.x[1], t)] for t in ticks], GRID, 0.6)
+            self.across(ticks)
         places, texts = self.at([(self.x[0], t) for t in ticks])[:, 1].tolist(), tick_labels(ticks)
         ends = "".join(f"M{_n(left)} {_n(y)}h{_n(-_TICK)}" for y in places)
         self._path(f"M{_n(left)} {_n(top)}V{_n(bottom)}{ends}", _stroke(INK, 0.8))
@@ -141,25 +141,19 @@ class Axes:
             self.figure.text(self.frame[0] - 9.0, float(self.at([(self.x[0], k)])[0, 1]), name, anchor="end")
 
     def area(
-        self, points: npt.ArrayLike, fill: str, edge: str | None = None, width: float = 0.8, dash: str = ""
+        self, fill: str, *polygons: npt.ArrayLike, edge: str | None = None, width: float = 0.8, dash: str = ""
     ) -> None:
-        """A polygon (n, 2)."""
-        self.areas([points], fill, edge, width, dash)
-
-    def areas(
-        self, polygons: Iterable[npt.ArrayLike], fill: str, edge: str | None = None, width: float = 0.8, dash: str = ""
-    ) -> None:
-        """Polygons that look alike."""
+        """Polygons (n, 2) that look alike."""
         line = "" if edge is None else _line(edge, width, dash) + "; "
         self._path("".join(_track(self.at(points)) + "Z" for points in polygons), f"{line}fill: {fill}")
 
-    def line(self, points: npt.ArrayLike, colour: str, width: float = 1.0, dash: str = "") -> None:
-        """A polyline (n, 2)."""
-        self.lines([points], colour, width, dash)
-
-    def lines(self, tracks: Iterable[npt.ArrayLike], colour: str, width: float = 1.0, dash: str = "") -> None:
-        """Polylines that look alike."""
+    def line(self, colour: str, *tracks: npt.ArrayLike, width: float = 1.0, dash: str = "") -> None:
+        """Polylines (n, 2) that look alike."""
         self._path("".join(_track(self.at(points)) for points in tracks), _stroke(colour, width, dash))
+
+    def across(self, ticks: Iterable[float], colour: str = GRID, width: float = 0.6, dash: str = "") -> None:
+        """Lines from left to right at these heights."""
+        self.line(colour, *([(self.x[0], t), (self.x[1], t)] for t in ticks), width=width, dash=dash)
 
     def dots(self, points: npt.ArrayLike, colour: str, size: float) -> None:
         """Discs of that diameter, all of them one path."""
@@ -167,7 +161,10 @@ class Axes:
         self._path(places, f"{_stroke(colour, size)}; stroke-linecap: round")
 
     def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, *, width: float = 0.0) -> None:
-        """Marks of that size: x, |, or one of _SHAPES: filled, or with a line of `width` hollow."""
+        """Marks of that size: o, x, |, or one of _SHAPES: filled, or with a line of `width` hollow."""
+        if shape == "o":
+            self.dots(points, colour, size)
+            return
         tracks, h = "", 0.5 * size
         for x, y in self.at(points).tolist():
             if shape == "x":
@@ -188,6 +185,32 @@ class Axes:
     def _path(self, d: str, style: str) -> None:
         if d:
             self.figure.elements.append(f'<path d="{d}" style="{style}"/>')
+
+
+def chart(
+    figure: Figure,
+    x: Span,
+    y: Span,
+    labels: tuple[str, str],
+    *,
+    across: Sequence[float],
+    grid: bool,
+    most: int = 8,
+    part: Span = (0.0, 1.0),
+) -> Axes:
+    """Axes with numbers in a part of a figure's width; `across`: ticks of x, `most`: so many of y; `grid`: at these."""
+    numbers = ticks(*y, most)
+    left, right = part[0] * figure.width + label_room(tick_labels(numbers)) + 8.0, part[1] * figure.width - 12.0
+    axes = Axes(figure, (left, 6.0, right, figure.height - 32.0), x, y)
+    axes.y_axis(numbers, labels[1], grid=grid)
+    axes.x_axis(across, labels[0])
+    return axes
+
+
+def counted(count: int, most: int = 8) -> list[float]:
+    """Ticks that count from 1."""
+    rest = ticks(0.0, count + 1.0, most, whole=True)
+    return [1.0, *(t for t in rest if 1.0 + 0.05 * count <= t <= count)]
 
 
 def ticks(lo: float, hi: float, most: int = 8, *, whole: bool = False) -> list[float]:

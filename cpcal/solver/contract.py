@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from inspect import signature
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from cpcal.common.values import Floats, Indices
@@ -170,7 +171,7 @@ def monotone_tolerance(contractor: Contractor) -> float:
 
 def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> Contraction:
     """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
-    found = contractor.contract(box, deadline)
+    found = answered(contractor, "contract", box, deadline)
     if not isinstance(found, Contraction) or getattr(found.box, "names", None) != box.names:
         from cpcal.common.errors import PluginError
 
@@ -179,6 +180,35 @@ def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> 
             "whose box is a part of the given one"
         )
     return found
+
+
+def answered(contractor: Contractor, method: str, given: object, deadline: float) -> Any:
+    """`contract(box, deadline)` or `contract_batch(boxes, deadline)`. Raises PluginError where it takes no deadline."""
+    function = getattr(contractor, method)
+    try:
+        return function(given, deadline)
+    except TypeError:
+        try:
+            signature(function).bind(given, deadline)
+        except TypeError:
+            from cpcal.common.errors import PluginError
+
+            raise PluginError(
+                f"{method} of the contractor {type(contractor).__name__} takes no deadline: write "
+                f"def {method}(self, {'box' if method == 'contract' else 'boxes'}, deadline=math.inf)"
+            ) from None
+        raise
+
+
+def narrowed(name: str, box: Box, after: Box) -> Contraction:
+    """`after` as what the contractor of that name leaves of a box, without the rows that moved each bound."""
+    if after.is_empty:
+        return Contraction(after, () if box.is_empty else (Step(name, None, "", math.nan),))
+    sides = (("lo", after.lo, after.lo > box.lo), ("hi", after.hi, after.hi < box.hi))
+    return Contraction(
+        after,
+        tuple(Step(name, box.names[k], side, float(to[k])) for side, to, moved in sides for k in moved.nonzero()[0]),
+    )
 
 
 class Composable:

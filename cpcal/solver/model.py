@@ -41,6 +41,7 @@ from cpcal.solver.contract import (
     contracted,
     in_sequence,
 )
+from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for
 from cpcal.solver.execution.stopping import heard
 from cpcal.solver.execution.threads import linear_algebra_on_one_thread
@@ -67,7 +68,7 @@ from cpcal.solver.search import (
     WholeNumbers,
     conclusion,
 )
-from cpcal.solver.search.race import PavingCheckpoint, checkpoint_of, raced
+from cpcal.solver.search.race import checkpoint_of, raced
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -538,7 +539,8 @@ class Network(ConstraintNetwork):
         priority, inside = ORDERS[order](network), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
         options = (contractors, strategy, order, inner, width, arithmetic)
-        keeper = PavingCheckpoint(checkpoint, network, options, resume=resume)
+        of = {} if checkpoint is None else checkpoint_of(network, options)
+        keeper = Checkpoint(checkpoint, of, resume=resume)
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
@@ -568,9 +570,9 @@ class Network(ConstraintNetwork):
             race = Race(
                 [Contender(m.name, partial(search, m, place), m.slice, m.turns, m.begins) for m in choice.methods]
             )
-            nodes = raced(race, keeper, clock, progress)
+            nodes = raced(race, keeper, network.names, clock, progress)
             found = race.leader.search or search(choice.methods[0], place)
-            keeper.end(complete=not found.waiting)
+            (keeper.keep if found.waiting else keeper.done)()
             paving = conclusion(found, UniquenessProver(network, engine, deadline=clock.deadline), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
@@ -644,7 +646,7 @@ class Network(ConstraintNetwork):
                 if limit.seconds is not None:
                     left = replace(left, seconds=max(0.0, clock.deadline - time.monotonic()))
                 if limit.nodes is not None and before is not None:
-                    left = replace(left, nodes=limit.nodes + before.nodes)
+                    left = replace(left, nodes=limit.nodes + before.tally.nodes)
                 states = minimize(
                     network,
                     name,
@@ -666,7 +668,8 @@ class Network(ConstraintNetwork):
             found = replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
             if certificate is not None and recording is not None:
                 found = certified(recording, certificate, found, network.domain, name)
-            keeper.done(found)
+            if not (found.pending or found.interrupted):
+                keeper.done()
             return found
 
     def _as_asked(self) -> Network:

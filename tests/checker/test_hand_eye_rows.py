@@ -244,6 +244,9 @@ def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(
         e = applied(across(x_turn), [w - t for w, t in zip(hand, placed[:3], strict=True)])
         f = [a + b for a, b in zip(applied(f_turn, board), placed[7:10], strict=True)]
         assert all(lo <= v <= hi for lo, v, hi in zip(box.lo[24:], [*e, *f], box.hi[24:], strict=True))
+    for sign in (-1, 1):  # the edge itself
+        edge = [v + sign * 50 if k % 7 < 3 else v for k, v in enumerate(center)]
+        assert holds(edge, center, F(50), angle)
     away = list(center)
     away[8] += F(51)
     assert not holds(away, center, F(50), angle)

@@ -45,8 +45,13 @@ def run(code, *arguments, stdout=subprocess.PIPE, **more):
 
 @pytest.mark.parametrize(
     ("verb", "module"),
-    [(verb, module) for verb in ("plugins", "--help") for module in ("cpcal.cli.app", "typer", "cpcal.cli.solve")]
-    + [("plugins", "cpcal.solver.plugins"), ("plugins", "lazy_loader")],
+    [
+        ("plugins", "lazy_loader"),
+        ("--help", "typer"),
+        ("plugins", "cpcal.cli.app"),
+        ("--help", "cpcal.cli.solve"),
+        ("plugins", "cpcal.solver.plugins"),
+    ],
 )
 def test_ctrl_c_while_starting_up_is_130_without_a_traceback(verb, module):
     done = run(_AT_IMPORT.format(module=module, happens="os.kill(os.getpid(), signal.SIGINT)"), verb)

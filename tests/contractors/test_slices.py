@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, BoxConsistency, Cid, Newton, Shaving
-from contractors.shaving import contract_all, cuts
+from contractors.shaving import contracted_slices, cuts
 from cpcal.solver.contract import Contraction, Contractor, Repeat
-from cpcal.solver.interval import Box
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, sqr
 
 ENGINES = ["float64", "arb"]
@@ -122,9 +122,12 @@ def test_cuts_cover_and_batches_agree_with_single_boxes() -> None:
             return HC4(net).contract(box)
 
     net = crossing()
-    boxes = [Box(net.names, [-3, -3], [-1, 3]), Box(net.names, [-1, -3], [1, 3]), Box(net.names, [2, -3], [3, -2.5])]
-    assert contract_all(HC4(net), boxes, 1) == contract_all(Single(), boxes, 1)
-    assert contract_all(HC4(net), [], 1) == []
+    slices = IntervalArray(np.array([-3.0, -1.0, 2.0, -3.0]), np.array([-1.0, 1.0, 3.0, -2.5]))
+    at_once, singly = (
+        contracted_slices(inner, net.domain, np.array([0, 0, 0, 1]), slices, 1) for inner in (HC4(net), Single())
+    )
+    np.testing.assert_array_equal(at_once.lo, singly.lo)
+    np.testing.assert_array_equal(at_once.hi, singly.hi)
 
 
 def test_senseless_settings_are_refused() -> None:

@@ -1,6 +1,6 @@
-"""The page in a real browser: quiet, self-contained, within the width of a phone, in both themes, on paper.
+"""Pages in a real browser: quiet, self-contained, within the width of a phone, in both themes, on paper, self-checking.
 
-To start the browser is what takes long: what it says, asks for and measures of a page is of one start.
+To start the browser is what takes long: one start measures all pages at all widths, one all of them in dark colours.
 """
 
 import html
@@ -8,18 +8,22 @@ import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pytest
-from matplotlib.image import imread
+
+import cpcal
+from cpcal.files import save_campaign_json
+from cpcal.report.run_page import render
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no `chromium` on PATH (Debian: apt install chromium)")
 
 SMALL, PHONE, DESK, PAPER = 360, 390, 1000, 700  # CSS pixels
+SCREENS = (SMALL, PHONE, DESK)
 
-# Opens the page in frames (its own policy forbids scripts), and writes what it measures into its own document.
+# Opens the pages in frames (their own policy forbids scripts), and writes what it measures into its own document.
 _MEASURE = """<!doctype html><meta charset="utf-8"><pre id="out"></pre><script>
 const found = {};
 function measure(frame) {
@@ -48,120 +52,99 @@ function measure(frame) {
     if (m !== n && Math.min(p.right, q.right) - Math.max(p.left, q.left) > 0.5 &&
         Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 0.5) overlaps.push([a, b]);
   }));
-  const texts = boxes.length, scroll = root.scrollWidth;
-  found[frame.width] = {width: width, scroll: scroll, wide: wide, overlaps: overlaps, cut: cut, texts: texts};
+  const looks = getComputedStyle(page.body), texts = boxes.length, scroll = root.scrollWidth;
+  found[frame.id] = {width, scroll, wide, overlaps, cut, texts, ink: looks.color, paper: looks.backgroundColor};
   document.getElementById("out").textContent = JSON.stringify(found);
 }
 </script>
 """
-_FRAME = '<iframe width="{width}" height="800" style="border:0" src="{name}.html" onload="measure(this)"></iframe>\n'
+_FRAME = '<iframe id="{0}-{1}" width="{1}" height="800" style="border:0" src="{2}" onload="measure(this)"></iframe>\n'
+
+# What the checks have to find: a request, a message, a wide element, texts that overlap.
+_BAD = (
+    '<!doctype html><body style="margin:0"><p style="width:600px; margin:0">wide</p>'
+    '<p style="position:absolute; margin:0; top:0; left:0">over</p><p style="position:absolute; left:600px">far</p>'
+    '<img src="http://cpcal.test/x.png"><script>console.error("boo")</script>'
+    '<svg viewBox="0 0 9 9"><text y="5">a</text><text y="5">b</text></svg>'
+)
 
 
-def chromium(folder, *arguments):
-    """Run it headless with a profile of its own and without a network; what it printed."""
+def chromium(folder: Path, *arguments: object) -> Any:
+    """Run it headless with a profile of its own and without a network."""
     assert CHROMIUM is not None
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
     options += ["--disable-component-update", "--disable-sync", "--hide-scrollbars", "--enable-logging=stderr"]
     options += [f"--user-data-dir={folder / 'profile'}", "--host-resolver-rules=MAP * ~NOTFOUND"]
-    outcome = subprocess.run(
-        [CHROMIUM, *options, "--virtual-time-budget=5000", *arguments],
-        capture_output=True,
-        encoding="utf-8",
-        timeout=60,
-        check=False,
-    )
+    options += ["--allow-file-access-from-files", "--virtual-time-budget=5000"]
+    command = [CHROMIUM, *options, *map(str, arguments)]
+    outcome = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=120, check=False)
     assert outcome.returncode == 0, outcome.stderr
     return outcome
 
 
-def console(outcome):
-    """What the page said on the console."""
-    return [line for line in outcome.stderr.splitlines() if "CONSOLE" in line]
+def opened(folder: Path, wrapper: str, *options: object) -> Any:
+    """A page of scripts, and what it wrote about the pages in its frames, which lie beside it."""
+    (folder / "wrapper.html").write_text(wrapper, encoding="utf-8")
+    outcome = chromium(folder, *options, "--dump-dom", (folder / "wrapper.html").as_uri())
+    written = re.search(r'<pre id="out">(.+?)</pre>', outcome.stdout, re.DOTALL)
+    assert written is not None, "the page did not say what it found"
+    return outcome, json.loads(html.unescape(written[1]))
 
 
 class Look(NamedTuple):
-    """What the page said; URLs that it asked for over a network; what the script above found at each width."""
+    """What pages said, by the file; URLs that they asked for over a network; what was measured, by page and width."""
 
     console: list[str]
     requests: set[str]
-    found: dict[int, dict[str, Any]]
+    found: dict[str, dict[str, Any]]
 
 
-def looked(folder, page, *widths):
-    """A page in frames of these widths. As wide as PAPER it is printed: its rules for print applied to a screen, which
-    alone can be measured."""
-    text = page.read_text(encoding="utf-8")
-    (folder / "page.html").write_text(text, encoding="utf-8")
-    (folder / "paper.html").write_text(text.replace("@media print", "@media all"), encoding="utf-8")
-    frames = (_FRAME.format(width=width, name="paper" if width == PAPER else "page") for width in widths)
-    wrapper, log = folder / "wrapper.html", folder / "net.json"
-    wrapper.write_text(_MEASURE + "".join(frames), encoding="utf-8")
-    options = ("--allow-file-access-from-files", f"--log-net-log={log}", "--dump-dom")
-    outcome = chromium(folder, *options, wrapper.as_uri())
-    found = re.search(r'<pre id="out">(.*?)</pre>', outcome.stdout, re.DOTALL)
-    assert found is not None
+@pytest.fixture(scope="module")
+def folder(page, study_page, comparison, tmp_path_factory):
+    """The pages; "paper" ones have their rules for print on a screen, which alone can be measured."""
+    place = tmp_path_factory.mktemp("pages")
+    for name, file in {"page": page, "study": study_page, "comparison": comparison}.items():
+        text = file.read_text(encoding="utf-8")
+        assert text.count("@media print") == 1
+        (place / f"{name}.html").write_text(text, encoding="utf-8")
+        (place / f"paper-{name}.html").write_text(text.replace("@media print", "@media all"), encoding="utf-8")
+    (place / "bad.html").write_text(_BAD, encoding="utf-8")
+    return place
+
+
+@pytest.fixture(scope="module")
+def seen(folder):
+    frames = [(name, width, f"{name}.html") for name in ("page", "study", "comparison") for width in SCREENS]
+    frames += [(name, PAPER, f"paper-{name}.html") for name in ("page", "study")] + [("bad", PHONE, "bad.html")]
+    log = folder / "net.json"
+    wrapper = _MEASURE + "".join(_FRAME.format(*frame) for frame in frames)
+    outcome, found = opened(folder, wrapper, "--blink-settings=preferredColorScheme=1", f"--log-net-log={log}")
     events = [event.get("params", {}) for event in json.loads(log.read_text(encoding="utf-8"))["events"]]
-    return Look(
-        console(outcome),
-        # what the browser asks for itself has no origin
-        {p["url"] for p in events if "url" in p and p.get("initiator", "not an origin") != "not an origin"},
-        {int(width): of for width, of in json.loads(html.unescape(found[1])).items()},
-    )
+    # what the browser asks for itself has no origin
+    requests = {p["url"] for p in events if "url" in p and p.get("initiator", "not an origin") != "not an origin"}
+    return Look([line for line in outcome.stderr.splitlines() if "CONSOLE" in line], requests, found)
 
 
-def screenshot(folder, page, *options):
-    file = folder / "shot.png"
-    assert (
-        console(chromium(folder, f"--window-size={DESK},1400", f"--screenshot={file}", *options, page.as_uri())) == []
-    )
-    return imread(file)[..., :3]
+def test_pages_say_nothing_on_the_console_and_ask_for_nothing(seen):
+    (line,) = seen.console
+    assert "boo" in line
+    assert "bad.html" in line
+    assert seen.requests == {"http://cpcal.test/x.png"}
 
 
-@pytest.fixture(scope="module")
-def bad(tmp_path_factory):
-    """What the checks have to find: a request, a message, a wide element, texts that overlap."""
-    folder = tmp_path_factory.mktemp("bad")
-    file = folder / "bad.html"
-    file.write_text(
-        '<!doctype html><body style="margin:0"><p style="width:600px; margin:0">wide</p>'
-        '<p style="position:absolute; margin:0; top:0; left:0">over</p><p style="position:absolute; left:600px">far</p>'
-        '<img src="http://cpcal.test/x.png"><script>console.error("boo")</script>'
-        '<svg viewBox="0 0 9 9"><text y="5">a</text><text y="5">b</text></svg>',
-        encoding="utf-8",
-    )
-    return looked(folder, file, PHONE)
-
-
-@pytest.fixture(scope="module")
-def seen(page, tmp_path_factory):
-    return looked(tmp_path_factory.mktemp("seen"), page, SMALL, PHONE, DESK, PAPER)
-
-
-@pytest.fixture(scope="module")
-def study_seen(study_page, tmp_path_factory):
-    return looked(tmp_path_factory.mktemp("study"), study_page, SMALL, PHONE, DESK, PAPER)
-
-
-def test_it_says_nothing_on_the_console(seen, bad):
-    assert seen.console == []
-    assert any("boo" in line for line in bad.console)
-
-
-def test_no_request_leaves_the_page(seen, bad):
-    assert seen.requests == set()
-    assert bad.requests == {"http://cpcal.test/x.png"}
-
-
-def fits(found, *widths, texts=500):
+@pytest.mark.parametrize(
+    ("name", "widths", "texts"),
+    [("page", (*SCREENS, PAPER), 500), ("study", (*SCREENS, PAPER), 500), ("comparison", SCREENS, 60)],
+)
+def test_a_page_fits_a_phone_and_no_text_overlaps_also_on_paper(seen, name, widths, texts):
     for width in widths:
-        assert found[width]["texts"] > texts
-        sound = {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
-        assert found[width] == {**found[width], **sound}
+        found = seen.found[f"{name}-{width}"]
+        assert found["texts"] > texts
+        assert found == found | {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
 
 
-def test_it_fits_a_phone_and_no_text_overlaps(seen, bad):
-    fits(seen.found, SMALL, PHONE, DESK)
-    control = bad.found[PHONE]
+def test_what_does_not_fit_is_found(seen):
+    control = seen.found[f"bad-{PHONE}"]
     assert control["scroll"] > PHONE
     assert "wide" in control["wide"]
     assert ["b", "a"] in control["overlaps"]
@@ -169,50 +152,76 @@ def test_it_fits_a_phone_and_no_text_overlaps(seen, bad):
     assert "far" in control["cut"]
 
 
-def test_a_study_is_quiet_and_fits_a_phone(study_seen):
-    assert study_seen.console == []
-    assert study_seen.requests == set()
-    fits(study_seen.found, SMALL, PHONE, DESK)
+def test_both_themes(folder, seen):
+    names = ("page", "study", "comparison")
+    frames = "".join(_FRAME.format(name, DESK, f"{name}.html") for name in names)
+    _, dark = opened(folder, _MEASURE + frames, "--blink-settings=preferredColorScheme=0")
+
+    def light(colour):
+        return sum(map(int, re.findall(r"\d+", colour)[:3])) / 765
+
+    for name in names:
+        day, night = seen.found[f"{name}-{DESK}"], dark[f"{name}-{DESK}"]
+        assert light(day["paper"]) > 0.95
+        assert light(night["paper"]) < 0.2
+        assert min(light(day["paper"]) - light(day["ink"]), light(night["ink"]) - light(night["paper"])) > 0.7
 
 
-def test_no_text_of_a_study_overlaps_on_paper(study_seen):
-    fits(study_seen.found, PAPER)
-
-
-def test_no_text_overlaps_on_paper(page, seen):
-    assert page.read_text(encoding="utf-8").count("@media print") == 1
-    fits(seen.found, PAPER)
-
-
-def test_both_themes(page, tmp_path):
-    light = screenshot(tmp_path, page, "--blink-settings=preferredColorScheme=1")
-    dark = screenshot(tmp_path, page, "--blink-settings=preferredColorScheme=0")
-    assert light.shape == dark.shape == (1400, DESK, 3)
-    assert light[5, 5].min() > 0.95
-    assert dark[5, 5].max() < 0.2
-    for shot in (light, dark):  # something is to be seen: text stands out from its paper
-        assert np.ptp(shot.mean(axis=2)) > 0.7
-
-
-def test_it_prints(page, tmp_path):
-    paper = tmp_path / "page.pdf"
-    chromium(tmp_path, f"--print-to-pdf={paper}", page.as_uri())
+@pytest.mark.parametrize("name", ["page", "study"])
+def test_a_page_prints_on_eight_sheets(folder, name):
+    paper = folder / f"{name}.pdf"
+    chromium(folder, f"--print-to-pdf={paper}", (folder / f"{name}.html").as_uri())
     content = paper.read_bytes()
     assert content.startswith(b"%PDF")
-    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 8  # at most two a leg
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 8
 
 
-def test_a_study_prints_on_eight_sheets(study_page, tmp_path):
-    paper = tmp_path / "page.pdf"
-    chromium(tmp_path, f"--print-to-pdf={paper}", study_page.as_uri())
-    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 8
+# ------------------------------------------------------------------------------------------------------------------
+# The page that checks itself: opened as it is it turns green, with an edited number red.
+
+# The browser's clock runs ahead of the pages' workers, so each look first counts for a while; at most 600 looks.
+_WATCH = """<!doctype html><meta charset="utf-8"><pre id="out"></pre><script>
+let count = 0;
+const ended = (frame) => {
+  const page = frame.contentDocument, status = page && page.getElementById("proof-status");
+  return status && /held|refuted/.test(status.className) ? [status, page] : null;
+};
+const wait = setInterval(() => {
+  for (let k = 0; k < 2e7; k++) count += k % 2;
+  const frames = [...document.getElementsByTagName("iframe")], all = frames.map(ended);
+  if (!all.length || all.includes(null)) return;
+  clearInterval(wait);
+  document.getElementById("out").textContent = JSON.stringify(all.map(([status, page]) => [status.className,
+    status.textContent, [...page.querySelectorAll("[data-claim].refuted")].map(e => e.textContent.trim())]));
+}, 100);
+</script>
+"""
+EDITS = (
+    ("", ""),
+    (r'data-claim="overall" data-value="[^"]+">', "PASS"),
+    (r'data-claim="count">', "13"),
+    (r'data-claim="eps_lo" data-value="[^"]+">', "0.123"),
+)
 
 
-def test_the_page_of_a_comparison(comparison, tmp_path):
-    seen = looked(tmp_path, comparison, SMALL, PHONE, DESK)
-    assert (seen.console, seen.requests) == ([], set())
-    fits(seen.found, SMALL, PHONE, DESK, texts=60)
-    light = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=1")
-    dark = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=0")
-    assert light[5, 5].min() > 0.95
-    assert dark[5, 5].max() < 0.2
+def test_an_untouched_page_turns_green_and_an_edited_one_red_where_it_was_edited(tmp_path):
+    run = tmp_path / "run"
+    campaign = cpcal.simulate(seed=2, joint_error=10.0, factor=0.0, extremal=False, random_poses=12)
+    result = cpcal.certify(campaign, legs=[1], delta=4.0, tolerance=0.01, certificates=run)
+    save_campaign_json(campaign, run)
+    text = render(campaign, result, run=run)
+    for k, (mark, edited) in enumerate(EDITS):
+        changed, times = re.subn(rf"({mark})[^<]+<", rf"\g<1>{edited}<", text) if mark else (text, 1)
+        assert times == 1
+        (tmp_path / f"{k}.html").write_text(changed, encoding="utf-8")
+    frames = "".join(f'<iframe src="{k}.html"></iframe>' for k in range(len(EDITS)))
+    _, (genuine, *others) = opened(tmp_path, _WATCH + frames, "--virtual-time-budget=60000")
+    state, said, red = genuine
+    assert (state, red) == ("proof held", [])
+    assert re.fullmatch(
+        r"1 certificate checked in this browser, .* statements of this page are what they prove\. Not judged here: .*",
+        said,
+    )
+    for (_, edited), (state, said, red) in zip(EDITS[1:], others, strict=True):
+        assert (state, red) == ("proof refuted", [edited])
+        assert said.startswith("REFUSED: this page is not what its certificates prove, in 1 place,")

@@ -10,30 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
+from cpcal.legs import PARAMETERS
 from cpcal.questions import CampaignNote, Options
-from tests.changed import leg_with
+from tests.report.made import made_leg
 
-NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"
 POINT = (1.0,) * 7
+BOX = cpcal.Box(PARAMETERS, POINT, POINT)
 
 
-def leg(**changes):
-    fields = {
-        "leg": 1,
-        "verdict": cpcal.Verdict.PROVED,
-        "eps_lo": 1.6262161,
-        "eps_hi": 1.6262168,
-        "point": POINT,
-        "center": POINT,
-        "enclosure": cpcal.Box(NAMES, POINT, POINT),
-        "floor": 0.0,
-        "support": ("1/1", "2/1"),
-        "nodes": 1,
-        "programs": 2,
-        "seconds": 0.5,
-    }
-    return leg_with(None, **(fields | changes))
+def leg(number=1, **changes):
+    return made_leg(number, 1.6262161, 1.6262168, POINT, POINT, BOX, 0.0, ("1/1", "2/1"), 1, 2, 0.5, **changes)
 
 
 def result(*legs, **changes):
@@ -55,7 +42,7 @@ def tags(text):
 
 
 def test_a_table_of_the_legs():
-    text = result(leg(), leg(leg=2, verdict=cpcal.Verdict.UNKNOWN, eps_lo=0.0, eps_hi=math.inf))._repr_html_()
+    text = result(leg(), leg(2, verdict=cpcal.Verdict.UNKNOWN, eps_lo=0.0, eps_hi=math.inf))._repr_html_()
     rows = re.findall(r"<tr>(.*?)</tr>", text)
     assert rows[1] == (
         "<td>1</td><td>explains to within 1.626217 mm</td><td>1.626216</td><td>1.626217</td><td>no</td><td>2</td>"

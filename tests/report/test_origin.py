@@ -20,7 +20,7 @@ from tests.changed import leg_with
 
 @pytest.fixture(scope="module")
 def campaign():
-    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=14)
 
 
 @pytest.mark.parametrize(

@@ -1,27 +1,29 @@
-"""The page: self-contained, hostile names do nothing, the same bytes each time, small for large campaigns."""
+"""The page: valid, self-contained, hostile names do nothing, the same bytes each time, small for large campaigns."""
 
 import dataclasses
 import io
 import math
+import os
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from rich.console import Console
+from tinyhtml5.parser import HTMLParser as Html5
 
 import cpcal
 from cpcal.cli.certify import show_result
 from cpcal.cli.options import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.legs import PLAIN
+from cpcal.legs import PARAMETERS, PLAIN
 from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
 from cpcal.report.run_page import render
-from tests.changed import leg_with
-from tests.report.made import made_result
+from tests.report.made import made_leg, made_result
 
-NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
 
 
@@ -32,27 +34,15 @@ def campaign():
 
 def leg_result(campaign, leg=1, **changes):
     """A plausible answer without running the solver: the nominal point and an eps of its own."""
-    point = tuple(float(v) for v in campaign.robot.parameters[leg - 1])
-    enclosure = cpcal.Box(NAMES, np.array(point) - 1e-3, np.array(point) + 1e-3)
-    fields = {
-        "verdict": cpcal.Verdict.PROVED,
-        "eps_lo": 0.0890117468,
-        "eps_hi": 0.0890117515,
-        "point": point,
-        "center": point,
-        "enclosure": enclosure,
-        "floor": 0.0,
-        "support": tuple(campaign.measurement_ids[::9]),
-        "nodes": 1,
-        "programs": 94,
-        "seconds": 0.25,
-    }
-    return leg_with(None, leg=leg, **(fields | changes))
+    x = campaign.robot.parameters[leg - 1]
+    point, enclosure = tuple(map(float, x)), cpcal.Box(PARAMETERS, x - 1e-3, x + 1e-3)
+    support = tuple(campaign.measurement_ids[::9])
+    numbers = (0.0890117468, 0.0890117515, point, point, enclosure, 0.0, support, 1, 94, 0.25)
+    return made_leg(leg, *numbers, **changes)
 
 
 def result_of(campaign, *legs, **changes):
-    legs = legs or (leg_result(campaign),)
-    return made_result(campaign, *legs, **changes)
+    return made_result(campaign, *(legs or (leg_result(campaign),)), **changes)
 
 
 class _Reader(HTMLParser):
@@ -155,14 +145,14 @@ def test_a_large_campaign_stays_small():
     ("changes", "text"),
     [
         ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "no better than 0.08901174 mm"),
-        ({"enclosure": cpcal.Box(NAMES, [-math.inf] * 7, [math.inf] * 7)}, "-∞"),
+        ({"enclosure": cpcal.Box(PARAMETERS, [-math.inf] * 7, [math.inf] * 7)}, "-∞"),
         (
             {
                 "verdict": cpcal.Verdict.REFUTED,
                 "eps_lo": math.inf,
                 "eps_hi": math.inf,
                 "point": None,
-                "enclosure": cpcal.Box.empty(NAMES),
+                "enclosure": cpcal.Box.empty(PARAMETERS),
                 "support": (),
             },
             "nothing to enclose",
@@ -182,9 +172,9 @@ def test_the_bars_are_told_in_words(campaign):
     assert "relative to its nominal value" in page
     assert ">least-squares fit<" in page
     assert "Arrows" not in page
-    endless = leg_result(campaign, enclosure=cpcal.Box(NAMES, [-math.inf] * 7, [math.inf] * 7))
+    endless = leg_result(campaign, enclosure=cpcal.Box(PARAMETERS, [-math.inf] * 7, [math.inf] * 7))
     assert "Arrows" in render(campaign, result_of(campaign, endless))
-    nothing = leg_result(campaign, enclosure=cpcal.Box.empty(NAMES))
+    nothing = leg_result(campaign, enclosure=cpcal.Box.empty(PARAMETERS))
     assert "There are no bars" in render(campaign, result_of(campaign, nothing))
 
 
@@ -270,3 +260,35 @@ def test_one_number_has_one_rounding(campaign):
             show_result(Talk(verbose=verbose), campaign, result, PLAIN)
     for text in (render(campaign, result), printed.getvalue()):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# HTML by the letter: no parse error; and, where the Nu checker is at hand, nothing that it minds.
+
+VNU = os.environ.get("CPCAL_VNU_JAR")  # path of vnu.jar, for instance from `npm install vnu-jar`
+
+
+def parse_errors(text):
+    parser = Html5()
+    parser.parse(text)
+    return parser.errors
+
+
+def test_every_page_parses_without_an_error(page, study_page, comparison):
+    for file in (page, study_page, comparison):
+        assert parse_errors(file.read_text(encoding="utf-8")) == []
+    for wrong in ("<p>no doctype", "<!doctype html><table><p></table>", "<!doctype html>&nosuchthing;"):
+        assert parse_errors(wrong) != []
+
+
+@pytest.mark.peers
+@pytest.mark.skipif(not VNU or shutil.which("java") is None, reason="no java, or CPCAL_VNU_JAR does not name vnu.jar")
+def test_the_nu_checker_finds_nothing(page, study_page, tmp_path):
+    def nu(file):
+        command = ["java", "-jar", VNU, "--stdout", "--format", "gnu", str(file)]
+        return subprocess.run(command, capture_output=True, encoding="utf-8", timeout=120, check=False).stdout
+
+    assert nu(page) == nu(study_page) == ""
+    wrong = tmp_path / "wrong.html"
+    wrong.write_text("<!doctype html><html lang=en><title>x</title><ul><p>y</ul>", encoding="utf-8")
+    assert "not allowed" in nu(wrong)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import partial
+from functools import partial, reduce
 from typing import Any, Protocol
 
 import numpy as np
@@ -126,16 +126,9 @@ class NetworkStatement:
             **limits(domain),
         }
         for c in self.items:
-            yield _constraint(c)
-
-
-def _constraint(c: Stated) -> dict[str, Any]:
-    parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
-    return {"name": c.name, "root": c.root} | {k: None if p is None else _polynomial(p) for k, p in parts.items()}
-
-
-def _polynomial(p: Given) -> list[Any]:
-    return [[list(monomial), number(c)] for monomial, c in sorted(p) if c]
+            parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
+            texts = {k: p and [[list(monomial), number(v)] for monomial, v in sorted(p) if v] for k, p in parts.items()}
+            yield {"name": c.name, "root": c.root, **texts}
 
 
 def limits(box: Box) -> dict[str, list[str]]:
@@ -205,9 +198,9 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
         body, others = exact.of(sqr(factor) * node.args[0]), exact.of(rest)
         signs = {c.constant > 0 for c in exact.of(factor).ravel()}
         if signs == {True}:
-            low, high = _less(low, others), _less(high, others)
+            low, high = _minus(low, others), _minus(high, others)
         elif signs == {False}:  # rest - sqrt(u) between low and high
-            low, high = (None if b is None else _taken(others, b) for b in (high, low))
+            low, high = _minus(others, high), _minus(others, low)
             upper, lower = lower, upper
         else:
             raise NotStated("the factor of the square root changes its sign")
@@ -216,10 +209,8 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
         *(lower if _somewhere(constraint.lower, -1.0) else []),
     ]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
-    items = [
-        Stated(f"{name}[{k}]", node is not None, *(p if p is None else _checked(p) for p in parts))  # type: ignore[arg-type]
-        for k, parts in enumerate(zip(*elements, strict=True))
-    ]
+    checked = [[None if p is None else _checked(p) for p in part] for part in elements]
+    items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
     return items, rows
 
 
@@ -252,14 +243,6 @@ def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Obje
     return exact.of(bound)
 
 
-def _less(bound: Objects | None, others: Objects) -> Objects | None:
-    return None if bound is None else np.frompyfunc(lambda b, o: None if b is None else b - o, 2, 1)(bound, others)
-
-
-def _taken(others: Objects, bound: Objects) -> Objects:
-    return np.asarray(np.frompyfunc(lambda o, b: None if b is None else o - b, 2, 1)(others, bound), dtype=object)
-
-
 def _checked(p: _Poly) -> Given:
     for c in p.terms.values():
         power = 4 * HIGHEST_POWER if c.denominator & (c.denominator - 1) else c.denominator.bit_length()
@@ -272,6 +255,9 @@ def _bits(c: F) -> int:
     """Of the odd mantissa of a dyadic number."""
     n = abs(c.numerator)
     return n.bit_length() - (n & -n).bit_length() + 1
+
+
+_minus: Any = np.frompyfunc(lambda a, b: None if a is None or b is None else a - b, 2, 1)
 
 
 class _Poly:
@@ -292,11 +278,11 @@ class _Poly:
             out[m] = out.get(m, F(0)) + c
         return _Poly(out)
 
-    def __sub__(self, other: _Poly) -> _Poly:
-        return self + -other
-
     def __neg__(self) -> _Poly:
         return _Poly({m: -c for m, c in self.terms.items()})
+
+    def __sub__(self, other: _Poly) -> _Poly:
+        return self + -other
 
     def __mul__(self, other: _Poly) -> _Poly:
         out: Terms = {}
@@ -340,7 +326,8 @@ class ExactPolynomials:
         if node.op == "sqr":
             return np.asarray(args[0] * args[0], dtype=object)
         if node.op == "power" and node.parameter >= 0:
-            return _power(args[0], node.parameter)
+            one = _array([_Poly({(): F(1)})] * args[0].size, args[0].shape)
+            return np.asarray(reduce(np.multiply, [args[0]] * node.parameter, one), dtype=object)
         if node.op in _BINARY:
             return np.asarray(_BINARY[node.op](*args), dtype=object)
         raise NotStated(f"{node.op!r} has no exact polynomial form")
@@ -353,13 +340,6 @@ _BINARY: dict[str, Any] = {
     "mul": np.multiply,
     "div": np.true_divide,
 }
-
-
-def _power(x: Objects, n: int) -> Objects:
-    out = _array([_Poly({(): F(1)})] * x.size, x.shape)
-    for _ in range(n):
-        out = np.asarray(out * x, dtype=object)
-    return out
 
 
 def _constant(node: Expr) -> Objects:

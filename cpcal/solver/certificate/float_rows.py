@@ -19,7 +19,6 @@ import numpy as np
 from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed, unknown
 from cpcal.checker.leg import LegConstraint, eased, leg_formula
 from cpcal.checker.problem import ENDS, Box, Problem, Unknowns
-from cpcal.checker.program import Numbers
 from cpcal.checker.rule import Row, Rule
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free
@@ -42,35 +41,36 @@ def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
     """`Problem.row`, nearly, of constraints that have one program; of `sure` sides, whose rows are all that it says."""
     plan = _plan(legs[0], side)
     ends = np.array([[sign != "0" for sign in leg.signs] if plan.reads else [False] * READINGS for leg in legs])
-    found, errors = _all_settled(*plan.sweep(legs), plan.first, plan.odd, plan.alone, plan.kept, ends)
+    found, errors = _settled(*plan.swept(legs), plan.first, plan.odd, plan.alone, plan.kept, ends)
     return [FloatRow(plan.monomials, *row) for row in zip(found, errors.tolist(), strict=True)]
 
 
 def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
-    """The reference readings that cost least, by the range of the derivative: `legs` are at the centres of the sets,
-    and have one program."""
+    """The reference readings that cost least, by the range over the box of the derivative by each reading: `legs` are
+    at the centres of the sets, and have one program."""
     plan = _plan(legs[0], side)
-    low, high = _all_slopes(*plan.sweep(legs), plan.linear, plan.alone)
-    return ["".join(map(cheapest, *ends)) for ends in zip(low.tolist(), high.tolist(), strict=True)]
+    chosen = np.flatnonzero(plan.linear >= 0)
+    values, alone = plan.swept(legs)[0].T[chosen], plan.alone[chosen, None]
+    low, high = np.zeros((2, READINGS, len(legs)))
+    np.add.at(low, plan.linear[chosen], np.where(alone, values, -np.abs(values)))
+    np.add.at(high, plan.linear[chosen], np.where(alone, values, np.abs(values)))
+    return ["".join(map(_cheapest, *ends)) for ends in zip(low.T.tolist(), high.T.tolist(), strict=True)]
 
 
-def programs(legs: Sequence[LegConstraint]) -> list[list[int]]:
-    """The places of those that have one program: with readings, and without."""
-    kinds = ([n for n, leg in enumerate(legs) if leg.m.uncertain is reads] for reads in (True, False))
-    return [places for places in kinds if places]
+def _cheapest(low: float, high: float) -> str:
+    """At an end it costs what the row may fall from there, at the centre half of it."""
+    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
+    return min(choices, key=lambda choice: choice[0])[1]
 
 
 def linear_parts(legs: Sequence[LegConstraint], name: str) -> tuple[Floats, Floats]:
     """Of a part of the constraints the values (B,) at the centres of the sets, and the derivatives (B, 7) by each
     reading there; they have one program."""
     plan = _plan(legs[0], name)
-    return _all_linear(*plan.sweep(legs), plan.linear, plan.alone, plan.kept)
-
-
-def cheapest(low: float, high: float) -> str:
-    """At an end it costs what the row may fall from there, at the centre half of it."""
-    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
-    return min(choices, key=lambda choice: choice[0])[1]
+    values, slopes = plan.swept(legs)[0], np.zeros((len(legs), READINGS))
+    alone = np.flatnonzero((plan.linear >= 0) & plan.alone)
+    slopes[:, plan.linear[alone]] = values[:, alone]
+    return values[:, plan.kept == 0].sum(axis=1), slopes
 
 
 @dataclass(frozen=True)
@@ -92,19 +92,12 @@ class _Plan:
     linear: Indices
     kept: Indices
 
-    def given(self, legs: Sequence[LegConstraint]) -> Floats:
-        """What the program takes, each number rounded once: (B, G). All are on the same box."""
-        x = _floats(legs[0].x.numbers)
-        return np.array([[*_measured(leg), *x, *_reading(leg)] for leg in legs])
-
-    def sweep(self, legs: Sequence[LegConstraint]) -> tuple[Indices, Floats, Indices, Floats, int, Indices]:
-        """How kernels begin that sweep it."""
-        return self.notes, self.given(legs), self.fixed, self.numbers, self.size, self.places
-
-
-def _floats(numbers: Numbers) -> list[float]:
-    unit = 1 << numbers.power
-    return [value / unit for value in numbers.values]
+    def swept(self, legs: Sequence[LegConstraint]) -> tuple[Floats, Floats]:
+        """The coefficients (B, T) of constraints on one box, and their errors."""
+        x = legs[0].x.numbers
+        floats = [value / (1 << x.power) for value in x.values]
+        given = np.array([[*_measured(leg), *floats, *_reading(leg)] for leg in legs])
+        return _swept(self.notes, given, self.fixed, self.numbers, self.size, self.places)
 
 
 def _measured(leg: LegConstraint) -> list[float]:
@@ -132,7 +125,8 @@ def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
     number = {m: k for k, m in enumerate(kept)}
-    firsts = [_exponents(m & of_readings)[:1] for m in places]
+    powers = [_exponents(m) for m in places]
+    readings = [_exponents(m & of_readings) for m in places]
     return _Plan(
         reads=reads,
         notes=np.array(program.notes, dtype=np.intp).reshape(-1, 3),
@@ -141,10 +135,10 @@ def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
         numbers=np.array([*program.whole.values(), *(1 for _ in program.ones)], dtype=np.float64),
         size=program.size,
         monomials=tuple(kept),
-        first=np.array([found[0][0] if found else -1 for found in firsts], dtype=np.intp),
-        odd=np.array([sum(1 << field for field, power in _exponents(m) if power % 2) for m in places], dtype=np.intp),
-        alone=np.array([len(_exponents(m)) == 1 and _exponents(m)[0][1] == 1 for m in places], dtype=np.bool_),
-        linear=np.array([_linear(m & of_readings) for m in places], dtype=np.intp),
+        first=np.array([found[0][0] if found else -1 for found in readings], dtype=np.intp),
+        odd=np.array([sum(1 << f for f, power in found if power % 2) for found in powers], dtype=np.intp),
+        alone=np.array([[power for _, power in found] == [1] for found in powers], dtype=np.bool_),
+        linear=np.array([f[0][0] if [power for _, power in f] == [1] else -1 for f in readings], dtype=np.intp),
         kept=np.array([number.get(m, -1) for m in places], dtype=np.intp),
     )
 
@@ -155,139 +149,66 @@ def _exponents(monomial: int) -> list[tuple[int, int]]:
     return [(field, power) for field, power in powers if power]
 
 
-def _linear(reading: int) -> int:
-    found = _exponents(reading)
-    return found[0][0] if len(found) == 1 and found[0][1] == 1 else -1
-
-
 @compiled
-def _swept(notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int) -> tuple[Floats, Floats]:
-    """All numbers of a program, and their errors. Those given were rounded once."""
-    v, e = np.zeros(size), np.zeros(size)
-    for k in range(given.size):
-        v[k], e[k] = given[k], _UNIT * abs(given[k]) + _SMALLEST
-    for k in range(fixed.size):
-        v[fixed[k]] = numbers[k]
-    for n in range(notes.shape[0]):
-        k, i, j = notes[n, 0], notes[n, 1], notes[n, 2]
-        a, b = v[i], v[j]
-        product = a * b
-        v[k] += product
-        more = abs(a) * e[j] + abs(b) * e[i] + e[i] * e[j] + _UNIT * (abs(product) + abs(v[k])) + _SMALLEST
-        e[k] += more * _MORE
-    return v, e
-
-
-@compiled
-def _all_settled(
-    notes: Indices,
-    given: Floats,
-    fixed: Indices,
-    numbers: Floats,
-    size: int,
-    places: Indices,
-    first: Indices,
-    odd: Indices,
-    alone: Bools,
-    kept: Indices,
-    ends: Bools,
+def _swept(
+    notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int, places: Indices
 ) -> tuple[Floats, Floats]:
-    """What is left without the readings for each of (B, G) numbers given, and the error of all of it.
-
-    `ends` (B, 7): the readings that begin at an end.
-    """
-    count = len(given)
-    found, errors = np.zeros((count, max(kept.max() + 1, 1))), np.zeros(count)
-    for b in range(count):
-        v, e = _swept(notes, given[b], fixed, numbers, size)
-        errors[b] = _settled(v[places], e[places], first, odd, alone, kept, ends[b], found[b])
+    """The numbers at `places` of a program for each of (B, G) given, which were rounded once; and their errors."""
+    found, errors = np.empty((len(given), places.size)), np.empty((len(given), places.size))
+    for leg in range(len(given)):
+        v, e = np.zeros(size), np.zeros(size)
+        for k in range(given.shape[1]):
+            v[k], e[k] = given[leg, k], _UNIT * abs(given[leg, k]) + _SMALLEST
+        for k in range(fixed.size):
+            v[fixed[k]] = numbers[k]
+        for n in range(notes.shape[0]):
+            k, i, j = notes[n, 0], notes[n, 1], notes[n, 2]
+            a, b = v[i], v[j]
+            product = a * b
+            v[k] += product
+            more = abs(a) * e[j] + abs(b) * e[i] + e[i] * e[j] + _UNIT * (abs(product) + abs(v[k])) + _SMALLEST
+            e[k] += more * _MORE
+        for t in range(places.size):
+            found[leg, t], errors[leg, t] = v[places[t]], e[places[t]]
     return found, errors
 
 
 @compiled
-def _all_slopes(
-    notes: Indices,
-    given: Floats,
-    fixed: Indices,
-    numbers: Floats,
-    size: int,
-    places: Indices,
-    linear: Indices,
-    alone: Bools,
-) -> tuple[Floats, Floats]:
-    """For each of (B, G) numbers given, and each reading, the range over the box of the derivative by that reading at
-    the centre of the sets."""
-    low, high = np.zeros((len(given), READINGS)), np.zeros((len(given), READINGS))
-    for b in range(len(given)):
-        v, _ = _swept(notes, given[b], fixed, numbers, size)
-        for t in range(places.size):
-            j, value = linear[t], v[places[t]]
-            if j >= 0:
-                low[b, j] += value if alone[t] else -abs(value)
-                high[b, j] += value if alone[t] else abs(value)
-    return low, high
-
-
-@compiled
-def _all_linear(
-    notes: Indices,
-    given: Floats,
-    fixed: Indices,
-    numbers: Floats,
-    size: int,
-    places: Indices,
-    linear: Indices,
-    alone: Bools,
-    kept: Indices,
-) -> tuple[Floats, Floats]:
-    """For each of (B, G) numbers given the value without readings, and the derivative by each of them alone."""
-    values, slopes = np.zeros(len(given)), np.zeros((len(given), READINGS))
-    for b in range(len(given)):
-        v, _ = _swept(notes, given[b], fixed, numbers, size)
-        for t in range(places.size):
-            if kept[t] == 0:
-                values[b] += v[places[t]]
-            if linear[t] >= 0 and alone[t]:
-                slopes[b, linear[t]] = v[places[t]]
-    return values, slopes
-
-
-@compiled
 def _settled(
-    values: Floats,
-    errors: Floats,
-    first: Indices,
-    odd: Indices,
-    alone: Bools,
-    kept: Indices,
-    ends: Bools,
-    found: Floats,
-) -> float:
-    """At the readings' reference, less the penalties, added to `found`; the error of all of it."""
-    centered = (1 << 62) - 1  # bits of the variables that may be negative
-    for j in range(ends.size):
-        if ends[j]:
-            centered -= 1 << j
-    lowest = np.zeros(ends.size)
-    error, size = 0.0, 0.0
-    for t in range(values.size):
-        value = values[t]
-        error += errors[t]
-        if kept[t] >= 0:
-            found[kept[t]] += value
-            continue
-        j = first[t]
-        size += abs(value)
-        bits = odd[t] ^ (1 << j) if ends[j] else odd[t]
-        if bits & centered != 0:
-            lowest[j] -= abs(value)
-        elif value < 0.0 or (ends[j] and alone[t]):
-            lowest[j] += value
-    for j in range(ends.size):
-        if lowest[j] < 0.0:
-            found[0] += lowest[j]
-    error += 2.0 * _UNIT * (values.size + 16) * (size + abs(found[0]))
-    return float(error * _MORE)
+    values: Floats, errors: Floats, first: Indices, odd: Indices, alone: Bools, kept: Indices, ends: Bools
+) -> tuple[Floats, Floats]:
+    """What is left of (B, T) coefficients at the readings' reference, less the penalties, and the error of all of it.
+
+    `ends` (B, 7): the readings that begin at an end.
+    """
+    out, total = np.zeros((len(values), max(kept.max() + 1, 1))), np.zeros(len(values))
+    for leg in range(len(values)):
+        found = out[leg]
+        centered = (1 << 62) - 1  # bits of the variables that may be negative
+        for j in range(ends.shape[1]):
+            if ends[leg, j]:
+                centered -= 1 << j
+        lowest = np.zeros(ends.shape[1])
+        error, size = 0.0, 0.0
+        for t in range(values.shape[1]):
+            value = values[leg, t]
+            error += errors[leg, t]
+            if kept[t] >= 0:
+                found[kept[t]] += value
+                continue
+            j = first[t]
+            size += abs(value)
+            bits = odd[t] ^ (1 << j) if ends[leg, j] else odd[t]
+            if bits & centered != 0:
+                lowest[j] -= abs(value)
+            elif value < 0.0 or (ends[leg, j] and alone[t]):
+                lowest[j] += value
+        for j in range(ends.shape[1]):
+            if lowest[j] < 0.0:
+                found[0] += lowest[j]
+        error += 2.0 * _UNIT * (values.shape[1] + 16) * (size + abs(found[0]))
+        total[leg] = error * _MORE
+    return out, total
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -326,7 +247,6 @@ class FloatRule:
         self._evens = np.zeros(1, np.bool_)  # the same as an array
         self._known_beside: dict[Product | Square, tuple[list[int], list[float]]] = {}
         self._rows: dict[int, tuple[Indices, Floats, float]] = {}
-        self._sides: dict[int, tuple[float, float]] = {}  # center and radius of an unknown
 
     def parts(self, rows: Sequence[int], products: Sequence[Product], squares: Sequence[Square]) -> Parts:
         """Rows by their numbers, then what is not negative on the box, with a minus sign."""
@@ -351,9 +271,7 @@ class FloatRule:
         """A proved bound of x_i in the box, and how much of it may be given away to rounding."""
         sign = 1.0 if side == "lo" else -1.0
         lowest, error = self.lowest(parts, weights, i, sign)
-        if i not in self._sides:
-            self._sides[i] = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
-        center, radius = self._sides[i]
+        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
         reach = radius * lowest
         doubt = 8.0 * _UNIT * (abs(center) + abs(reach)) + _UNDERFLOW
         return center + sign * reach - sign * doubt, 2.0 * (doubt + radius * error)
@@ -379,19 +297,16 @@ class FloatRule:
         """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
         new = [n for n in dict.fromkeys(numbers) if n not in self._rows]
         legs = {n: leg for n in new if (leg := self._leg(n)) is not None}
+        swept: list[tuple[int, FloatRow]] = []
         for side in dict.fromkeys(self._table[n][0] for n in legs):
-            mine = [n for n in legs if self._table[n][0] == side]
-            for places in programs([legs[n] for n in mine]):
-                own = [mine[place] for place in places]
-                for n, row in zip(own, float_rows([legs[n] for n in own], side), strict=True):
-                    self._keep(n, row)
+            for reads in (True, False):  # which have one program each
+                own = [n for n, leg in legs.items() if self._table[n][0] == side and leg.m.uncertain is reads]
+                if own:
+                    swept += zip(own, float_rows([legs[n] for n in own], side), strict=True)
         others = [n for n in new if n not in legs]
         self._rule.form(others)
-        for n in others:
-            self._keep(n, _rounded(self._rule.row[n]))
-
-    def _keep(self, n: int, row: FloatRow) -> None:
-        self._rows[n] = np.array([self._column(m) for m in row.monomials], dtype=np.intp), row.values, row.error
+        for n, row in [*swept, *((n, _rounded(self._rule.row[n])) for n in others)]:
+            self._rows[n] = np.array([self._column(m) for m in row.monomials], dtype=np.intp), row.values, row.error
 
     def _leg(self, n: int) -> LegConstraint | None:
         """The constraint of a row that can be swept in float64."""

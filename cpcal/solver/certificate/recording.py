@@ -30,7 +30,7 @@ from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.common import errors
-from cpcal.common.errors import CpcalError, InputError
+from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Trouble
 from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats
@@ -47,7 +47,7 @@ from cpcal.solver.certificate.float_rows import (
     stretchings,
 )
 from cpcal.solver.contract import Contraction, Step, StepWeights, Verdict, shrunk
-from cpcal.solver.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
+from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import Saved
@@ -579,69 +579,47 @@ def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:
 _LONG = 1.0  # seconds: a search that is not done twice
 
 
-class SearchKeeper:
-    """Keeps where one search stands, and its recording, every few seconds and at the end, if boxes are left then.
-
-    path    of the file; None: nothing is kept
-    of      what the file is of: it is refused for anything else
-    resume  begin where the file says, if there is one
-    """
+class SearchKeeper(Checkpoint):
+    """Keeps where one minimisation stands, and its recording; at the end too, if boxes are left then."""
 
     def __init__(
         self, path: Path | None, of: Mapping[str, str], recording: Recording | None, *, resume: bool = False
     ) -> None:
-        self._path, self._of, self._recording, self._resume = path, of, recording, resume
-        self._saved: Callable[[], Saved] | None = None
-        self._regularly = Regularly()
+        super().__init__(path, of, resume=resume)
+        self._recording = recording
 
     def resumed(self) -> Saved | None:
         """Where to go on, the recording brought there; None to begin. Raises InputError."""
-        if self._path is None or not (self._resume and self._path.exists()):
-            return None
-        lines = read_checkpoint(self._path, self._of)
-        try:
-            found = Saved.from_lines([line["search"] for line in lines if "search" in line])
-            steps = [line for line in lines if "search" not in line]
-            if (self._recording is None) != (not steps):
-                raise ValueError("it was kept with certificates, or without, and this run is not")
-            if self._recording is not None:
-                self._recording.restore(steps)
-            return found
-        except (KeyError, ValueError, TypeError, CpcalError) as error:
-            raise garbled(self._path, error) from None
+        return self.restored(self._read)
+
+    def _read(self, lines: list[Line]) -> Saved:
+        found = Saved.from_lines([line["search"] for line in lines if "search" in line])
+        steps = [line for line in lines if "search" not in line]
+        if (self._recording is None) != (not steps):
+            raise ValueError("it was kept with certificates, or without, and this run is not")
+        if self._recording is not None:
+            self._recording.restore(steps)
+        return found
 
     def __call__(self, saved: Callable[[], Saved]) -> None:
-        """After every node: `saved` says where the search stands."""
-        self._saved = saved
-        if self._path is not None:
-            self._regularly(self._keep)
+        """After every round: `saved` says where the search stands."""
+        self.after(partial(self._said, saved))
+
+    def keep(self) -> None:
+        """A recording that lacks steps is nothing to go on with."""
+        if self._recording is None or self._recording.whole:
+            super().keep()
+
+    def _said(self, saved: Callable[[], Saved]) -> Iterator[Line]:
+        yield from ({"search": line} for line in saved().lines())
+        if self._recording is not None:
+            yield from self._recording.saved()
 
     def end(self, found: Minimum) -> None:
         """The search is over. Keep it where boxes are left, or it took long, for what comes next may be interrupted."""
         torn = found.interrupted and not asked()  # an exception broke it off between any two lines
         if not torn and (found.pending or found.seconds > _LONG):
             self.keep()
-
-    def keep(self) -> None:
-        """Now."""
-        self._regularly.now(self._keep)
-
-    def done(self, found: Minimum) -> None:
-        """The answer is in its place: where nothing is left to go on with, the file goes."""
-        if self._path is not None and not (found.pending or found.interrupted):
-            self._path.unlink(missing_ok=True)
-
-    def _keep(self) -> None:
-        if self._path is None or self._saved is None:
-            return
-        if self._recording is None or self._recording.whole:
-            kept(self._path, self._of, self._lines(self._saved()))
-
-    def _lines(self, saved: Saved) -> Iterator[Line]:
-        for line in saved.lines():
-            yield {"search": line}
-        if self._recording is not None:
-            yield from self._recording.saved()
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -13,20 +13,22 @@ import gzip
 import hashlib
 import json
 import logging
+import os
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.files import replacing, unwritable
 
 FORMAT = "cpcal-checkpoint/1"
 SIZE_MAX = 2**31  # bytes, unpacked
 
 Line = dict[str, Any]
+T = TypeVar("T")
 
 _EVERY = 5.0  # seconds between two checkpoints of a search
 _SHARE = 20.0  # and at least so many times as long as the last one took
@@ -86,26 +88,47 @@ def _refused(path: Path, what: str) -> InputError:
     return InputError([Problem(str(path), what, _REMEDY)])
 
 
-class Regularly:
-    """Calls `keep` when it is due: every few seconds, and never so often that it takes much of the time.
+class Checkpoint:
+    """Where one search stands, in a file: kept every few seconds, and never so often that it takes much of the time.
 
-    It holds nothing of what is kept: in a circle of references that would stay in memory long after its search.
+    path    of the file; None: nothing is kept
+    of      what the file is of: it is refused for anything else
+    resume  begin where the file says, if there is one
     """
 
-    def __init__(self) -> None:
+    def __init__(self, path: str | os.PathLike[str] | None, of: Mapping[str, str], *, resume: bool = False) -> None:
+        self._path, self._of, self._resume = None if path is None else Path(path), of, resume
         self._next = time.monotonic() + _EVERY
+        self._lines: Callable[[], Iterable[Line]] | None = None
 
-    def __call__(self, keep: Callable[[], None]) -> None:
-        """After every node."""
+    def restored(self, restore: Callable[[list[Line]], T]) -> T | None:
+        """What `restore` makes of the lines that were kept; None to begin. Raises InputError."""
+        if self._path is None or not (self._resume and self._path.exists()):
+            return None
+        lines = read_checkpoint(self._path, self._of)
+        try:
+            return restore(lines)
+        except (KeyError, IndexError, TypeError, ValueError, CpcalError) as error:
+            raise garbled(self._path, error) from None
+
+    def after(self, lines: Callable[[], Iterable[Line]]) -> None:
+        """After every node: `lines` say where the search stands."""
+        self._lines = lines
         if time.monotonic() >= self._next:
-            self.now(keep)
+            self.keep()
 
-    def now(self, keep: Callable[[], None]) -> None:
-        """Due or not."""
-        began = time.monotonic()
-        keep()
-        now = time.monotonic()
-        self._next = now + max(_EVERY, _SHARE * (now - began))
+    def keep(self) -> None:
+        """Now, due or not."""
+        if self._path is not None and self._lines is not None:
+            began = time.monotonic()
+            kept(self._path, self._of, self._lines())
+            now = time.monotonic()
+            self._next = now + max(_EVERY, _SHARE * (now - began))
+
+    def done(self) -> None:
+        """Nothing is left to go on with: the file goes."""
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
 
 
 def kept(path: Path, of: Mapping[str, str], lines: Iterable[Line]) -> bool:

@@ -41,7 +41,7 @@ from cpcal.solver.search import (
     divided,
     light,
 )
-from cpcal.solver.search.race import bounds_of, box_of
+from cpcal.solver.search.search import Line, Standing, bounds_of, box_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next.
@@ -200,89 +200,84 @@ def _decided(bounding: Bounding, nodes: Sequence[Node], before: Known) -> list[t
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Where a branch and bound stands between two nodes, as pure values, and as lines of JSON.
+# What the events add up to, and where a branch and bound stands between two rounds, as lines of JSON.
+
+
+@dataclass(frozen=True)
+class Tally:
+    """`used`: rows with a weight in some step; `decisive`: those of the steps that decided the leaves."""
+
+    nodes: int = 0
+    programs: int = 0
+    used: frozenset[Row] = frozenset()
+    decisive: frozenset[Row] = frozenset()
+    uses: tuple[ContractorUse, ...] = ()
+
+    def with_event(self, event: Event, raising: frozenset[Row]) -> Tally:
+        """`raising`: the rows by which the node's objective rose last."""
+        step, leaf = event.contraction, event.kind in (EventKind.PRUNED, EventKind.KEPT)
+        rows = {row for s in step.steps for row in s.rows}
+        return Tally(
+            self.nodes + (event.kind is not EventKind.CONTRACTED),
+            self.programs + step.programs,
+            self.used if rows <= self.used else self.used | rows,
+            self.decisive | raising if leaf else self.decisive,
+            total_use(self.uses, event.decision.uses),
+        )
 
 
 @dataclass(frozen=True)
 class Saved:
-    """Everything that the rest of a minimisation depends on. `pending` may come from a search that must stand still.
-
-    names                    of the boxes
-    pending, kept, created   of the search: undecided nodes, pieces that are fine enough, nodes that were ever made
-    known                    of the incumbent
-    nodes ... uses           what was counted
-    seconds                  that it took until then
-    """
+    """Everything that the rest of a minimisation depends on; `seconds` that it took until then."""
 
     names: tuple[str, ...]
-    pending: Iterable[Node]
-    kept: tuple[Piece, ...]
-    created: int
+    search: Standing
     known: Known
-    nodes: int
-    programs: int
-    used: frozenset[Row]
-    decisive: frozenset[Row]
-    uses: tuple[ContractorUse, ...]
+    tally: Tally
     seconds: float
 
-    def lines(self) -> Iterator[dict[str, Any]]:
+    def lines(self) -> Iterator[Line]:
         """A head, then a line a box; infinite numbers are texts."""
-        witness = self.known.witness
+        witness, tally = self.known.witness, self.tally
         yield {
             "names": list(self.names),
             "witness": None if witness is None else {"point": witness.point.tolist(), "value": witness.value},
             "calls": self.known.calls,
-            "created": self.created,
-            "nodes": self.nodes,
-            "programs": self.programs,
-            "used": sorted(self.used),
-            "decisive": sorted(self.decisive),
-            "uses": [[use.name, use.calls, use.steps] for use in self.uses],
+            "created": self.search.created,
+            "nodes": tally.nodes,
+            "programs": tally.programs,
+            "used": sorted(tally.used),
+            "decisive": sorted(tally.decisive),
+            "uses": [[use.name, use.calls, use.steps] for use in tally.uses],
             "seconds": self.seconds,
         }
-        for node in self.pending:
-            yield {"depth": node.depth, "serial": node.serial, **_branch(node.box, node.state)}
-        for piece in self.kept:
-            yield _branch(piece.box, piece.state)
+        yield from self.search.lines(_said)
 
     @classmethod
     def from_lines(cls, lines: Sequence[Mapping[str, Any]]) -> Saved:
         """What `lines` gave. Raises KeyError, TypeError, ValueError."""
         head, *boxes = lines
-        names = tuple(map(str, head["names"]))
-        read = [(line, *_read_branch(names, line)) for line in boxes]
-        witness = head["witness"]
+        names, witness = tuple(map(str, head["names"])), head["witness"]
         if witness is not None:
             witness = Witness(np.array(witness["point"], np.float64), float(witness["value"]))
+
+        def branch(box: Box, line: Mapping[str, Any]) -> Branch:
+            found = box_of(names, line["found"]) if "found" in line else box
+            return Branch(found, bool(line["fresh"]), _rows(line["rows"]))
+
+        uses = tuple(ContractorUse(str(name), int(calls), int(steps)) for name, calls, steps in head["uses"])
         return cls(
-            names=names,
-            pending=tuple(
-                Node(box, int(line["depth"]), int(line["serial"]), branch)
-                for line, box, branch in read
-                if "serial" in line
-            ),
-            kept=tuple(Piece(box, branch) for line, box, branch in read if "serial" not in line),
-            created=int(head["created"]),
-            known=Known(witness, int(head["calls"])),
-            nodes=int(head["nodes"]),
-            programs=int(head["programs"]),
-            used=_rows(head["used"]),
-            decisive=_rows(head["decisive"]),
-            uses=tuple(ContractorUse(str(name), int(calls), int(steps)) for name, calls, steps in head["uses"]),
-            seconds=float(head["seconds"]),
+            names,
+            Standing.from_lines(int(head["created"]), names, boxes, branch),
+            Known(witness, int(head["calls"])),
+            Tally(int(head["nodes"]), int(head["programs"]), _rows(head["used"]), _rows(head["decisive"]), uses),
+            float(head["seconds"]),
         )
 
 
-def _branch(box: Box, branch: Branch) -> dict[str, Any]:
-    line: dict[str, Any] = {"box": bounds_of(box), "fresh": branch.fresh, "rows": sorted(branch.rows)}
+def _said(box: Box, branch: Branch) -> Line:
+    line: Line = {"fresh": branch.fresh, "rows": sorted(branch.rows)}
     return line if branch.found == box else line | {"found": bounds_of(branch.found)}
-
-
-def _read_branch(names: tuple[str, ...], line: Mapping[str, Any]) -> tuple[Box, Branch]:
-    box = box_of(names, line["box"])
-    found = box_of(names, line["found"]) if "found" in line else box
-    return box, Branch(found, bool(line["fresh"]), _rows(line["rows"]))
 
 
 def _rows(rows: Any) -> frozenset[Row]:
@@ -342,16 +337,18 @@ def minimize(
     process = Bounding(incumbent, Contracting(named, prover, clock.deadline), strategy, enclose, place)
     root = Piece(domain, Branch(domain, fresh=True))
     search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast)
-    tally = _Tally(process, index)
+    tally, kept_from = Tally(), np.inf  # and the objective's lowest bound in what was kept
     if resume is not None:
-        search.restore(resume.pending, resume.kept, resume.created)
+        search.restore(resume.search)
         incumbent.learn(resume.known, incumbent.state)
-        tally.restore(resume)
+        tally, kept_from = resume.tally, min((float(piece.box.lo[index]) for piece in search.kept), default=np.inf)
 
     def bracket() -> Bracket:
-        lo = min(incumbent.hi, tally.kept_from, np.inf if search.lowest is None else search.lowest)
-        spent = time.monotonic() - began
-        return Bracket(lo, incumbent.hi, tally.nodes, tally.programs, spent, search.waiting)
+        lo = min(incumbent.hi, kept_from, np.inf if search.lowest is None else search.lowest)
+        return Bracket(lo, incumbent.hi, tally.nodes, tally.programs, time.monotonic() - began, search.waiting)
+
+    def saved() -> Saved:
+        return Saved(domain.names, search.standing(), incumbent.state, tally, time.monotonic() - began)
 
     interrupted = False
     try:
@@ -361,13 +358,16 @@ def minimize(
         while search.waiting and not clock.over(tally.nodes):
             with compiling_until(clock.deadline):
                 for event in search:  # of one round: a state between two of them can be gone on from
-                    tally.add(event)
+                    rows = process.raising(event.contraction.steps) or event.node.state.rows
+                    tally = tally.with_event(event, rows)
+                    if event.kind is EventKind.KEPT:
+                        kept_from = min([kept_from, *(float(p.box.lo[index]) for p in event.decision.pieces)])
                     if observe is not None:
                         observe(event)
-                    if not search.within_round:
+                    if not search.begun:
                         break
             if keep is not None:
-                keep(lambda: _saved(search, incumbent, tally, time.monotonic() - began))
+                keep(saved)
             yield bracket()
     except TimeUp:  # inside of a decision: no event is half stored
         pass
@@ -376,54 +376,7 @@ def minimize(
     yield _minimum(search, incumbent, bracket(), tally, interrupted)
 
 
-class _Tally:
-    """What the events add up to."""
-
-    def __init__(self, process: Bounding, objective: int) -> None:
-        self._process, self._objective = process, objective
-        self.nodes = self.programs = 0
-        self.kept_from = np.inf  # the objective's lowest bound in what was kept
-        self.used: set[Row] = set()
-        self.decisive: set[Row] = set()  # rows of the steps that decided the leaves
-        self.uses: tuple[ContractorUse, ...] = ()
-
-    def restore(self, saved: Saved) -> None:
-        self.nodes, self.programs, self.uses = saved.nodes, saved.programs, saved.uses
-        self.used, self.decisive = set(saved.used), set(saved.decisive)
-        self._keep(piece.box for piece in saved.kept)
-
-    def add(self, event: Event) -> None:
-        step = event.contraction
-        self.nodes += event.kind is not EventKind.CONTRACTED
-        self.programs += step.programs
-        self.uses = total_use(self.uses, event.decision.uses)
-        self.used.update(row for s in step.steps for row in s.rows)
-        if event.kind in (EventKind.PRUNED, EventKind.KEPT):
-            self.decisive |= self._process.raising(step.steps) or event.node.state.rows
-        if event.kind is EventKind.KEPT:
-            self._keep(piece.box for piece in event.decision.pieces)
-
-    def _keep(self, boxes: Iterable[Box]) -> None:
-        self.kept_from = min([self.kept_from, *(float(box.lo[self._objective]) for box in boxes)])
-
-
-def _saved(search: Search, incumbent: Incumbent, tally: _Tally, seconds: float) -> Saved:
-    return Saved(
-        names=incumbent.domain.names,
-        pending=search.undecided(),
-        kept=tuple(search.kept),
-        created=search.created,
-        known=incumbent.state,
-        nodes=tally.nodes,
-        programs=tally.programs,
-        used=frozenset(tally.used),
-        decisive=frozenset(tally.decisive),
-        uses=tally.uses,
-        seconds=seconds,
-    )
-
-
-def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: _Tally, interrupted: bool) -> Minimum:
+def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, interrupted: bool) -> Minimum:
     undecided, least = 0, incumbent.hi
     enclosure = around = Box.empty(incumbent.domain.names)
     leaves: Iterator[Node | Piece] = chain(search.undecided(), search.kept)

@@ -24,6 +24,7 @@ from cpcal.solver.contract import (
     Step,
     Strategy,
     Then,
+    answered,
     contracted,
     elements,
     followed,
@@ -191,7 +192,7 @@ class Batches:
         alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
         if alive.size:
             some = IntervalArray(lo[alive], hi[alive])
-            left = contractor.contract_batch(some, self._contracting.deadline)  # type: ignore[attr-defined]
+            left = answered(contractor, "contract_batch", some, self._contracting.deadline)
             after_lo, after_hi = lo.copy(), hi.copy()
             after_lo[alive], after_hi[alive] = np.maximum(lo[alive], left.lo), np.minimum(hi[alive], left.hi)
             dead = ~(after_lo <= after_hi).all(axis=1)

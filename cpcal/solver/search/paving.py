@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Bools
 from cpcal.solver.accounts import RowUse
-from cpcal.solver.contract import Clock, Composable, Contraction, Step, Verdict
+from cpcal.solver.contract import Clock, Composable, Contraction, Verdict, narrowed
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Interval, IntervalArray
@@ -178,21 +178,13 @@ class WholeNumbers(Composable):
         self._whole = whole
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        lo, hi = self._rounded(box.lo, box.hi)
-        after = box.intersect(box.with_bounds(lo, hi)) if (lo <= hi).all() else Box.empty(box.names)
-        if after.is_empty and not box.is_empty:
-            return Contraction(after, (Step("whole numbers", None, "", np.nan),))
-        moved = [("lo", k) for k in np.flatnonzero(lo > box.lo)] + [("hi", k) for k in np.flatnonzero(hi < box.hi)]
-        names = box.names
-        steps = [Step("whole numbers", names[k], side, float((lo if side == "lo" else hi)[k])) for side, k in moved]
-        return Contraction(after, tuple(steps))
+        left = self.contract_batch(box.array[None])
+        return narrowed("whole numbers", box, box.intersect(box.with_bounds(left.lo[0], left.hi[0])))
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """All boxes (B, n) at once, NaN where one holds no whole number."""
-        lo, hi = self._rounded(boxes.lo, boxes.hi)
+        lo = np.where(self._whole, np.ceil(boxes.lo), boxes.lo)
+        hi = np.where(self._whole, np.floor(boxes.hi), boxes.hi)
         empty = ~(lo <= hi).all(axis=1)
         lo[empty], hi[empty] = np.nan, np.nan
         return IntervalArray(lo, hi)
-
-    def _rounded(self, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
-        return np.where(self._whole, np.ceil(lo), lo), np.where(self._whole, np.floor(hi), hi)

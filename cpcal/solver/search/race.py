@@ -8,43 +8,20 @@ many rounds. All of it is counted in nodes, so that a race has one course.
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.version import __version__
 from cpcal.solver.contract import Clock
-from cpcal.solver.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
+from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search.search import Event, EventKind, Node, Piece, Search
-
-# ------------------------------------------------------------------------------------------------------------------
-# Boxes as values of JSON and back, to the last bit; infinite bounds are texts, an empty box is null.
-
-
-def bounds_of(box: Box) -> list[list[float | str]] | None:
-    """Lower and upper bounds."""
-    if box.is_empty:
-        return None
-    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
-
-
-def box_of(names: tuple[str, ...], bounds: Any) -> Box:
-    """The box of `bounds_of`. Raises TypeError, ValueError."""
-    if bounds is None:
-        return Box.empty(names)
-    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
-    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
-        raise ValueError("a box is none")
-    return Box(names, lo, hi)
-
+from cpcal.solver.search.search import Event, EventKind, Line, Search, Standing, bounds_of, box_of
 
 _PROGRESS = 1 / 200  # of what is undecided: a turn that decides less is one without progress
 _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
@@ -144,12 +121,10 @@ class Race:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Where a race of searches stands between two nodes, as lines of JSON; and a race brought there.
+# Where a race of searches stands between two nodes, as lines of JSON; a race brought there, and run.
 
 _COUNTS = ("nodes", "rest", "back", "taken")
 _SHARES = ("decided", "before", "most")  # floats, which JSON keeps to the last bit
-
-Line = dict[str, Any]
 
 
 def lines_of(race: Race, nodes: int) -> Iterator[Line]:
@@ -161,11 +136,20 @@ def lines_of(race: Race, nodes: int) -> Iterator[Line]:
         "place": race.place,
         "first": None if race.first is None else places[id(race.first)],
         "alive": [places[id(contender)] for contender in race.alive],
-        "contenders": [_standing(contender) for contender in race.contenders],
+        "contenders": [
+            {"name": c.name, "created": None if c.search is None else c.search.created}
+            | {key: getattr(c, key) for key in (*_COUNTS, *_SHARES)}
+            for c in race.contenders
+        ],
     }
     for k, contender in enumerate(race.contenders):
         if contender.search is not None:
-            yield from ({"of": k, **line} for line in _boxes(contender.search))
+            yield from ({"of": k, **line} for line in contender.search.standing().lines(_said))
+
+
+def _said(box: Box, found: Box | None) -> Line:
+    """The state of a node, where it is not the box itself."""
+    return {} if found is None or found == box else {"found": bounds_of(found)}
 
 
 def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[str, Any]]) -> int:
@@ -173,75 +157,30 @@ def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[st
 
     Raises KeyError, IndexError, TypeError, ValueError for lines that `lines_of` cannot have written.
     """
+
+    def found_in(box: Box, line: Mapping[str, Any]) -> Box:
+        return box_of(names, line["found"]) if "found" in line else box
+
     head, *boxes = lines
     standings = head["contenders"]
     if [standing["name"] for standing in standings] != [contender.name for contender in race.contenders]:
         raise ValueError("other methods take turns")
     for k, (contender, standing) in enumerate(zip(race.contenders, standings, strict=True)):
-        for key in _COUNTS:
-            setattr(contender, key, int(standing[key]))
-        for key in _SHARES:
-            setattr(contender, key, float(standing[key]))
+        for key in (*_COUNTS, *_SHARES):
+            setattr(contender, key, (int if key in _COUNTS else float)(standing[key]))
         if standing["created"] is not None:
+            own = (line for line in boxes if line["of"] == k)
             contender.search = contender.start()
-            _restore(contender.search, names, [line for line in boxes if line["of"] == k], int(standing["created"]))
+            contender.search.restore(Standing.from_lines(int(standing["created"]), names, own, found_in))
     race.rounds, race.place = int(head["rounds"]), int(head["place"])
     race.first = None if head["first"] is None else race.contenders[int(head["first"])]
     race.alive = [race.contenders[int(k)] for k in head["alive"]]
     return int(head["nodes"])
 
 
-def _standing(contender: Contender) -> Line:
-    counted = {key: getattr(contender, key) for key in (*_COUNTS, *_SHARES)}
-    search = contender.search
-    return {"name": contender.name, "created": None if search is None else search.created, **counted}
-
-
-def _boxes(search: Search) -> Iterator[Line]:
-    begun = {node.serial for node in search.begun}
-    for node in search.begun:
-        yield _node("begun", node)
-    for node in search.undecided():
-        if node.serial not in begun:
-            yield _node("pending", node)
-    yield from ({"in": "kept", "box": bounds_of(piece.box)} for piece in search.kept)
-    yield from ({"in": "inside", "box": bounds_of(box)} for box in search.inside)
-    yield from ({"in": "outside", "box": bounds_of(box)} for box in search.outside)
-
-
-def _node(where: str, node: Node) -> Line:
-    line = {"in": where, "depth": node.depth, "serial": node.serial, "box": bounds_of(node.box)}
-    return line if node.state is None else line | {"found": bounds_of(node.state)}
-
-
-def _restore(search: Search, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]], created: int) -> None:
-    nodes: dict[str, list[Node]] = {"begun": [], "pending": []}
-    boxes: dict[str, list[Box]] = {"kept": [], "inside": [], "outside": []}
-    for line in lines:
-        box = box_of(names, line["box"])
-        if line["in"] in boxes:
-            boxes[line["in"]].append(box)
-        else:
-            state = box_of(names, line["found"]) if "found" in line else None
-            nodes[line["in"]].append(Node(box, int(line["depth"]), int(line["serial"]), state))
-    search.restore(
-        nodes["pending"],
-        map(Piece, boxes["kept"]),
-        created,
-        begun=nodes["begun"],
-        inside=boxes["inside"],
-        outside=boxes["outside"],
-    )
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What `solve` keeps on disk while it works, so that another call can go on from there to the same answer.
-
-
 def checkpoint_of(network: ConstraintNetwork, options: Sequence[object]) -> dict[str, str]:
     """Which problem and options a checkpoint is of, so that no other search goes on from it."""
-    asked = repr([_plain(option) for option in options])
-    return {"version": __version__, "problem": network.digest, "options": asked}
+    return {"version": __version__, "problem": network.digest, "options": repr([_plain(option) for option in options])}
 
 
 def _plain(option: object) -> object:
@@ -253,68 +192,18 @@ def _plain(option: object) -> object:
     return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
 
 
-class PavingCheckpoint:
-    """The file at `path`, of this network and these options of `solve`; with `path` None nothing is kept.
+def raced(
+    race: Race, keeper: Checkpoint, names: tuple[str, ...], clock: Clock, progress: Callable[[Event], None] | None
+) -> int:
+    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all.
 
-    `resume`: begin where the file says, if there is one.
+    Raises InputError for a checkpoint of something else.
     """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str] | None,
-        network: ConstraintNetwork,
-        options: Sequence[object],
-        *,
-        resume: bool,
-    ) -> None:
-        self._path = None if path is None else Path(path)
-        self._resume, self._names = resume, network.names
-        self._of: dict[str, str] = {}
-        if path is not None:
-            self._of = checkpoint_of(network, options)
-        self._race: Race | None = None
-        self._nodes = 0
-        self._regularly = Regularly()
-
-    def begin(self, race: Race) -> int:
-        """Bring the race to where it stood; how many nodes it had taken. Raises InputError."""
-        if self._path is None:
-            return 0
-        if self._resume and self._path.exists():
-            lines = read_checkpoint(self._path, self._of)
-            try:
-                self._nodes = brought_there(race, self._names, lines)
-            except (KeyError, IndexError, TypeError, ValueError) as error:
-                raise garbled(self._path, error) from None
-        return self._nodes
-
-    def after(self, race: Race, nodes: int) -> None:
-        """After every node."""
-        self._race, self._nodes = race, nodes
-        if self._path is not None:
-            self._regularly(self._keep)
-
-    def end(self, *, complete: bool) -> None:
-        """Keep what is left to do; where nothing is, the file goes."""
-        if self._path is None:
-            return
-        if complete:
-            self._path.unlink(missing_ok=True)
-        else:
-            self._regularly.now(self._keep)
-
-    def _keep(self) -> None:
-        if self._path is not None and self._race is not None:
-            kept(self._path, self._of, lines_of(self._race, self._nodes))
-
-
-def raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
-    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
-    nodes = before = keeper.begin(race)
+    nodes = before = keeper.restored(partial(brought_there, race, names)) or 0
     try:
         for event in race:
             nodes += 1
-            keeper.after(race, nodes)
+            keeper.after(partial(lines_of, race, nodes))
             if progress is not None:
                 progress(event)
             if clock.over(nodes - before) or asked():

@@ -8,11 +8,13 @@ the node: its box, and the `state` that the decision which made it handed on.
 from __future__ import annotations
 
 import heapq
+import math
 import pickle
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import chain
 from typing import IO, Any
 
 import numpy as np
@@ -95,10 +97,6 @@ class _Chunk:
     size: int
     count: int
 
-    @property
-    def key(self) -> tuple[float, int]:
-        return self.priority, self.serial
-
 
 class Frontier:
     """A queue of nodes by priority, then age. The file is without a name and goes with the process."""
@@ -114,12 +112,7 @@ class Frontier:
             self._file.close()
 
     def __len__(self) -> int:
-        return len(self._heap) + self.on_disk
-
-    @property
-    def on_disk(self) -> int:
-        """How many of the nodes."""
-        return sum(chunk.count for chunk in self._chunks)
+        return len(self._heap) + sum(chunk.count for chunk in self._chunks)
 
     @property
     def lowest(self) -> float | None:
@@ -129,29 +122,22 @@ class Frontier:
 
     def __iter__(self) -> Iterator[Node]:
         """All nodes, in no order; those on disk come and go."""
-        for chunk in tuple(self._chunks):
-            yield from (node for *_, node in self._read(chunk))
-        yield from (node for *_, node in tuple(self._heap))
+        for entries in chain(map(self._read, tuple(self._chunks)), [tuple(self._heap)]):
+            yield from (node for *_, node in entries)
 
     def push(self, node: Node) -> None:
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
         if len(self._heap) > self._limit:
             self._spill()
 
-    def extend(self, nodes: Iterable[Node]) -> None:
-        for node in nodes:
-            self.push(node)
-
-    def first(self) -> Node:
-        """The most urgent one."""
-        while self._chunks and not (self._heap and self._heap[0][:2] < self._chunks[0].key):
-            for entry in self._read(self._chunks[0]):
+    def move_first(self, to: list[Node]) -> None:
+        """The most urgent node to the front of a list."""
+        chunks = self._chunks
+        while chunks and not (self._heap and self._heap[0][:2] < (chunks[0].priority, chunks[0].serial)):
+            for entry in self._read(chunks[0]):
                 heapq.heappush(self._heap, entry)
-            heapq.heappop(self._chunks)
-        return self._heap[0][2]
-
-    def drop(self) -> None:
-        """Without what `first` has told."""
+            heapq.heappop(chunks)
+        to.insert(0, self._heap[0][2])
         heapq.heappop(self._heap)
 
     # Ctrl-C may strike between any two lines: what moves is in both places for a moment, never in none.
@@ -161,8 +147,8 @@ class Frontier:
         entries = sorted(self._heap, key=lambda entry: entry[:2])
         half = self._limit // 2
         try:
-            self._make_room()
-            chunks = [self._written(entries[k : k + _CHUNK]) for k in range(half, len(entries), _CHUNK)]
+            file = self._with_room()
+            chunks = [self._written(file, entries[k : k + _CHUNK]) for k in range(half, len(entries), _CHUNK)]
         except OSError:
             self._limit *= 2
             return
@@ -170,28 +156,28 @@ class Frontier:
             heapq.heappush(self._chunks, chunk)
         self._heap = entries[:half]  # sorted, so that it is a heap
 
-    def _written(self, entries: list[Entry]) -> _Chunk:
+    @staticmethod
+    def _written(file: IO[bytes], entries: list[Entry]) -> _Chunk:
         content = pickle.dumps(entries, pickle.HIGHEST_PROTOCOL)
-        assert self._file is not None
-        offset = self._file.seek(0, 2)
-        self._file.write(content)
-        self._file.flush()
+        offset = file.seek(0, 2)
+        file.write(content)
+        file.flush()
         return _Chunk(*entries[0][:2], offset, len(content), len(entries))
 
-    def _make_room(self) -> None:
-        """A file; a new one that holds what is still waiting, where much of it is not."""
-        if self._file is None:
-            self._file = tempfile.TemporaryFile(prefix="cpcal-")  # noqa: SIM115 - it goes with this object
-        used = sum(chunk.size for chunk in self._chunks)
-        if self._file.seek(0, 2) - used <= max(_WASTE, used):
-            return
-        fresh, moved = tempfile.TemporaryFile(prefix="cpcal-"), []  # noqa: SIM115
+    def _with_room(self) -> IO[bytes]:
+        """The file; a new one that holds what is still waiting, where much of it is not."""
+        used, file = sum(chunk.size for chunk in self._chunks), self._file
+        if file is not None and file.seek(0, 2) - used <= max(_WASTE, used):
+            return file
+        fresh, moved = tempfile.TemporaryFile(prefix="cpcal-"), []  # noqa: SIM115 - it goes with this object
         for chunk in self._chunks:
             moved.append(replace(chunk, offset=fresh.tell()))
             fresh.write(self._bytes(chunk))
         fresh.flush()
-        before, self._file, self._chunks = self._file, fresh, moved
-        before.close()
+        self._file, self._chunks = fresh, moved
+        if file is not None:
+            file.close()
+        return fresh
 
     def _read(self, chunk: _Chunk) -> list[Entry]:
         entries: list[Entry] = pickle.loads(self._bytes(chunk))
@@ -293,7 +279,7 @@ class Search(Iterator[Event]):
         self._frontier = Frontier(priority)
         self._round: list[Node] = []  # the next one last
         self._decided: dict[int, Decision] = {}  # by serial, of the round
-        self._created = 0
+        self.created = 0  # nodes that were ever made
         self.kept: list[Piece] = []
         self.inside: list[Box] = []
         self.outside: list[Box] = []
@@ -301,42 +287,15 @@ class Search(Iterator[Event]):
             self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
     @property
-    def within_round(self) -> bool:
-        """Whether nodes of a round that has begun are still to come."""
-        return bool(self._round)
-
-    @property
-    def created(self) -> int:
-        """How many nodes were ever made."""
-        return self._created
-
-    @property
     def begun(self) -> tuple[Node, ...]:
         """The nodes of the round at work that are still to come, the next one first."""
         return tuple(reversed(self._round))
-
-    def restore(
-        self,
-        pending: Iterable[Node],
-        kept: Iterable[Piece],
-        created: int,
-        *,
-        begun: Iterable[Node] = (),
-        inside: Iterable[Box] = (),
-        outside: Iterable[Box] = (),
-    ) -> None:
-        """Stand where another search of the same process and priority stood between two nodes; `pending` are the nodes
-        of no round."""
-        self._frontier = Frontier(self._priority)
-        self._frontier.extend(pending)
-        self._round, self._decided = [*begun][::-1], {}
-        self.kept, self.inside, self.outside, self._created = list(kept), list(inside), list(outside), created
 
     @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
         queued = sorted(self._frontier, key=lambda node: (self._priority(node), node.serial))
-        return (*reversed(self._round), *queued)
+        return (*self.begun, *queued)
 
     @property
     def waiting(self) -> int:
@@ -351,8 +310,21 @@ class Search(Iterator[Event]):
 
     def undecided(self) -> Iterator[Node]:
         """The same as `pending`, in no order, and not all in memory at a time. The search stands still meanwhile."""
-        yield from reversed(self._round)
-        yield from self._frontier
+        return chain(self.begun, self._frontier)
+
+    def standing(self) -> Standing:
+        """All that the rest of the search depends on, besides its process and priority. It stands still meanwhile."""
+        begun = {node.serial for node in self.begun}
+        pending = (node for node in self._frontier if node.serial not in begun)
+        return Standing(self.created, pending, self.begun, self.kept, self.inside, self.outside)
+
+    def restore(self, at: Standing) -> None:
+        """Stand where another search of the same process and priority stood."""
+        self._frontier = Frontier(self._priority)
+        for node in at.pending:
+            self._frontier.push(node)
+        self._round, self._decided, self.created = [*at.begun][::-1], {}, at.created
+        self.kept, self.inside, self.outside = list(at.kept), list(at.inside), list(at.outside)
 
     def __next__(self) -> Event:
         # Ctrl-C may strike between any two lines: a node is listed as undecided (perhaps twice) until all that
@@ -362,8 +334,7 @@ class Search(Iterator[Event]):
                 raise StopIteration
             abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._frontier))
             for _ in range(min(abreast, len(self._frontier))):
-                self._round.insert(0, self._frontier.first())
-                self._frontier.drop()
+                self._frontier.move_first(self._round)
         node = self._round[-1]
         decision = self._decision(node)
         check_rounding()  # a plug-in that changed it makes all contractors after it unsound
@@ -400,11 +371,70 @@ class Search(Iterator[Event]):
         return ()
 
     def _push(self, piece: Piece, depth: int) -> Node:
-        node = Node(piece.box, depth, self._created, piece.state, piece.decided)
-        self._created += 1
+        node = Node(piece.box, depth, self.created, piece.state, piece.decided)
+        self.created += 1
         if piece.decided is None:
             self._frontier.push(node)
         return node
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Where a search stands between two nodes, as values, and as lines of JSON: a line a box.
+
+Line = dict[str, Any]
+
+
+def bounds_of(box: Box) -> list[list[float | str]] | None:
+    """Lower and upper bounds, to the last bit; infinite ones are texts, an empty box is null."""
+    if box.is_empty:
+        return None
+    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
+
+
+def box_of(names: tuple[str, ...], bounds: Any) -> Box:
+    """The box of `bounds_of`. Raises TypeError, ValueError."""
+    if bounds is None:
+        return Box.empty(names)
+    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
+    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
+        raise ValueError("a box is none")
+    return Box(names, lo, hi)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How many nodes were ever made, the nodes of no round and those of the round at work, and what was stored."""
+
+    created: int
+    pending: Iterable[Node]
+    begun: Iterable[Node]
+    kept: Iterable[Piece]
+    inside: Iterable[Box]
+    outside: Iterable[Box]
+
+    def lines(self, said: Callable[[Box, Any], Line]) -> Iterator[Line]:
+        """`said`: the state of a node or a piece with that box."""
+        for where in ("begun", "pending"):
+            for node in getattr(self, where):
+                line = {"in": where, "depth": node.depth, "serial": node.serial, "box": bounds_of(node.box)}
+                yield line | said(node.box, node.state)
+        yield from ({"in": "kept", "box": bounds_of(p.box), **said(p.box, p.state)} for p in self.kept)
+        for where in ("inside", "outside"):
+            yield from ({"in": where, "box": bounds_of(box)} for box in getattr(self, where))
+
+    @classmethod
+    def from_lines(
+        cls, created: int, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]], read: Callable[[Box, Any], Any]
+    ) -> Standing:
+        """What `lines` gave; `read`: the state from a line. Raises KeyError, TypeError, ValueError."""
+        found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
+        for line in lines:
+            box, part = box_of(names, line["box"]), found[line["in"]]
+            if "serial" in line:
+                part.append(Node(box, int(line["depth"]), int(line["serial"]), read(box, line)))
+            else:
+                part.append(Piece(box, read(box, line)) if line["in"] == "kept" else box)
+        return cls(created, **found)
 
 
 # ------------------------------------------------------------------------------------------------------------------

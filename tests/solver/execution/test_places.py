@@ -1,12 +1,16 @@
 """The same certificates, byte for byte, wherever the work is done on this machine."""
 
+import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
 
 import pytest
 
 import cpcal
+from cpcal.cli import verify
 from cpcal.common.errors import InputError
 from cpcal.solver.execution.executors import executor_for
 
@@ -70,3 +74,18 @@ def test_signals_of_the_terminal_are_for_the_process_that_began_the_workers():
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert run.stdout.split("\n")[:2] == ["False False", "True True"], run.stderr
+
+
+def dies(parent, answer):
+    if os.getpid() != parent:
+        os._exit(9)
+    return answer
+
+
+def test_legs_that_a_killed_worker_did_not_check_are_checked_here(monkeypatch):
+    checks = [partial(dies, os.getpid(), "here"), *(partial(pow, 3, n) for n in range(4))]
+    monkeypatch.setattr(verify, "leg_checks", lambda run: checks)
+    assert verify.checked_legs(Path("run")) == ["here", 1, 3, 9, 27]
+    monkeypatch.setattr(verify, "leg_checks", lambda run: [*checks, partial(int, "x")])
+    with pytest.raises(ValueError, match="invalid literal"):
+        verify.checked_legs(Path("run"))

@@ -1,4 +1,4 @@
-"""What an expression of Minibex is worth: numbers, intervals and expressions of a network, alone or in arrays.
+"""What an expression of a problem file is worth: numbers, intervals, expressions of a network, alone or in arrays.
 
 A scalar is a Fraction (exact), an Interval (it encloses one number), a `Data` or an Expr. An array is a numpy array of
 objects; a column vector has one axis, a row vector two, as in Minibex.
@@ -6,9 +6,11 @@ objects; a column vector has one axis, a row vector two, as in Minibex.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -53,13 +55,13 @@ def array_of(values: list[Any], shape: tuple[int, ...]) -> Array:
 def applied(name: str, arguments: list[Value]) -> Value:
     """A function of scalars, or of arrays entry by entry. Raises ModelError for one that is not there."""
     if any(isinstance(argument, np.ndarray) for argument in arguments):
-        return entrywise(lambda *parts: _scalar(applied(name, list(parts))), *arguments)
+        return entrywise(lambda *parts: applied(name, list(parts)), *arguments)
     if name == "pow" and len(arguments) == 2:
         return power(arguments[0], arguments[1])
     if name in ("max", "min") and len(arguments) > 2:
         return applied(name, [applied(name, arguments[:-1]), arguments[-1]])
-    if name == "abs":
-        return _powered(_single(arguments, name), abs)
+    if name == "abs" and len(arguments) == 1:
+        return _powered(arguments[0], abs)
     called = _NAMES.get(name, name)
     function = getattr(mathematics, called, None) or getattr(functions, called, None)
     if function is None:
@@ -119,7 +121,11 @@ def _powered(value: Value, operation: Callable[[Any], Any]) -> Value:
 
 
 def plus(left: Value, right: Value) -> Value:
-    return _of_same_shape(lambda a, b: _combined(a, b, lambda x, y: x + y), left, right)
+    left, right = _blocks(left, right), _blocks(right, left)
+    shapes = [value.shape if isinstance(value, np.ndarray) else () for value in (left, right)]
+    if shapes[0] != shapes[1]:
+        raise ModelError(f"values of shapes {shapes[0]} and {shapes[1]} have no sum")
+    return entrywise(_sum, left, right)
 
 
 def minus(left: Value, right: Value) -> Value:
@@ -127,36 +133,32 @@ def minus(left: Value, right: Value) -> Value:
 
 
 def negative(value: Value) -> Value:
-    if isinstance(value, np.ndarray):
-        return entrywise(negative, value)
-    return _powered(value, lambda number: -number)
+    return entrywise(partial(_powered, operation=operator.neg), value)
 
 
 def times(left: Value, right: Value) -> Value:
     """Scalar times anything; vectors and matrices as in linear algebra; two column vectors: their dot product."""
     if not isinstance(left, np.ndarray) or not isinstance(right, np.ndarray):
-        return entrywise(lambda a, b: _combined(a, b, lambda x, y: x * y), left, right)
+        return entrywise(_product, left, right)
     if left.ndim == right.ndim == 1:
         if left.shape != right.shape:
             raise ModelError(f"vectors of {len(left)} and {len(right)} entries have no product")
-        return _total([_combined(a, b, lambda x, y: x * y) for a, b in zip(left, right, strict=True)])
-    rows = left if left.ndim == 2 else left[:, None]
-    columns = right if right.ndim == 2 else right[:, None]
+        return reduce(_sum, map(_product, left, right))  # type: ignore[no-any-return]
+    rows, columns = (array[:, None] if array.ndim == 1 else array for array in (left, right))
     if rows.ndim != 2 or columns.ndim != 2 or rows.shape[1] != columns.shape[0]:
         raise ModelError(f"arrays of shapes {left.shape} and {right.shape} have no product")
-    parts = [_scalar(times(row, column)) for row in rows for column in columns.T]
-    if right.ndim == 1:
-        return array_of(parts, (len(rows),)) if len(rows) > 1 else parts[0]
-    shape = (len(rows), columns.shape[1])
-    return parts[0] if shape == (1, 1) else array_of(parts, shape)
+    parts = [times(row, column) for row in rows for column in columns.T]
+    if len(parts) == 1:
+        return parts[0]
+    return array_of(parts, (len(rows),) if right.ndim == 1 else (len(rows), columns.shape[1]))
 
 
-def over(left: Value, right: Value) -> Value:
+def divided(left: Value, right: Value) -> Value:
     if isinstance(right, np.ndarray):
         raise ModelError("an array divides nothing")
     if isinstance(right, Fraction) and right == 0:
         raise ModelError("a division by 0")
-    return entrywise(lambda a: _combined(a, right, lambda x, y: x / y), left)
+    return entrywise(partial(_combined, operator.truediv), left, right)
 
 
 def transposed(value: Value) -> Value:
@@ -184,14 +186,6 @@ def pairs(left: Value, right: Value) -> list[tuple[Scalar, Scalar]]:
     return list(zip(one.ravel(), np.broadcast_to(two.ravel(), (one.size,)), strict=True))
 
 
-def _of_same_shape(function: Callable[..., Any], left: Value, right: Value) -> Value:
-    left, right = _blocks(left, right), _blocks(right, left)
-    shapes = [value.shape if isinstance(value, np.ndarray) else () for value in (left, right)]
-    if shapes[0] != shapes[1]:
-        raise ModelError(f"values of shapes {shapes[0]} and {shapes[1]} have no sum")
-    return entrywise(function, left, right)
-
-
 def _blocks(value: Value, other: Value) -> Value:
     """An array of matrices beside a matrix of as many numbers: its blocks one below the other."""
     if isinstance(value, np.ndarray) and isinstance(other, np.ndarray) and (value.ndim, other.ndim) == (3, 2):
@@ -199,14 +193,17 @@ def _blocks(value: Value, other: Value) -> Value:
     return value
 
 
-def _combined(left: Scalar, right: Scalar, operation: Callable[[Any, Any], Any]) -> Scalar:
+def _combined(operation: Callable[[Any, Any], Any], left: Scalar, right: Scalar) -> Any:
     """Exact for two fractions; an enclosure for constants; else an expression."""
     if isinstance(left, Fraction) and isinstance(right, Fraction):
-        return operation(left, right)  # type: ignore[no-any-return]
+        return operation(left, right)
     if isinstance(left, Expr) or isinstance(right, Expr):
-        return operation(as_operand(left), as_operand(right))  # type: ignore[no-any-return]
+        return operation(as_operand(left), as_operand(right))
     found = operation(interval_of(left), interval_of(right))
     return Data(found) if isinstance(left, Data) or isinstance(right, Data) else found
+
+
+_sum, _product = partial(_combined, operator.add), partial(_combined, operator.mul)
 
 
 def interval_of(value: Value) -> Interval:
@@ -226,25 +223,6 @@ def _boxed(value: Value) -> Array:
     out = np.empty((), dtype=object)
     out[()] = value
     return out
-
-
-def _scalar(value: Value) -> Scalar:
-    if isinstance(value, np.ndarray):
-        raise ModelError("an array stands where a number should")
-    return value
-
-
-def _single(arguments: list[Value], name: str) -> Any:
-    if len(arguments) != 1:
-        raise ModelError(f"{name} does not take {len(arguments)} arguments")
-    return arguments[0]
-
-
-def _total(parts: list[Scalar]) -> Scalar:
-    total = parts[0]
-    for part in parts[1:]:
-        total = _combined(total, part, lambda x, y: x + y)
-    return total
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -348,9 +326,9 @@ def gradient(expression: Expr, by: Sequence[Expr]) -> list[Expr]:
             continue
         if node.op not in _PARTIALS:
             raise ModelError(f"the derivative of {node.op!r} has no formula here")
-        for arg, partial in zip(node.args, _PARTIALS[node.op](node, node.args), strict=True):
+        for arg, slope in zip(node.args, _PARTIALS[node.op](node, node.args), strict=True):
             if arg.digest in holding:
-                step = _times(total[node.digest], partial)
+                step = _times(total[node.digest], slope)
                 total[arg.digest] = total[arg.digest] + step if arg.digest in total else step
     return [total.get(component.digest, as_expr(0.0)) for component in by]
 
@@ -369,33 +347,24 @@ def _times(factor: Expr, partial: Any) -> Expr:
 _PARTIAL = {"sqrt", "log", "log1p", "div", "pow", "asin", "acos", "tan", "atan2"}  # not defined everywhere
 
 
-def _diff(arguments: list[Value]) -> Value:
+def _diff(*arguments: Value) -> Value:
     """A number for one component, else a row, one entry a component; of a vector a row for each entry."""
     if len(arguments) < 2:
         raise ModelError("diff takes an expression, and the variables to differentiate it by")
-    by = [entry for variable in arguments[1:] for entry in np.ravel(np.asarray(variable, dtype=object))]
-    if not all(isinstance(entry, Expr) and _is_component(entry) for entry in by):
+    of, *variables = arguments
+    by: list[Any] = [entry for variable in variables for entry, _ in pairs(variable, Fraction(0))]
+    leaves = [e.args[0] if isinstance(e, Expr) and e.op == "index" else e for e in by]
+    if not all(isinstance(leaf, Expr) and leaf.op == "variable" for leaf in leaves):
         raise ModelError("diff differentiates by variables: name them, or entries of them")
-    of = [as_operand(entry) for entry in np.ravel(np.asarray(arguments[0], dtype=object))]
-    rows = [gradient(e, by) if isinstance(e, Expr) else [Interval(0.0, 0.0)] * len(by) for e in of]
-    if len(of) == len(by) == 1:
+    parts = [as_operand(entry) for entry, _ in pairs(of, Fraction(0))]
+    rows = [gradient(e, by) if isinstance(e, Expr) else [Interval(0.0, 0.0)] * len(by) for e in parts]
+    if len(parts) == len(by) == 1:
         return rows[0][0]
-    return flattened(array_of([entry for row in rows for entry in row], (len(of), len(by))))
+    return flattened(array_of([entry for row in rows for entry in row], (len(parts), len(by))))
 
 
-def _is_component(expression: Expr) -> bool:
-    leaf = expression.args[0] if expression.op == "index" else expression
-    return leaf.op == "variable"
-
-
-def _chi(arguments: list[Value]) -> Value:
-    """b where a <= 0, else c."""
-    if len(arguments) != 3:
-        raise ModelError("chi takes three arguments: chi(a, b, c) is b where a <= 0, else c")
-    return entrywise(_chosen, *arguments)
-
-
-def _chosen(condition: Value, low: Value, high: Value) -> Any:
+def _chi(condition: Value, low: Value, high: Value) -> Any:
+    """The one where the condition is <= 0, else the other."""
     for part in (low, high):
         if isinstance(part, Expr) and any(
             (node.op in _PARTIAL or (node.op == "power" and node.parameter < 0)) for node in topological((part,))
@@ -410,28 +379,11 @@ def _chosen(condition: Value, low: Value, high: Value) -> Any:
     return as_operand(low) * (1.0 - above) + as_operand(high) * above
 
 
-def _end(name: str, of: Callable[[Interval], float]) -> Callable[[list[Value]], Value]:
-    def found(arguments: list[Value]) -> Value:
-        if len(arguments) != 1:
-            raise ModelError(f"{name} takes one argument, not {len(arguments)}")
-        return entrywise(lambda value: Interval(of(interval_of(value)), of(interval_of(value))), arguments[0])
-
-    return found
-
-
-def _middle(interval: Interval) -> float:
+def _middle(value: Value) -> Interval:
+    interval = interval_of(value)
     if not interval.is_bounded:
         raise ModelError("an interval without bounds has no middle")
-    return interval.mid
-
-
-def _hyperbolic(name: str, of: Callable[[Value], Value]) -> Callable[[list[Value]], Value]:
-    def found(arguments: list[Value]) -> Value:
-        if len(arguments) != 1:
-            raise ModelError(f"{name} takes one argument, not {len(arguments)}")
-        return entrywise(of, arguments[0])
-
-    return found
+    return Interval(interval.mid)
 
 
 def _asinh(x: Value) -> Value:
@@ -441,22 +393,27 @@ def _asinh(x: Value) -> Value:
     return minus(up, down)
 
 
-def _acosh(x: Value) -> Value:
-    return applied("log", [plus(x, applied("sqrt", [minus(power(x, Fraction(2)), Fraction(1))]))])
+def _form(name: str, takes: str, count: int, of: Callable[..., Any]) -> Callable[..., Value]:
+    """A function of so many numbers, entry by entry of arrays."""
+
+    def found(*arguments: Value) -> Value:
+        if len(arguments) != count:
+            raise ModelError(f"{name} takes {takes}" + (f", not {len(arguments)}" if count == 1 else ""))
+        return entrywise(of, *arguments)
+
+    return found
 
 
-def _atanh(x: Value) -> Value:
-    return times(Fraction(1, 2), minus(applied("log1p", [x]), applied("log1p", [negative(x)])))
-
-
-FORMS: dict[str, Callable[[list[Value]], Value]] = {
+_OF_ONE: dict[str, Callable[[Value], Any]] = {
+    "inf": lambda x: Interval(interval_of(x).lo),
+    "sup": lambda x: Interval(interval_of(x).hi),
+    "mid": _middle,
+    "acosh": lambda x: applied("log", [plus(x, applied("sqrt", [minus(power(x, Fraction(2)), Fraction(1))]))]),
+    "asinh": _asinh,
+    "atanh": lambda x: times(Fraction(1, 2), minus(applied("log1p", [x]), applied("log1p", [negative(x)]))),
+}
+FORMS = {name: _form(name, "one argument", 1, of) for name, of in _OF_ONE.items()} | {
     "diff": _diff,
-    "chi": _chi,
-    "inf": _end("inf", lambda interval: interval.lo),
-    "sup": _end("sup", lambda interval: interval.hi),
-    "mid": _end("mid", _middle),
-    "acosh": _hyperbolic("acosh", _acosh),
-    "asinh": _hyperbolic("asinh", _asinh),
-    "atanh": _hyperbolic("atanh", _atanh),
+    "chi": _form("chi", "three arguments: chi(a, b, c) is b where a <= 0, else c", 3, _chi),
 }
 RESERVED = (*FUNCTIONS, *FORMS, "integer", "sum")
