@@ -168,7 +168,8 @@ class Expander:
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
         monomials, coefficients = self._operation(node, args)
         if node.digest not in self._keep:
-            self._keep[node.digest] = coef.occurring_terms(coefficients) | np.array([m == () for m in monomials])
+            constant = np.array([m == () for m in monomials], np.bool_)
+            self._keep[node.digest] = coef.occurring_terms(coefficients) | constant
         keep = self._keep[node.digest]
         if not keep.all():
             monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
