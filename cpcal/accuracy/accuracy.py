@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from fractions import Fraction as F
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.certified_set import CertifiedSet, certified_set
+from cpcal.accuracy.certified_set import CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.accuracy.findings import (
     Accuracy,
     AssumedError,
@@ -24,9 +26,9 @@ from cpcal.accuracy.findings import (
 )
 from cpcal.accuracy.model_error import Growth, growth
 from cpcal.accuracy.next_poses import next_poses
-from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
 from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.calibration import fit
+from cpcal.checker.platform import LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
@@ -34,8 +36,6 @@ from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.legs import PLAIN, beyond_legs, fit_model
 from cpcal.questions import CampaignNote, Result
-from cpcal.questions.bracket import PreparedLeg, by_bound
-from cpcal.questions.question import Question
 from cpcal.robot import (
     Campaign,
     Mechanisms,
@@ -53,35 +53,11 @@ from cpcal.robot import (
 from cpcal.robot.robot import joint_phases
 from cpcal.simulate.assembly import assembled_with
 from cpcal.simulate.campaigns import streams, true_robot
-
-# ------------------------------------------------------------------------------------------------------------------
-# The certified sets of an accuracy run, as far as certificates hold them: a box around each, for the checker.
-#
-# The bounds of poses rest on the sets' support functions, which are tighter than the boxes and proved in interval
-# arithmetic only. What the checker proves is where all of it begins: that with the model error that is assumed all
-# parameters of a leg lie in a box, or that there are none.
+from cpcal.solver.certificate.exact_network import free
 
 PREFIX = "set-"  # of the certificates' names
-
-
-def certified_boxes(
-    campaign: Campaign, result: Result, assumed: Sequence[AssumedError], folder: Path
-) -> tuple[CertifiedBox, ...]:
-    """Write `set-legN.cert.jsonl` into the folder for each leg, and say what they prove."""
-    out = []
-    for leg, error in zip(result.legs, assumed, strict=True):
-        options = replace(result.options, eps=error.eps, tolerance=None, method="bound")
-        question = Question(campaign=campaign, options=options, certificates=folder, prefix=PREFIX)
-        center = np.array(leg.bracket.center)
-        start = np.append(leg.bracket.center if leg.bracket.point is None else leg.bracket.point, error.eps)
-        found = by_bound(PreparedLeg.of(question, leg.leg, center), start, lambda _: None)
-        box = found.minimum.enclosure
-        sides = (tuple(map(float, side[:7])) for side in (box.lo, box.hi))
-        lo, hi = ((), ()) if box.is_empty else sides
-        out.append(CertifiedBox(leg.leg, error.eps, lo, hi, found.certificate))
-    return tuple(out)
-
-
+WITHIN = 20.0, 0.1  # mm, rad: of the poses that are commanded; about others nothing is said
+MOST_POSES = 1000  # which a certificate can hold
 CONTROLLERS = ("nominal", "fit", "proved")
 _WORST = 4  # poses, for which next poses are chosen
 Told = Callable[[str], None]
@@ -116,7 +92,8 @@ def certify_accuracy(
 
     PROVED under what is ASSUMED: for each leg some parameters, within `delta` mm of the center as in the result,
     satisfy its equation to within `model_error` mm at the calibration poses (each for SOME reading in its set) and at
-    every pose spoken of; and the platform stays on the controller's assembly branch. `model_error` is one number, or
+    every pose spoken of; and the platform is within 20 mm and 0.1 rad (each component) of the pose commanded, or for a
+    workspace stays on the controller's assembly branch. `model_error` is one number, or
     one for each leg; left out, it is suggested by how the least error grows over the poses of the campaign and of
     `validation`, a campaign in the same frames.
 
@@ -125,7 +102,8 @@ def certify_accuracy(
     is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
     each of two rules (estimates). `truth`: gives the true poses of a simulated robot
     (default: of what `cpcal simulate` wrote). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
-    leg that its parameters lie in a box; the bounds of poses are proved in interval arithmetic, without certificates.
+    leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
+    the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
 
     Raises InputError for a run that this cannot be asked of: of another campaign or model, without all six legs.
     """
@@ -134,19 +112,28 @@ def certify_accuracy(
     if problems:
         raise InputError(problems)
     say = tell or (lambda _: None)
+    if poses is not None and len(poses.names) > MOST_POSES:
+        what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
+        raise InputError([Problem("poses", what, "ask for some of them at a time")])
     known = _controller(campaign, result, controller)
     robot = Robot.from_parameters("controller", known)
     assumed = _assumed(campaign, result, validation, model_error, say)
-    if certificates is not None:
-        say("certificates of the sets of parameters")
-    boxes = () if certificates is None else certified_boxes(campaign, result, assumed, Path(certificates))
-    sets, refuted = _certified_sets(campaign, result, known, assumed, say)
+    commanded = [] if poses is None else list(map(_commanded, poses.poses.position, poses.poses.quaternion))
+    with tempfile.TemporaryDirectory() as draft:
+        folder = Path(draft if certificates is None else certificates)
+        enclosed = _enclosed_legs(campaign, result, known, assumed, commanded, folder, say)
+    refuted = [leg for leg, one in enclosed.items() if one is None]
+    legs = [one for one in enclosed.values() if one is not None]
+    wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
+    sets = _certified_sets(campaign, result, known, assumed, say) if wanted else []
     at: tuple[PoseAccuracy, ...] = ()
     over = None
     if not refuted and poses is not None:
         say(f"{len(poses.names)} poses")
-        at = _at_poses(campaign, robot, sets, poses, truth or (lambda r, p: true_poses(campaign, r, p)))
-    if not refuted and workspace is not None:
+        at = _at_poses(
+            campaign, robot, legs, assumed, poses, commanded, truth or (lambda r, p: true_poses(campaign, r, p))
+        )
+    if sets and workspace is not None:
 
         def tell_cover(lo: float, hi: float) -> None:
             least, most = bracket_text(lo, hi, 4)
@@ -159,23 +146,66 @@ def certify_accuracy(
         controller=controller,
         parameters=tuple(tuple(map(float, row)) for row in known),
         delta=result.options.delta,
+        within=WITHIN,
         assumed=tuple(assumed),
-        boxes=boxes,
+        boxes=tuple(
+            CertifiedBox(
+                error.leg,
+                error.eps,
+                *(((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))),
+                f"{PREFIX}leg{error.leg}.cert.jsonl",
+            )
+            for error, one in zip(assumed, enclosed.values(), strict=True)
+        ),
         refuted=tuple(refuted),
         poses=at,
         workspace=over,
-        next_poses=_next(campaign, sets, at, over, next_poses) if sets and not refuted else (),
+        next_poses=_next(campaign, sets, at, over, next_poses) if sets else (),
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
 
 
+def _commanded(position: Floats, quaternion: Floats) -> Commanded:
+    return Commanded(_exact(position), _exact(quaternion))
+
+
+def _exact(values: Floats) -> tuple[F, ...]:
+    return tuple(map(F, values.tolist()))
+
+
+def _enclosed_legs(
+    campaign: Campaign,
+    result: Result,
+    known: Floats,
+    assumed: Sequence[AssumedError],
+    commanded: Sequence[Commanded],
+    folder: Path,
+    say: Told,
+) -> dict[int, EnclosedLeg | None]:
+    """By leg what its certificate, which is written, encloses under what is assumed; None: the campaign refutes it."""
+    found = {}
+    for leg, error in zip(result.legs, assumed, strict=True):
+        say(f"certificate of the set of leg {leg.leg}")
+        found[leg.leg] = enclosed_leg(
+            campaign,
+            leg.leg,
+            error.eps,
+            center=leg.bracket.center,
+            delta=result.options.delta,
+            controller=known[leg.leg - 1],
+            poses=commanded,
+            certificate=folder / f"{PREFIX}leg{leg.leg}.cert.jsonl",
+            contractors=result.options.contractors,
+        )
+    return found
+
+
 def _certified_sets(
     campaign: Campaign, result: Result, known: Floats, assumed: Sequence[AssumedError], say: Told
-) -> tuple[list[CertifiedSet], list[int]]:
-    """The set of each leg's parameters under what is assumed of it, and the legs for which there are none."""
+) -> list[CertifiedSet]:
+    """The set of each leg's parameters under what is assumed of it; none at all where one is empty."""
     sets: list[CertifiedSet] = []
-    refuted = []
     for leg, error in zip(result.legs, assumed, strict=True):
         say(f"certified set of leg {leg.leg}")
         found = certified_set(
@@ -187,9 +217,10 @@ def _certified_sets(
             controller=known[leg.leg - 1],
             contractors=result.options.contractors,
         )
-        refuted += [leg.leg] if found is None else []
-        sets += [] if found is None else [found]
-    return sets, refuted
+        if found is None:
+            return []
+        sets.append(found)
+    return sets
 
 
 def _problems(
@@ -252,35 +283,56 @@ def _assumed(
 
 
 def _at_poses(
-    campaign: Campaign, robot: Robot, sets: Sequence[CertifiedSet], named: NamedPoses, truth: Truth
+    campaign: Campaign,
+    robot: Robot,
+    legs: Sequence[EnclosedLeg],
+    assumed: Sequence[AssumedError],
+    named: NamedPoses,
+    commanded: Sequence[Commanded],
+    truth: Truth,
 ) -> tuple[PoseAccuracy, ...]:
     poses = named.poses
-    bounds = pose_bounds(poses, sets)
+    known = [_exact(row) for row in robot.parameters]
+    reach, turn = map(F, WITHIN)
     u_position, u_rotation = expanded_uncertainty(campaign, poses)
     really = truth(robot, poses)
     true = None if really is None else distances(really, poses)
-    length, turns = inverse_kinematics(robot, poses), rotation_vector(poses.quaternion)
+    length = inverse_kinematics(robot, poses)
     beyond = ((length < campaign.length.min(axis=0)) | (length > campaign.length.max(axis=0))).any(axis=1)
+    # of the leg's length, to first order
+    open_ = np.array(
+        [[float(one.forms[k][1] - one.forms[k][0]) for one in legs] for k in range(len(commanded))], np.float64
+    ).reshape(-1, LEGS)
+    for k, pose in enumerate(commanded):
+        open_[k] *= [0.5 * pose.millimetres(row) for row in known]
+    open_ += [error.eps for error in assumed]
+    shares = np.linalg.norm(np.linalg.pinv(pose_jacobian(robot, poses))[:, :3], axis=1) * open_
     out = []
     for k, name in enumerate(named.names):
+        at = [
+            Leg(row, one.lo, one.hi, F(error.eps), one.forms[k])
+            for row, one, error in zip(known, legs, assumed, strict=True)
+        ]
+        bounds = pose_bounds(commanded[k], at, reach, turn / 2, free)
         estimated = Estimated(
             float(u_position[k]),
             float(u_rotation[k]),
             None if true is None else float(true[0][k]),
             None if true is None else float(true[1][k]),
         )
-        lo, hi = _doubled(bounds, k)
+        w, x, y, z = map(float, poses.quaternion[k])
+        lo, hi, *sizes = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
         out.append(
             PoseAccuracy(
                 name=name,
                 position=_three(poses.position[k]),
-                rotation=_three(turns[k]),
-                proved=bool(bounds.proved[k]),
+                quaternion=(w, x, y, z),
+                proved=bounds is not None,
                 lo=lo,
                 hi=hi,
-                position_bound=float(bounds.position[k]),
-                rotation_bound=float(bounds.rotation[k]),
-                shares=tuple(map(float, bounds.share[k])),
+                position_bound=sizes[0],
+                rotation_bound=sizes[1],
+                shares=tuple(map(float, shares[k])),
                 beyond=bool(beyond[k]),
                 estimated=estimated,
             )
@@ -304,12 +356,6 @@ def _next(
     poses = np.array(rows)
     there = Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:])))
     return next_poses(campaign, sets, there, count)
-
-
-def _doubled(bounds: PoseBounds, k: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The box of (p, 2 s); twice a float is exact."""
-    factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    return tuple(map(float, factor * bounds.box.lo[k])), tuple(map(float, factor * bounds.box.hi[k]))
 
 
 def _over(workspace: Workspace, found: Covered) -> WorkspaceAccuracy:

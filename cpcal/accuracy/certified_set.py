@@ -16,18 +16,28 @@ the bounds, each from the multipliers of a linear program.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cpcal.checker.header import Given, with_forms
+from cpcal.checker.platform import Commanded
+from cpcal.checker.problem import Box as ExactBox
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
-from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network
+from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contractor, Repeat, SupportFunction
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.recording import WeightProver
+from cpcal.solver.certificate.row_prover import write_steps
+from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
+from cpcal.solver.network.expression import as_expr
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them
@@ -108,6 +118,115 @@ def certified_set(
         return None
     box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
     return CertifiedSet(leg=leg, eps=eps, controller=controller, box=box, basis=basis, along=along, support=support)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What certificates hold of the set: a box of x, and ranges of forms in x, one for each pose that is commanded.
+
+_FORMS = 64  # in one linear program
+_LOSS = 0.002  # of a width, given away for shorter numbers
+
+
+@dataclass(frozen=True)
+class EnclosedLeg:
+    """PROVED by its certificate: all x of the set lie from `lo` to `hi`, and each form in its range."""
+
+    lo: tuple[F, ...]
+    hi: tuple[F, ...]
+    forms: tuple[tuple[F, F], ...]
+
+
+def enclosed_leg(
+    campaign: Campaign,
+    leg: int,
+    eps: float,
+    *,
+    center: Sequence[float],
+    delta: float,
+    controller: Floats,
+    poses: Sequence[Commanded],
+    certificate: Path | None,
+    contractors: Sequence[str] = ("lifted",),
+) -> EnclosedLeg | None:
+    """S, as its certificate encloses it, which is written; None when it is proved to be empty.
+
+    Each pose has one form: by how much S lets the leg deviate from what `controller` (7,) believes there. Raises
+    InputError when none of the contractors gives weights.
+    """
+    known = tuple(F(float(v)) for v in controller)
+    forms = tuple(pose.form(known)[0] for pose in poses)
+    statement = leg_statement(campaign, leg, forms=forms)
+    limits = leg_box(np.asarray(center, np.float64), delta)
+
+    def network() -> ConstraintNetwork:
+        return leg_network(campaign, leg, limits, engine=get_arithmetic("float64"), eps=(eps, eps), model=PLAIN)
+
+    plain = network()
+    root = with_forms(ExactBox(*(tuple(map(F, side.tolist())) for side in (plain.domain.lo, plain.domain.hi))), forms)
+    names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
+    box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
+    steps: list[dict[str, Any]] = []
+
+    def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
+        nonlocal box
+        n, prover = len(plain.names), WeightProver(replace(statement, first=first), _LOSS)
+        own = np.r_[0:n, n + first : n + first + len(part.names) - n]
+        loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in contractors]
+        givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
+        if not givers:
+            what = f"none of {', '.join(contractors)} gives weights"
+            raise InputError([Problem("contractors", what, "certify with the contractor lifted")])
+        for _ in range(most):
+            before = box
+            for giver in givers:
+                proposed = giver.contract(Box(part.names, box.lo[own], box.hi[own]))
+                lo, hi = box.lo.copy(), box.hi.copy()
+                lo[own], hi[own] = proposed.box.lo, proposed.box.hi
+                name = {old: names[k] for old, k in zip(part.names, own, strict=True)}
+                named = [s if s.variable is None else replace(s, variable=name[s.variable]) for s in proposed.steps]
+                proof = prover(box, replace(proposed, box=box.with_bounds(lo, hi), steps=tuple(named)))
+                box = proof.box
+                if proof.record is not None:
+                    steps.append(proof.record)
+                if box.is_empty:
+                    return
+            if not shrunk(before.width[:n], box.width[:n], _SETTLED):
+                return
+
+    contracted(plain, 0, _PASSES)
+    for first in range(0, len(forms), _FORMS):
+        if not box.is_empty:
+            contracted(_with_forms(network(), forms[first : first + _FORMS], box), first, 1)
+    left = None if box.is_empty else ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi)))
+    if certificate is not None:
+        (header,) = statement.header(plain.domain)
+        write_steps(certificate, header, left, steps, number(eps))
+    if left is None:
+        return None
+    return EnclosedLeg(left.lo[:7], left.hi[:7], tuple(zip(left.lo[8:], left.hi[8:], strict=True)))
+
+
+def _with_forms(network: ConstraintNetwork, forms: Sequence[Given], box: Box) -> ConstraintNetwork:
+    """With an unknown for each form; coefficients rounded, for nothing of it is trusted."""
+    a, b, offset, _ = network.variables
+    constant, linear, squares, products = (np.zeros((len(forms), *of)) for of in ((), (7,), (7,), (3, 3)))
+    for k, form in enumerate(forms):
+        for m, c in form:
+            if not m:
+                constant[k] = float(c)
+            elif len(m) == 1:
+                linear[k, m[0]] = float(c)
+            elif m[0] == m[1]:
+                squares[k, m[0]] = float(c)
+            else:
+                products[k, m[0], m[1] - 3] = float(c)
+    value = network.variable("form", len(forms), (box.lo[-len(forms) :].min(), box.hi[-len(forms) :].max()))
+    total = (
+        constant + linear[:, :3] @ a + linear[:, 3:6] @ b + linear[:, 6] * offset + (as_expr(products) @ b * a).sum(-1)
+    )
+    total = total + squares[:, :3] @ sqr(a) + squares[:, 3:6] @ sqr(b) + squares[:, 6] * sqr(offset)
+    network.add(total - value == 0.0)
+    return network
 
 
 def _network(

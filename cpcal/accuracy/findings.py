@@ -11,10 +11,13 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.questions import CampaignNote
+from cpcal.robot import rotation_vector
 
-FORMAT = "cpcal-accuracy/4"
+FORMAT = "cpcal-accuracy/5"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -37,14 +40,14 @@ class AssumedError:
 
 @dataclass(frozen=True)
 class CertifiedBox:
-    """PROVED, by the `certificate` where there is one: all parameters (a, b, l) of the leg with a model error up to
-    `eps` lie from `lo` to `hi`, mm; both are empty where there are none."""
+    """PROVED, by the `certificate`: all parameters (a, b, l) of the leg with a model error up to `eps` lie from `lo` to
+    `hi`, mm; both are empty where there are none."""
 
-    leg: int = field(metadata=checked("the certificate: each leg once", "certificate"))
-    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
-    lo: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate", "certificate"))
-    hi: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate", "certificate"))
-    certificate: str | None = field(metadata=checked("a file of the folder, which is accepted"))
+    leg: int = field(metadata=checked("the certificate: each leg once"))
+    eps: float = field(metadata=checked("the cap of the certificate"))
+    lo: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
+    hi: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
+    certificate: str = field(metadata=checked("a file of the folder, which is accepted"))
 
 
 @dataclass(frozen=True)
@@ -59,27 +62,36 @@ class Estimated:
     true_rotation: float | None = None
 
 
+_AGAIN = "computed again from the claims of the certificates"
+
+
 @dataclass(frozen=True)
 class PoseAccuracy:
-    """One pose that the controller commands, its rotation as a rotation vector.
+    """One pose (P, R) that the controller commands.
 
-    PROVED under the assumption, where `proved`: the true pose is P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each),
-    ||p|| <= `position_bound` and the angle at most `rotation_bound`; infinite where nothing is proved. `shares`: to
-    first order, by how much what is not known of each leg can move the platform. `beyond`: a leg's length at this pose
-    lies outside of those that were measured.
+    PROVED under the assumption, where `proved`: every pose `within` the box that was asked for which the legs allow is
+    P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
+    `rotation_bound`; infinite where nothing is proved. `shares`: to first order, by how much what is not known of each
+    leg can move the platform. `beyond`: a leg's length at this pose lies outside of those that were measured.
     """
 
-    name: str
-    position: tuple[float, float, float]
-    rotation: tuple[float, float, float]
-    proved: bool
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
-    position_bound: float
-    rotation_bound: float
-    shares: tuple[float, ...]
-    beyond: bool
-    estimated: Estimated
+    name: str = field(metadata=INFORMED)
+    position: tuple[float, float, float] = field(metadata=checked("the form of this pose in each certificate"))
+    quaternion: tuple[float, float, float, float] = field(metadata=checked("the form in each certificate"))
+    proved: bool = field(metadata=checked("`lo` to `rotation_bound` are proved"))
+    lo: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
+    hi: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
+    position_bound: float = field(metadata=checked(_AGAIN, "proved"))
+    rotation_bound: float = field(metadata=checked(_AGAIN, "proved"))
+    shares: tuple[float, ...] = field(metadata=INFORMED)
+    beyond: bool = field(metadata=INFORMED)
+    estimated: Estimated = field(metadata=INFORMED)
+
+    @property
+    def rotation(self) -> tuple[float, float, float]:
+        """As a rotation vector."""
+        x, y, z = rotation_vector(np.array(self.quaternion)).tolist()
+        return x, y, z
 
     @property
     def violated(self) -> bool:
@@ -144,18 +156,20 @@ class NextPose:
 class Accuracy:
     """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions.
 
-    The parameters that are spoken of lie within `delta` mm of the center of the run."""
+    The parameters that are spoken of lie within `delta` mm of the center of the run, the poses `within` so many mm and
+    rad (each component of a rotation vector) of those that are commanded."""
 
     campaign: CampaignNote
     version: str = field(metadata=INFORMED)
     controller: str = field(metadata=INFORMED)
-    parameters: tuple[tuple[float, ...], ...] = field(metadata=INFORMED)
+    parameters: tuple[tuple[float, ...], ...] = field(metadata=checked("the forms of the certificates"))
     delta: float = field(metadata=checked("the box of each certificate"))
+    within: tuple[float, float] = field(metadata=checked("what is computed again begins with it"))
     assumed: tuple[AssumedError, ...] = field(metadata=INFORMED)
-    boxes: tuple[CertifiedBox, ...]  # around the sets of parameters; none where no certificates were asked for
+    boxes: tuple[CertifiedBox, ...]  # around the sets of parameters
     # legs for which the campaign refutes what is assumed: nothing else is said then
-    refuted: tuple[int, ...] = field(metadata=INFORMED)
-    poses: tuple[PoseAccuracy, ...] = field(metadata=INFORMED)
+    refuted: tuple[int, ...] = field(metadata=checked("the certificates that claim that there are no parameters"))
+    poses: tuple[PoseAccuracy, ...]
     workspace: WorkspaceAccuracy | None = field(metadata=INFORMED)
     next_poses: tuple[NextPose, ...] = field(metadata=INFORMED)
     truth_known: bool = field(metadata=INFORMED)

@@ -90,7 +90,8 @@ class _Check:
         self.last: tuple[Row, ...] = ()
 
     def accepted(self, header: dict[str, Any]) -> Accepted:
-        self.about = header.get("campaign"), header.get("leg"), self.problem.model, self.problem.chosen
+        p = self.problem
+        self.about = header.get("campaign"), header.get("leg"), p.model, p.chosen, p.forms
         self.claims = self._claims(self.lines.following("the claims"))
         for step in self.lines:
             self.steps += 1
@@ -103,7 +104,7 @@ class _Check:
             leg=header.get("leg"), model=p.model, about=about, campaign=header.get("campaign"), unknowns=p.unknowns,
             objective=p.objective, count=p.count, chosen=p.chosen, lo=self.root.lo, hi=self.root.hi,
             claims=self.claims, used=frozenset(self.used), steps=self.steps,
-            last=self.last,
+            last=self.last, forms=p.forms,
         )  # fmt: skip
 
     # the claims ---------------------------------------------------------------------------------------------------

@@ -49,3 +49,4 @@ class Accepted:
     used: frozenset[int]  # measurements with a weight in some step
     steps: int
     last: tuple[tuple[str, int, str], ...] = ()  # rows of the last step
+    forms: tuple[tuple[tuple[tuple[int, ...], F], ...], ...] = ()  # polynomials that are unknowns, of a leg

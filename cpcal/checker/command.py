@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, STUDY_NAME, WORK
+from .files import ACCURACY_NAME, POSE_SET_SUFFIX, STUDY_NAME, WORK
 from .refusal import Refused, Unusable
 from .run import RobustChecked, check_run
 
@@ -30,6 +30,8 @@ def main(arguments: Sequence[str]) -> int:
             return _pose_sets(given.target, given.work or 0)
         if (given.target / STUDY_NAME).is_file():
             return _hand_eye(given.target, given.work)
+        if (given.target / ACCURACY_NAME).is_file():
+            return _accuracy(given.target, given.work or 0)
         if given.target.is_dir():
             return _run(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
@@ -77,6 +79,14 @@ def _hand_eye(folder: Path, work: int | None) -> int:
         print(sentence)
     print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")
     return PROVED if all(accepted for accepted, _ in found) else REFUSED
+
+
+def _accuracy(folder: Path, work: int) -> int:
+    from .platform import check_accuracy
+
+    for _, sentence in check_accuracy(folder, work=work):
+        print(sentence)
+    return PROVED
 
 
 def _pose_sets(target: Path, work: int) -> int:

@@ -19,6 +19,7 @@ _A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond
 A_FILE = 10_000  # at least
 POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
 STUDY_NAME = "study.json"  # of hand-eye runs
+ACCURACY_NAME = "accuracy.json"
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 

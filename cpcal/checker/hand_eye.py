@@ -23,7 +23,7 @@ from .header import FORMAT
 from .lens import Cameras
 from .problem import Box, Problem
 from .program import dyadics
-from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, whole
+from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, up, whole
 from .refusal import Refused, Unusable
 from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
@@ -187,12 +187,6 @@ def largest(excess: Iterable[F | None]) -> F | None:
     return worst
 
 
-def above(value: F) -> float:
-    """The least float64 that is not below a number that is not negative."""
-    near = float(value)
-    return near if F(near) >= value else nextafter(near, inf)
-
-
 def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
     """Lower and upper ends (12): position in mm, turn in degrees from the frames `about` (14), of X and of F.
 
@@ -203,8 +197,8 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     """
     low, high = list[float](), list[float]()
     for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
-        low += [-_up(-lo[i]) for i in shift]
-        high += [_up(hi[i]) for i in shift]
+        low += [-up(-lo[i]) for i in shift]
+        high += [up(hi[i]) for i in shift]
         rows, norm = rotation(dyadics(about[place + 3 : place + 7]).values)
         product = [[_inner([(lo[i], hi[i]) for i in turn[3 * a : 3 * a + 3]], row, norm) for row in rows] for a in AXES]
         ends = ((end - (a == b) for end in product[a][b]) for a in AXES for b in AXES)
@@ -228,12 +222,7 @@ def _inner(row: Sequence[Interval], numbers: Sequence[int], norm: int) -> Interv
 def _degrees(sine: F, factor: F) -> float:
     """An upper bound in degrees of a component, whose sine-weighted value is at most this."""
     value = sine * factor if sine >= 0 else sine  # of a negative one the factor 1 is the safe one
-    return _up(value * 180 / F(nextafter(pi, 0.0 if value >= 0 else inf)))
-
-
-def _up(value: F) -> float:
-    near = float(value)
-    return near if F(near) >= value else nextafter(near, inf)
+    return up(value * 180 / F(nextafter(pi, 0.0 if value >= 0 else inf)))
 
 
 # certificates -------------------------------------------------------------------------------------------------------
@@ -413,12 +402,12 @@ class _Run:
         worst = largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
         if worst is None:
             raise Refused("states a point that puts the target behind the camera")
-        if exact(self.result["eps_hi"]) != F(above(worst)):
+        if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
         angle = self.asked["angle"]
         if not holds(point, self.center, exact(self.asked["reach"]), None if angle is None else exact(angle)):
             raise Refused("states a point that is not in the box")
-        return above(worst)
+        return up(worst)
 
     def box_said(self) -> str:
         angle = self.asked["angle"]
@@ -494,10 +483,10 @@ class _HandEye(_Run):
                 raise Refused(f"puts points of {shown(name)} behind the camera")
             worst, failing = max(worst, one), failing + (one > eps)
             compare([
-                ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(above(one))),
+                ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(up(one))),
                 ("verdict on an image", verdict["ok"], one <= eps),
             ])  # fmt: skip
-        same("largest error", exact(said["largest"]), F(above(worst)))
+        same("largest error", exact(said["largest"]), F(up(worst)))
         return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(study.images)} images"
 
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction as F
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +19,18 @@ from .readers import anything, ascending, choice, dyadic, entry, many, maybe, re
 from .refusal import Refused
 
 FORMAT = "cpcal-certificate/4"
+Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 _MOST_UNKNOWNS = 1000
 _MOST_CONSTRAINTS = 100_000
+_MOST_FORMS = 1000
 _MOST_TERMS = 400_000  # of all constraints
 _MOST_FIELDS = 100_000_000  # of these terms, each of so many unknowns
 _HIGHEST = 8  # degree
 
 _OF_A_LEG = re.compile("leg [0-9]+, model (.*), campaign [0-9a-f]{64}")  # what the certificates of a run say
 _BOX = {"lo": many(dyadic), "hi": many(dyadic)}
+_POLYNOMIAL = many(entry(many(whole(_MOST_UNKNOWNS)), dyadic))
+_FORMS = many(_POLYNOMIAL)
 _LEG = record(
     {
         "format": anything,
@@ -59,6 +66,10 @@ def problem_of(
 def _leg(
     header: dict[str, Any], lines: Lines, certificate: Path, given: Path | ExactCampaign | None
 ) -> tuple[Problem, Box]:
+    forms: tuple[Given, ...] = ()
+    if "forms" in header:
+        header = dict(header)
+        forms = _FORMS(header.pop("forms"))
     _, digest, leg, model, count, only, lo, hi = _LEG(header)
     campaign = beside(certificate, digest) if given is None else given
     if isinstance(campaign, Path):
@@ -69,11 +80,22 @@ def _leg(
         raise Refused(f"the campaign has {campaign.legs} legs and {len(campaign)} measurements")
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
-    problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
-    root = _box(lo, hi, len(problem.unknowns))
+    if len(forms) > _MOST_FORMS or any(v >= 7 for form in forms for m, _ in form for v in m):
+        raise Refused(f"there are at most {_MOST_FORMS} forms, in the first seven unknowns")
+    stated = [polynomial(form, lines.spend) for form in forms]
+    problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only, stated)
+    root = _box(lo, hi, len(problem.unknowns) - len(forms))
     if root.lo[-1] < 0:
         raise Refused("eps is negative in the box of the problem")
-    return problem, root
+    return replace(problem, forms=forms), with_forms(root, forms)
+
+
+def with_forms(root: Box, forms: Sequence[Given]) -> Box:
+    """With a power of two for each form that none of its values on the box is above."""
+    most = [max(-a, b) for a, b in zip(root.lo, root.hi, strict=True)]
+    sizes = (sum(abs(c) * prod(most[v] for v in m) for m, c in form) for form in forms)
+    ends = [F(1 << size.__floor__().bit_length()) for size in sizes]
+    return Box((*root.lo, *(-end for end in ends)), (*root.hi, *ends))
 
 
 def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
@@ -102,7 +124,7 @@ def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
     return problem, root
 
 
-def polynomial(given: tuple[tuple[tuple[int, ...], F], ...], spend: Spend) -> Polynomial:
+def polynomial(given: Given, spend: Spend) -> Polynomial:
     """Of monomials, as their unknowns, and coefficients."""
     if any(len(m) > _HIGHEST or list(m) != sorted(m) for m, _ in given) or len({m for m, _ in given}) < len(given):
         raise Refused(f"monomials are sorted, of degree at most {_HIGHEST}, and stand once each")

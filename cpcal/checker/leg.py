@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, shortened, signed, unknown
-from .problem import ENDS, SIDES, Problem, Unknowns, beyond
+from .problem import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 from .program import Column, Degree, Formula, Program, Traced, dyadics
 from .readers import shown
 from .refusal import Refused
@@ -42,14 +42,30 @@ class Measurement:
         return F(self.given[-1]) - F(self.radii[-1])
 
 
-def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
-    """`count` measurements of a leg, or `only` those."""
+def leg_problem(
+    rows: Callable[[int], Measurement],
+    count: int,
+    model: str,
+    only: tuple[int, ...] | None,
+    forms: Sequence[Polynomial] = (),
+) -> Problem:
+    """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
+    each is equal to its polynomial is a constraint beyond the measurements."""
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
+    n, nothing = len(names), [Polynomial({}, 0, form.spend) for form in forms[:1]]
+    stated = [
+        Constraint(form - Polynomial({unknown(n + m): 1}, 0, form.spend), *nothing, *nothing)
+        for m, form in enumerate(forms)
+    ]
+
+    def constraint(k: int, x: Unknowns, signs: str, way: int) -> LegConstraint | Constraint:
+        return LegConstraint(known(k), model, x.first(n), signs, way) if k < count else stated[k - count].on(x.images)
+
     chosen = tuple(range(count)) if only is None else only
     return Problem(
-        names, len(names) - 1, count, chosen,
-        lambda k, x, signs, way: LegConstraint(known(k), model, x, signs, way), lambda k: known(k).radii,
-        (*SIDES, "length"), (*SIDES, "length", "eps"), model, settled_legs, held_legs,
+        (*names, *(f"form {m}" for m in range(len(forms)))), n - 1, count + len(forms),
+        (*chosen, *range(count, count + len(forms))), constraint, lambda k: known(k).radii if k < count else (),
+        (*SIDES, "length"), (*SIDES, "length", "eps"), model, settled=settled_legs, held=held_legs,
     )  # fmt: skip
 
 
@@ -116,8 +132,14 @@ def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tu
             yield from ((values, units) for _, *values in zip(batch[k : k + step], *found))  # noqa: B905 - endless ones
 
 
-def settled_legs(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
+def settled_legs(x: Unknowns, items: Sequence[LegConstraint | Constraint], side: str) -> Iterator[Polynomial]:
     """Their rows at the reference readings, less the penalties, in order; legs have one program."""
+    legs = [item for item in items if isinstance(item, LegConstraint)]
+    found = _settled(x, legs, side) if legs else iter(())
+    return (next(found) if isinstance(item, LegConstraint) else item.row(side, signed(len(x))) for item in items)
+
+
+def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
     bounded = side == "lower" and not legs[0].sure
     names = (side, "at_least", "factor") if bounded else (side,)
     formula = _formula(legs, names)

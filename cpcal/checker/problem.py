@@ -47,6 +47,7 @@ class Unknowns:
 
     def __init__(self, box: Box, spend: Spend) -> None:
         self.box, self.spend = box, spend
+        self._parts: dict[int, Unknowns] = {}
 
     def __len__(self) -> int:
         return len(self.box.lo)
@@ -72,6 +73,14 @@ class Unknowns:
         """middle + factor * the variable in that field."""
         number, u = constant(middle, self.spend), Polynomial({1 << FIELD * field: 1}, 0, self.spend)
         return number + u * constant(factor, self.spend)
+
+    def first(self, count: int) -> Unknowns:
+        """So many of them alone."""
+        if count == len(self):
+            return self
+        if count not in self._parts:
+            self._parts[count] = Unknowns(Box(self.box.lo[:count], self.box.hi[:count]), self.spend)
+        return self._parts[count]
 
     @cached_property
     def images(self) -> Kept:
@@ -171,6 +180,7 @@ class Problem:
     sides: tuple[str, ...] = SIDES
     conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
+    forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
     held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x

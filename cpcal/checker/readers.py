@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction as F
 from itertools import pairwise
-from math import isfinite
+from math import inf, isfinite, nextafter
 from typing import Any
 
 from .refusal import Refused
@@ -152,3 +152,9 @@ def finite(value: str) -> float:
     if not isfinite(number):
         raise Refused(f"the number {shown(value)} is too large for a float64")
     return number
+
+
+def up(value: F) -> float:
+    """The least float64 that is not below it."""
+    near = float(value)
+    return near if F(near) >= value else nextafter(near, inf)

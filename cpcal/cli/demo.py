@@ -303,7 +303,7 @@ def _images_found(
                 tuple(_pictures(done)),
             ),
             ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
-            ImagePart("Where time went", table=_time(done)),
+            ImagePart("Time", (_pace(done),)),
             ImagePart("Reading sets from pixels", (enclosed,), (head, *widths)),
             ImagePart("", (again,), (legs, *brackets)),
         )
@@ -366,14 +366,7 @@ def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
     return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)
 
 
-def _time(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    count = sum(found.measured for found in done.found.values())
-    work: dict[str, float] = {}
-    for found in done.found.values():
-        for stage, seconds in found.seconds.items():
-            work[stage] = work.get(stage, 0.0) + seconds
-    total = sum(work.values())
-    rows = [(stage, f"{seconds:.1f}", f"{1e3 * seconds / max(count, 1):.1f}") for stage, seconds in work.items()]
-    pace = f"{count / total:.0f}" if total > 0.0 else "—"
-    rows.append((f"all: {pace} images a second of work; the paper: {_PACE:.1f}", f"{total:.1f}", ""))
-    return (("stage", "work [s]", "an image [ms]"), *rows)
+def _pace(done: ImageStudy) -> str:
+    count, total = (sum(getattr(found, name) for found in done.found.values()) for name in ("measured", "seconds"))
+    pace = f"{count / total:.0f} images a second of work" if total > 0.0 else "No image was measured now"
+    return f"{pace}; the paper: {_PACE:.1f}."

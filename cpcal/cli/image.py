@@ -219,7 +219,7 @@ def detect(
 
     What is done is kept in FILE.journal: the same command, again, measures only images that are new. Ctrl-C loses
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
-    images with what was found, where residuals point, where time went.
+    images with what was found, where residuals point, time.
     """
     problems = []
     if calibrate and (camera or readings or table):
@@ -264,8 +264,7 @@ def detected(
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
     record("images", images=len(found.rows), poses=poses, measured=found.measured)
-    work = sum(found.seconds.values())
-    pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
+    pace = f"; {found.measured / found.seconds:.0f} images a second of work" if found.seconds > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
     shared = values_of(found.rows)[:, SHARED]
     if len(shared) and shared.any():

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.checker import Accepted, ExactCampaign, RobustChecked, Unusable
+from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
+from cpcal.checker import Accepted, ExactCampaign, Refused, RobustChecked, Unusable
 from cpcal.checker.leg import EXTRA
+from cpcal.checker.platform import check_accuracy
 from cpcal.checker.run import all_of_it
 from cpcal.cli.verify import Legs, Statement, of_folder, result_of, told
 from cpcal.common.errors import InputError, PluginError, Problem, Problems, printable
@@ -37,7 +38,6 @@ from cpcal.questions import (
     COMPARISON_NAME,
     INFORMATION,
     RESULT_NAME,
-    CampaignNote,
     Comparison,
     Entry,
     LegResult,
@@ -168,16 +168,14 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
 
 
 def of_others(folder: Path, claimed: Claimed) -> Iterator[Statement]:
-    """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
+    """Whether the certificates claim what the folder's compare.json or fits.json states."""
     from cpcal.questions.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
 
-    name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
+    name = next((name for name in (COMPARISON_NAME, FITS_NAME) if (folder / name).exists()), None)
     said: list[str] = []
     try:
         if name == COMPARISON_NAME:
             wrong = list(_other_comparison(folder, load_comparison(folder), claimed, said))
-        elif name == ACCURACY_NAME:
-            wrong = list(_other_sets(folder, load_accuracy(folder), claimed, said))
         else:
             wrong = [] if name is None else list(other_fits(folder, load_fits(folder), claimed))
     except InputError as error:
@@ -209,32 +207,16 @@ def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterato
     yield from differing(stated, replace(stated, campaign_sha256=digest, **both))
 
 
-def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, said: list[str]) -> Iterator[str]:
-    """The same of accuracy.json: of the sets of parameters. What else is to be said is `said`."""
-    campaign = load_campaign_json(folder)
-    digest, assumed = campaign_sha256(campaign), {error.leg: error.eps for error in stated.assumed}
-
-    def proved(box: CertifiedBox) -> CertifiedBox:
-        accepted = None if box.certificate is None else claimed.get(box.certificate)
-        if accepted is None or accepted.leg is None or not _of_all(accepted, digest, PLAIN.name):
-            return replace(box, certificate=None)
-        claims = accepted.claims
-        sides = ((), ()) if claims.infeasible or claims.enclosure is None else claims.enclosure
-        lo, hi = (tuple(map(float, side[: len(PARAMETERS)])) for side in sides)
-        return CertifiedBox(accepted.leg, float(claims.cap or 0), lo, hi, box.certificate)
-
-    named = [box.certificate for box in stated.boxes if box.certificate is not None]
-    yield from _repeated("boxes", [box.leg for box in stated.boxes])
-    yield from _unnamed(named, claimed)
-    yield from (f"the assumed error of leg {box.leg}" for box in stated.boxes if assumed.get(box.leg) != box.eps)
-    yield from ("delta" for name in named if name in claimed and not _speaks_of(claimed[name], stated.delta))
-    note = CampaignNote(digest, campaign.robot.name, len(campaign))
-    yield from differing(stated, replace(stated, campaign=note, boxes=tuple(map(proved, stated.boxes))))
-    for box in stated.boxes:
-        if box.certificate is None:
-            said.append(f"set of leg {box.leg}: NOT CERTIFIED")
-    proofs = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
-    said.append(f"{ACCURACY_NAME}: {proofs}")
+def of_accuracy(folder: Path) -> Iterator[Statement]:
+    """What is accepted of a folder that `cpcal accuracy` wrote. Raises InputError."""
+    try:
+        load_accuracy(folder)
+        yield from check_accuracy(folder)
+    except Unusable as reason:
+        raise InputError([Problem(str(folder), str(reason), "run cpcal accuracy again")]) from None
+    except (InputError, Refused) as reason:
+        said = reason.problems[0].what if isinstance(reason, InputError) else reason
+        yield False, f"{ACCURACY_NAME}: REFUSED, {str(said).removeprefix(f'{ACCURACY_NAME} ')}"
 
 
 def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: list[str]) -> Iterator[str]:

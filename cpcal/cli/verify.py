@@ -277,6 +277,10 @@ def of_folder(folder: Path) -> Iterator[Statement]:
         from cpcal.handeye.verify import verify_hand_eye
 
         yield from verify_hand_eye(folder)
+    elif heads == [ACCURACY.head]:
+        from cpcal.cli.verified import of_accuracy
+
+        yield from of_accuracy(folder)
     elif heads == [RUN.head]:
         with legs_beside(folder) as legs:
             from cpcal.cli.verified import of_run  # while the legs are being checked

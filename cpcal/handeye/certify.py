@@ -18,11 +18,11 @@ from cpcal.checker.hand_eye import (
     HAND_EYE_NAME,
     UNKNOWNS,
     Readings,
-    above,
     errors,
     largest,
     parameter_ranges,
 )
+from cpcal.checker.readers import up
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
@@ -284,7 +284,7 @@ def certify_hand_eye(
     point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
     worst = largest(errors(exact_study(study), point.numbers, exact_readings(readings)))
     assert worst is not None  # the fit keeps all points in front of the camera
-    eps_hi = above(worst)
+    eps_hi = up(worst)
     check_inside(asked, point)
     tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
     at = ranges_tolerance(eps_hi, tolerance)
@@ -442,5 +442,5 @@ def judged(study: HandEyeStudy, placed: PlacedFrames, readings: tuple[Reading, .
         if worst is None:
             what = f"puts points of {name} behind the camera"
             raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
-        verdicts.append(ImageVerdict(name, above(worst), worst <= F(tolerance)))
+        verdicts.append(ImageVerdict(name, up(worst), worst <= F(tolerance)))
     return Classical(readings, max((verdict.largest for verdict in verdicts), default=0.0), tuple(verdicts))

@@ -24,15 +24,13 @@ import numpy as np
 from cpcal.checker import FORMAT
 from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, asked_box
 from cpcal.checker.problem import Box
-from cpcal.common.files import replacing
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
 from cpcal.handeye.files import study_json
 from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.recording import line
-from cpcal.solver.certificate.row_prover import Contracted, System, contracted
+from cpcal.solver.certificate.row_prover import Contracted, System, contracted, write_steps
 
 Tell = Callable[[str], None]
 _ROTATIONS = frozenset((*R_X, *R_F))
@@ -125,14 +123,9 @@ class Proof:
 
     def write(self, folder: Path | None) -> None:
         """The certificate, and all that it rests on."""
-        for name, (header, found) in self.files.items() if folder is not None else ():
-            left = found.left
-            hull = None if left is None else {"lo": [number(v) for v in left.lo], "hi": [number(v) for v in left.hi]}
-            claims = {"cap": None, "infeasible": left is None, "epsilon": None, "enclosure": hull, "point": None}
-            assert folder is not None
-            with replacing(folder / name) as out:
-                for one in (header, claims, *found.steps):
-                    out.write(line(one).encode())
+        for name, (header, found) in self.files.items():
+            if folder is not None:
+                write_steps(folder / name, header, found.left, found.steps)
 
 
 class Prover:

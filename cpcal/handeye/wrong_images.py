@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.checker.hand_eye import WRONG_FORMAT, WRONG_NAME, above, errors, largest
+from cpcal.checker.hand_eye import WRONG_FORMAT, WRONG_NAME, errors, largest
+from cpcal.checker.readers import up
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
@@ -131,7 +132,7 @@ def find_wrong_images(
     point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
     worst = largest(errors(exact_study(part), point.numbers, exact_readings(readings)))
     assert worst is not None  # the fit keeps all points in front of the camera
-    eps_hi = above(worst)
+    eps_hi = up(worst)
     tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
     center = PlacedFrames.of(classical.frames)
     asked = (within or Within()).about(center)

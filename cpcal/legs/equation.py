@@ -16,6 +16,7 @@ import numpy.typing as npt
 from cpcal.calibration.diagnosis import vertical
 from cpcal.calibration.fit import least_squares
 from cpcal.calibration.leg_equations import LegEquations
+from cpcal.checker.header import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import Problem
 from cpcal.common.numbers import nearest
@@ -25,7 +26,7 @@ from cpcal.files import campaign_sha256
 from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
 from cpcal.robot.kinematics import rotation_numerators
-from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, network_statement
+from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, free, network_statement
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.kernels import add, at, div, mul, sub
@@ -254,14 +255,19 @@ def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
 
 
 def leg_statement(
-    campaign: Campaign, leg: int, only: tuple[int, ...] | None = None, model: str = PLAIN.name
+    campaign: Campaign,
+    leg: int,
+    only: tuple[int, ...] | None = None,
+    model: str = PLAIN.name,
+    forms: tuple[Given, ...] = (),
 ) -> LegStatement:
-    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending).
+    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending), and with `forms`.
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only)
-    return LegStatement(problem, campaign_sha256(campaign), leg, only)
+    stated = [polynomial(form, free) for form in forms]
+    problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only, stated)
+    return LegStatement(problem, campaign_sha256(campaign), leg, only, forms)
 
 
 def model_statement(

@@ -20,7 +20,7 @@ from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, Svg, tick
 # ------------------------------------------------------------------------------------------------------------------
 # Sentences: what is assumed, what is proved under it, what is only estimated.
 
-BRANCH = "The platform stays on the assembly branch that the controller means."
+BRANCH = "In a workspace the platform stays on the assembly branch that the controller means."
 
 
 def degrees_up(angle: float) -> str:
@@ -35,7 +35,10 @@ def assumption(found: Accuracy) -> str:
     whence = "stated by the user" if found.assumed[0].stated else "suggested by the growth of the least error"
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
-        f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). {BRANCH}"
+        f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). At a "
+        f"pose the platform is within {stated(found.within[0])} mm and {stated(found.within[1])} rad of it, along each "
+        "axis. "
+        f"{BRANCH if found.workspace is not None else ''}".rstrip()
     )
 
 
@@ -304,8 +307,9 @@ def _next(found: Accuracy) -> Iterator[Section]:
 
 def _origin(found: Accuracy) -> Section:
     proofs = (
-        "Linear programs, each bound from its multipliers, and interval Newton; outward-rounded arithmetic. No "
-        f"certificate holds these proofs: whoever doubts runs it again. {about(found.seconds)} s."
+        "Certificates hold what the legs allow; cpcal verify checks them and computes the bounds of poses again. The "
+        "bounds of a workspace come from linear programs and interval Newton in outward-rounded arithmetic, which no "
+        f"certificate holds. {about(found.seconds)} s."
     )
     campaign = (Mark(found.campaign.sha256, "code"), f", {found.campaign.measurements} measurements")
     return origin({"Campaign, SHA-256": campaign, "Proofs": proofs})

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.checker.hand_eye import above, errors, largest
+from cpcal.checker.hand_eye import errors, largest
+from cpcal.checker.readers import up
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up
 from cpcal.handeye.certify import HandEyeResult, exact_readings
 from cpcal.handeye.model import PlacedFrames, exact_study
@@ -209,7 +210,7 @@ def _wrong(study: HandEyeStudy, found: WrongImages) -> Section:
     drawn = []
     for k, name in enumerate(study.images):
         worst = largest(excess[n] for n in np.flatnonzero(study.image == k))
-        drawn.append((name, math.inf if worst is None else above(worst), k in kept))
+        drawn.append((name, math.inf if worst is None else up(worst), k in kept))
     svg = image_errors_svg(drawn, found.eps_hi, found.asked_tolerance, "Largest error of the best frames in each image")
     caption = (
         "Largest error of the best frames in each image, in exact arithmetic; those left out are marked. Full line: "

@@ -512,8 +512,8 @@ class Network(ConstraintNetwork):
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
         first that ends is the answer; `Paving.method` says which and why.
-        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
-        "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
+        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative" or "smear-max"
+        (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
         see `Paving`. `time_limit` and `node_limit` are `limits=Limits(seconds=..., nodes=...)`; the time counts from
         the call, and when it is over no function is compiled any more.

@@ -62,7 +62,6 @@ class CameraFit:
     """A state fitted to what was found in the views `rows` (v,) of those given.
 
     centers      (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used
-    free_camera  (9,) which of the camera's numbers move
     refine       whether the dots move
     plain        whether it is by least squares, of all dots that are used
     """
@@ -73,7 +72,6 @@ class CameraFit:
     state: State
     dots: Floats  # (n, 2) mm, as stated
     radius: float
-    free_camera: Bools
     refine: bool
     settled: bool = False
     plain: bool = False
@@ -104,7 +102,7 @@ class CameraFit:
 
     def basis(self) -> Floats:
         """(9 + 2n, k): steps of camera and dots that move the shared parameters."""
-        intrinsic = np.eye(9 + 2 * len(self.dots))[:, :9][:, self.free_camera]
+        intrinsic = np.eye(9 + 2 * len(self.dots))[:, :9]
         if not self.moving.any():
             return intrinsic
         x, y = (self.dots[self.moving] - self.dots[self.moving].mean(axis=0)).T
@@ -263,7 +261,6 @@ _BAD_SHARE = 0.5  # of the views
 _FOCAL_RANGE = (0.2, 20.0)  # of the image's longer side: else the homographies say nothing
 _ERROR_MAX = 0.02  # the largest standard error of focal length and centre, as a share of the focal length
 _REMEDY = "take 10 to 20 views with the target tilted by 20 to 30 degrees in different directions"
-_DISTORTION = CAMERA_NUMBERS[4:]
 
 
 class TargetView(NamedTuple):
@@ -314,8 +311,8 @@ class CalibratedView:
 class Calibration:
     """A camera from views of a target.
 
-    covariance   (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; zero where a number was held. From the stated covariances
-                 of the centres, times scale^2 where that is above 1
+    covariance   (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; from the stated covariances of the
+                 centres, times scale^2 where that is above 1
     rms          of all used residuals, pixels per axis
     scale        of the residuals in stated standard deviations: their root mean square, degrees of freedom counted
     views        in the order given
@@ -355,14 +352,13 @@ def calibrate_camera(
     size: tuple[int, int],
     *,
     refine_dots: bool = False,
-    fixed: Sequence[str] = (),
 ) -> Calibration:
     """The camera that took `views` of a target, in images of `size` (width, height) pixels.
 
     Least squares in pixels, weighted with the stated covariances, over the camera's nine numbers and all poses; with
     `refine_dots` over the dots' places too, up to shift, turn and scale, which stay those of the target (a dot seen in
-    fewer than three views stays where it is, and is not used). `fixed` names coefficients of the distortion that are
-    zero. Views and dots that do not fit the others are left out, and said.
+    fewer than three views stays where it is, and is not used). Views and dots that do not fit the others are left out,
+    and said.
 
     Raises InputError for values that are no views, NotCalibratedError where the views do not determine the camera.
     """
@@ -370,14 +366,10 @@ def calibrate_camera(
     problems = [problem for view in named for problem in _view_problems(view, len(target.dots))]
     if min(size) < 1:
         problems.append(Problem("size", f"is {size}", "give the images' width and height in pixels"))
-    for name in fixed:
-        if name not in _DISTORTION:
-            problems.append(Problem("fixed", f"{name!r} cannot be held", f"choose of {', '.join(_DISTORTION)}"))
     if problems:
         raise InputError(problems)
     reasons: dict[int, str] = {}
-    free = np.array([name not in fixed for name in CAMERA_NUMBERS])
-    start = _start(named, target, size, free, refine_dots, reasons)
+    start = _start(named, target, size, refine_dots, reasons)
     fit = robust_fit(start)
     bad = set(start.rows.tolist()) - set(fit.rows.tolist())
     reasons.update(dict.fromkeys(bad, "its dots do not fit the other views: moved, blurred, or wrong numbers?"))
@@ -419,7 +411,7 @@ def _view_problems(view: TargetView, dots: int) -> list[Problem]:
 
 
 def _start(
-    views: list[TargetView], target: Target, size: tuple[int, int], free: Bools, refine: bool, reasons: dict[int, str]
+    views: list[TargetView], target: Target, size: tuple[int, int], refine: bool, reasons: dict[int, str]
 ) -> CameraFit:
     """A camera without distortion and the likelier pose of each view; adds to `reasons` for views of no use."""
     rows = []
@@ -446,7 +438,7 @@ def _start(
         weight[k, views[row].numbers] = np.linalg.inv(views[row].covariance)
     stacked = Pose(np.stack([pose.position for pose in poses]), np.stack([pose.quaternion for pose in poses]))
     state = State(camera, stacked, target.dots)
-    return CameraFit(np.array(rows), centers, weight, state, target.dots, target.radius, free, refine)
+    return CameraFit(np.array(rows), centers, weight, state, target.dots, target.radius, refine)
 
 
 def _first_camera(views: list[TargetView], target: Target, size: tuple[int, int]) -> Camera:
@@ -524,7 +516,6 @@ def calibrate_from_images(
     target: Target,
     *,
     refine_dots: bool = False,
-    fixed: Sequence[str] = (),
 ) -> Calibration:
     """The camera that took `images` of the target: files (PNG, JPEG, TIFF), or arrays as `observe_dots` takes them.
 
@@ -532,8 +523,7 @@ def calibrate_from_images(
     and once more with the one that all give. The result has a view for each image; one that cannot be used is left out,
     and its view says why.
 
-    Raises InputError for a `fixed` that cannot be, NotCalibratedError where the usable images do not determine the
-    camera.
+    Raises NotCalibratedError where the usable images do not determine the camera.
     """
     seen = [_seen(image, target, f"image {i}") for i, image in enumerate(images, start=1)]
     sizes = Counter(image.size for image in seen if image.size is not None)
@@ -549,7 +539,7 @@ def calibrate_from_images(
     def calibrated(some: list[_Seen], refine: bool = False) -> Calibration:
         views = [one.view for one in some if one.view is not None]
         try:
-            result = calibrate_camera(views, target, size, refine_dots=refine, fixed=fixed)
+            result = calibrate_camera(views, target, size, refine_dots=refine)
         except NotCalibratedError as error:
             said = "".join(f"\n  {one.name}: {one.reason}" for one in some if one.view is None)
             raise NotCalibratedError(f"{error}{said}") from None

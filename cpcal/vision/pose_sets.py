@@ -36,12 +36,12 @@ from cpcal.checker.pose_claim import POSE_SET_FORMAT, Part, digest_of, joined, r
 from cpcal.checker.problem import Box
 from cpcal.checker.sight import Rows, Sight, sight_of
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.files import replacing, write_file
+from cpcal.common.files import write_file
 from cpcal.common.values import ByValue, Floats, Indices, Value, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.recording import line
-from cpcal.solver.certificate.row_prover import Contracted, System, contracted
+from cpcal.solver.certificate.row_prover import Contracted, System, contracted, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
@@ -455,12 +455,7 @@ class _Search:
     def write(self, claim: dict[str, Any]) -> None:
         assert self.stem is not None
         for file, header, found in self.written:
-            left = found.left
-            hull = None if left is None else {"lo": [number(v) for v in left.lo], "hi": [number(v) for v in left.hi]}
-            claims = {"cap": None, "infeasible": left is None, "epsilon": None, "enclosure": hull, "point": None}
-            with replacing(self.stem.with_name(file)) as out:
-                for one in (header, claims, *found.steps):
-                    out.write(line(one).encode())
+            write_steps(self.stem.with_name(file), header, found.left, found.steps)
         write_file(self.stem.with_name(self.stem.name + SUFFIX), line(claim).encode("ascii"))
 
 

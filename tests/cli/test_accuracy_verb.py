@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.accuracy.findings import load_accuracy, save_accuracy
+from cpcal.checker.command import main
 from cpcal.cli.app import app
 from cpcal.simulate import simulate
 
@@ -42,25 +43,20 @@ def test_the_first_line_is_what_is_assumed_and_the_truth_is_within_what_is_prove
     assert "Next poses" in page
 
 
-def test_its_certificates_prove_the_sets_of_parameters_and_another_box_is_refused(folder):
+def test_the_run_is_verified_without_the_writers_code(folder):
     done = run(folder, "--poses", str(folder / "poses.csv"), "--model-error", str(ERROR))
     assert done.exit_code == 0, done.output
     out = folder / "out"
     assert len(list(out.glob("set-leg*.cert.jsonl"))) == 6
     checked = CliRunner().invoke(app, ["verify", str(out)])
     assert checked.exit_code == 0, checked.output
-    assert "no certificate holds the bounds of poses and cells" in checked.output
+    assert "2 of 2 poses: PROVED, every pose within +-20.0 mm and +-0.1 rad that the legs allow" in checked.output
+    assert main([str(out)]) == 0  # the checker alone
     found = load_accuracy(out)
     save_accuracy(dataclasses.replace(found, delta=80.0), out)
     checked = CliRunner().invoke(app, ["verify", str(out)])
     assert checked.exit_code == 1
-    assert "accuracy.json: REFUSED, delta is not what is proved" in checked.output
-    box = found.boxes[1]
-    narrower = dataclasses.replace(box, hi=(box.lo[0], *box.hi[1:]))
-    save_accuracy(dataclasses.replace(found, boxes=(found.boxes[0], narrower, *found.boxes[2:])), out)
-    checked = CliRunner().invoke(app, ["verify", str(out)])
-    assert checked.exit_code == 1
-    assert "accuracy.json: REFUSED, boxes[1].hi is not what is proved" in checked.output
+    assert "accuracy.json: REFUSED, states another delta than is proved" in checked.output
 
 
 def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):

@@ -18,20 +18,20 @@ def study(tmp_path_factory):
 
 
 def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
-    outcome = run("calibrate", study, "-o", tmp_path / "c", "--method", "andreff", "--factor", 2, "-v")
+    outcome = run("calibrate", study, "-o", tmp_path / "c", "--factor", 2, "-v")
     assert outcome.exit_code == 0, outcome.stderr
     assert sorted(p.name for p in (tmp_path / "c").iterdir()) == ["calibration.json", "campaign", "validation"]
     campaign, record = cpcal.load_campaign(tmp_path / "c" / "campaign"), load_record(tmp_path / "c")
     assert record.campaign_sha256 == campaign_sha256(campaign)
     assert record.check_sha256 == campaign_sha256(cpcal.load_campaign(tmp_path / "c" / "validation"))
-    assert (record.frames.method, record.sets.factor) == ("andreff", 2.0)
-    expected = calibrate_study(cpcal.files.load_study(study), method="andreff", factor=2.0)
+    assert record.sets.factor == 2.0
+    expected = calibrate_study(cpcal.files.load_study(study), factor=2.0)
     assert campaign_sha256(campaign) == campaign_sha256(expected.campaign)
     for text in ("Standard deviations", "x_c_sigma", "orientation, mean [°]", "DOES NOT EXPLAIN", "Validation of x_c:"):
         assert text in outcome.stdout
     again = run("calibrate", study, "-o", tmp_path / "c")
     assert again.exit_code == 0
-    assert load_record(tmp_path / "c").frames.method == "shah"
+    assert load_record(tmp_path / "c").sets.factor == 3.0
 
 
 def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path):

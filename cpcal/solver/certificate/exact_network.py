@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
 from cpcal.checker.exact_polynomial import constant
-from cpcal.checker.header import polynomial
-from cpcal.checker.problem import Constraint, Problem, Unknowns
+from cpcal.checker.header import Given, polynomial
+from cpcal.checker.problem import SIDES, Constraint, Problem, Unknowns
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box, IntervalArray
@@ -34,9 +34,6 @@ from cpcal.solver.network.rewrite import terms
 _DIGITS = 64  # of a number, on either side of the point, at most
 LONGEST = 2 * 4 * _DIGITS  # bits
 HIGHEST_POWER = 1100  # of two, in a number of the format
-
-
-Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 
 
 @dataclass(frozen=True)
@@ -75,19 +72,27 @@ class Statement(Protocol):
 
 
 # parts of the leg network's constraints: -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row
+_LEG_CONSTRAINTS = range(2)
 _LEG_SIDES = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
 
 
 @dataclass(frozen=True)
 class LegStatement:
-    """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all."""
+    """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all.
+
+    The network's constraints beyond those of the leg are of the `forms`, from number `first` on.
+    """
 
     problem: Problem
     sha256: str
     leg: int
     only: tuple[int, ...] | None = None
+    forms: tuple[Given, ...] = ()
+    first: int = 0
 
     def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
+        if constraint == len(_LEG_CONSTRAINTS):
+            return SIDES[part], self.problem.count - len(self.forms) + self.first + element
         return _LEG_SIDES[constraint, part], element if self.only is None else self.only[element]
 
     def header(self, domain: Box) -> Iterator[dict[str, Any]]:
@@ -96,8 +101,9 @@ class LegStatement:
             "campaign": self.sha256,
             "leg": self.leg,
             "model": self.problem.model,
-            "measurements": self.problem.count,
+            "measurements": self.problem.count - len(self.forms),
             "only": None if self.only is None else list(self.only),
+            **({"forms": [_polynomial(form) for form in self.forms]} if self.forms else {}),
             **limits(domain),
         }
 
@@ -127,8 +133,12 @@ class NetworkStatement:
         }
         for c in self.items:
             parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
-            texts = {k: p and [[list(monomial), number(v)] for monomial, v in sorted(p) if v] for k, p in parts.items()}
+            texts = {k: p and _polynomial(p) for k, p in parts.items()}
             yield {"name": c.name, "root": c.root, **texts}
+
+
+def _polynomial(p: Given) -> list[Any]:
+    return [[list(monomial), number(c)] for monomial, c in sorted(p) if c]
 
 
 def limits(box: Box) -> dict[str, list[str]]:

@@ -138,8 +138,8 @@ def weights_text(proofs: Sequence[Weights]) -> tuple[list[int], list[dict[str, A
 class WeightProver:
     """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
 
-    def __init__(self, statement: Statement) -> None:
-        self._statement = statement
+    def __init__(self, statement: Statement, loss: float = _LOSS) -> None:
+        self._statement, self._loss = statement, loss
 
     def __call__(self, box: Box, proposed: Contraction) -> Proof:
         table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
@@ -159,7 +159,7 @@ class WeightProver:
                     return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
-            found = _within_limits(partial(_bound, table, i, step, _LOSS * _width(proposed.box, i)))
+            found = _within_limits(partial(_bound, table, i, step, self._loss * _width(proposed.box, i)))
             if found is None:
                 continue
             proof, bound = found

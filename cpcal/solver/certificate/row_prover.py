@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction as F
 from operator import itemgetter, le
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,9 +22,10 @@ import numpy as np
 from cpcal.checker.exact_polynomial import Spend
 from cpcal.checker.problem import Box, Problem
 from cpcal.checker.rule import Rule, Weights
+from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free, number
-from cpcal.solver.certificate.recording import brief, rounded, weights_text, whole
+from cpcal.solver.certificate.recording import brief, line, rounded, weights_text, whole
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 
 Terms = dict[tuple[int, ...], int]
@@ -220,6 +222,16 @@ class Contracted:
     programs: int = 0
     last: tuple[tuple[str, int], ...] = ()
     ended: str = ""
+
+
+def write_steps(
+    path: Path, header: Mapping[str, Any], left: Box | None, steps: Sequence[Mapping[str, Any]], cap: str | None = None
+) -> None:
+    """A certificate that claims the box that is left, or that nothing is, all or nothing. Raises InputError."""
+    hull = None if left is None else {"lo": [number(v) for v in left.lo], "hi": [number(v) for v in left.hi]}
+    claims = {"cap": cap, "infeasible": left is None, "epsilon": None, "enclosure": hull, "point": None}
+    with replacing(path) as out:
+        out.writelines(line(one).encode() for one in (header, claims, *steps))
 
 
 def contracted(

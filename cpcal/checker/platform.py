@@ -1,0 +1,415 @@
+"""Where a platform can be that its controller commands to a pose, whose legs have uncertain parameters.
+
+The controller's parameters x^ give each leg the reading ||v^|| - l^ at the pose P, R = R(q), v^ = P + R b^ - a^. With
+other parameters x = (a, b, l) and a model error e of at most eps, the platform is at P + p, R(1, s) R where
+
+    ||P + p + R(1, s) R b - a|| = ||v^|| - l^ + l + e      for each of its legs
+
+A certificate of each leg claims the boxes of x, and of the *form* T(x) = ||P + R b - a||^2 - (||v^|| - l^ + l)^2 at
+every pose. Squared, less T, and times (1 + s.s), an equation is a polynomial in (p, s), with x at the middle of its
+box, and small terms that hold both (p, s) and what x is off that middle. On a box of (p, s) their sizes are bounded;
+then the inverse of the linear parts gives each unknown by itself, on a smaller box.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction as F
+from math import isqrt
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .claims import Accepted
+from .exact_campaign import NAME, ExactCampaign
+from .exact_polynomial import Polynomial, Spend, combined, least, signed, substituted, unknown
+from .files import ACCURACY_NAME, content, leg_work, parsed
+from .frames import AXES, rotation
+from .header import Given, polynomial
+from .problem import Box, Unknowns
+from .program import dyadics
+from .readers import array, finite, shown, up
+from .refusal import Refused
+from .run import INFORMATION, STRANGE, Certificates, Json, compare, exact, reason_of, same
+
+LEGS = 6  # as many equations as unknowns (p, s)
+_LENGTH_BITS, _BOX_BITS, _WEIGHT_BITS = 40, 60, 50
+_PASSES = 20
+_SETTLED = F(95, 100)  # of a width: passes go on while some becomes smaller
+_PASS_WORK = 60_000
+ACCURACY_FORMAT = "cpcal-accuracy/5"
+POSE_WORK = 1_000_000  # of a run, for each pose, beyond that of its legs
+_BOUNDS = ("lo", "hi", "position_bound", "rotation_bound")
+_ROUNDED, _TINY = 1.0 + 2.0**-30, 2.0**-200
+Vector = Sequence[F]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The controller's parameters, the box of those that are possible, the model error, and the range of the form."""
+
+    controller: Vector
+    lo: Vector
+    hi: Vector
+    eps: F
+    form: tuple[F, F]
+
+
+@dataclass(frozen=True)
+class PoseBounds:
+    """Of all (p, s): a box in mm and of halves of rotation vectors, and how large ||p|| and ||s|| can be."""
+
+    lo: Vector
+    hi: Vector
+    position: F
+    half_turn: F
+
+
+class Commanded:
+    """A pose as the controller commands it: exact numbers."""
+
+    def __init__(self, position: Vector, quaternion: Vector) -> None:
+        self.position = position
+        self.turn, self.norm = rotation(dyadics(quaternion).values)  # R |q|^2 and |q|^2
+
+    def turned(self, b: Vector) -> list[F]:
+        """|q|^2 R b."""
+        return [_dot(row, b) for row in self.turn]
+
+    def length(self, controller: Vector) -> F:
+        """Of the controller's leg, at most 2^-40 mm too short."""
+        arm = self.turned(controller[3:6])
+        leg = [p - a + r / self.norm for p, a, r in zip(self.position, controller[:3], arm, strict=True)]
+        square = _dot(leg, leg)
+        return F(isqrt((square * 4**_LENGTH_BITS).__floor__()), 2**_LENGTH_BITS)
+
+    def millimetres(self, controller: Vector) -> float:
+        """Of the leg's length, about, for one of its form."""
+        return float(self.form(controller)[1] / (2 * self.norm * max(self.length(controller), F(1))))
+
+    def form(self, controller: Vector) -> tuple[Given, F]:
+        """T |q|^2 over a power of two, in the unknowns x, about in mm; and that power."""
+        n, length = self.norm, self.length(controller)
+        scale = F(2) ** (2 * n * max(length, F(1))).__floor__().bit_length()
+        rest = length - controller[6]  # what the controller reads
+        terms: dict[tuple[int, ...], F] = {(): n * (_dot(self.position, self.position) - rest * rest)}
+        terms[6,], terms[6, 6] = -2 * n * rest, F(-n)
+        for i in AXES:
+            terms[i,], terms[i, i], terms[3 + i, 3 + i] = -2 * n * self.position[i], F(n), F(n)
+            terms[3 + i,] = F(2 * sum(self.position[j] * self.turn[j][i] for j in AXES))
+            terms |= {(i, 3 + j): F(-2 * self.turn[i][j]) for j in AXES}
+        return tuple((m, c / scale) for m, c in terms.items() if c), scale
+
+
+def pose_bounds(pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend) -> PoseBounds | None:
+    """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn that the legs allow; None where nothing is proved."""
+    asked = (reach,) * 3 + (half_turn,) * 3
+    box, rows = Box(tuple(-v for v in asked), asked), [_Row(pose, leg, spend) for leg in legs]
+    found = None
+    for _ in range(_PASSES):
+        spend(_PASS_WORK)
+        found = _pass(rows, box, spend)
+        if found is None:
+            return None
+        before, box = box, Box(tuple(map(max, box.lo, found.lo)), tuple(map(min, box.hi, found.hi)))
+        if any(a > b for a, b in zip(box.lo, box.hi, strict=True)):
+            return None
+        ends = zip(before.lo, before.hi, box.lo, box.hi, strict=True)
+        if all(d - c > _SETTLED * (b - a) for a, b, c, d in ends):
+            break
+    if found is None or any(most in (-lo, hi) for lo, hi, most in zip(box.lo, box.hi, asked, strict=True)):
+        return None
+    position, turn = (_longest(found, rows, box, slice(k, k + 3)) for k in (0, 3))
+    return PoseBounds(box.lo, box.hi, position, turn)
+
+
+class _Solved(NamedTuple):
+    """Each unknown is the weighted values of the rows, and something in `rest`; so it lies from lo to hi."""
+
+    weights: Sequence[Vector]
+    rest: Sequence[tuple[F, F]]
+    lo: Vector
+    hi: Vector
+
+
+class _Row:
+    """The equation of a leg, times |q|^2: `polynomial` in (p, s) is (1 + s.s) times what lies in `value`, but for terms
+    with what x is off the middle of its box, which `beside` bounds."""
+
+    def __init__(self, pose: Commanded, leg: Leg, spend: Spend) -> None:
+        n, (_, scale) = pose.norm, pose.form(leg.controller)
+        middle = [(a + b) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
+        off = [(b - a) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
+        self._norm, self._arm = n, pose.turned(middle[3:6])
+        self._place = [p - a for p, a in zip(pose.position, middle[:3], strict=True)]
+        sizes = (off[:3], [_dot(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
+        self._sizes = [_sizes(values) for values in sizes]
+        length = pose.length(leg.controller) - leg.controller[6]
+        longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
+        error = leg.eps + F(2, 2**_LENGTH_BITS)
+        most = n * error * (2 * longest + error)
+        self.value = -leg.form[1] * scale - most, -leg.form[0] * scale + most
+        self.polynomial = self._formed(spend)
+
+    def _formed(self, spend: Spend) -> Polynomial:
+        """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`."""
+        n, r, w, h = self._norm, self._arm, self._place, (self.value[0] + self.value[1]) / 2
+        terms: dict[tuple[int, ...], F] = {}
+
+        def add(m: tuple[int, ...], c: F) -> None:
+            key = tuple(sorted(m))
+            terms[key] = terms.get(key, F(0)) + c
+
+        for i in AXES:
+            v = n * w[i] + r[i]
+            for squared in ((), *((3 + k, 3 + k) for k in AXES)):
+                add((i, i, *squared), F(n))
+                add((i, *squared), 2 * v)
+            add((3 + i, 3 + i), -h)
+            j, k = (i + 1) % 3, (i + 2) % 3
+            # component i of s x r + s (s.r) - (s.s) r
+            turned: list[tuple[tuple[int, ...], F]] = [((3 + j,), r[k]), ((3 + k,), -r[j])]
+            turned += [((3 + i, 3 + m), r[m]) for m in (j, k)] + [((3 + m, 3 + m), -r[i]) for m in (j, k)]
+            for monomial, c in turned:
+                add(monomial, 4 * w[i] * c)
+                add((*monomial, i), 4 * c)
+        return polynomial(tuple((m, c) for m, c in terms.items() if c), spend)
+
+    def beside(self, p: Sequence[float], s: Sequence[float]) -> F:
+        """At most so large is all else, for (p, s) at most so large.
+
+        Nothing here is negative: no sum or product is wrong by more than a few hundred roundings.
+        """
+        off, swing, place, arm = self._sizes
+        n, square = float(self._norm), math.fsum(v * v for v in s)
+        shift = math.fsum(q * (n * a + b) for q, a, b in zip(p, off, swing, strict=True))
+        away = zip(place, p, off, _turning(s, swing), strict=True)
+        swung = math.fsum((w + q + a) * moved for w, q, a, moved in away)
+        turned = math.fsum(a * moved for a, moved in zip(off, _turning(s, arm), strict=True))
+        rest = float(self.value[1] - self.value[0]) * square
+        return F((2.0 * (1.0 + square) * shift + 4.0 * (swung + turned) + rest) * _ROUNDED + _TINY)
+
+
+def _pass(rows: Sequence[_Row], box: Box, spend: Spend) -> _Solved | None:
+    """What the rows say of the poses in a box; None where the platform is singular."""
+    x = Unknowns(box, spend)
+    forms = [substituted(row.polynomial, x.images) for row in rows]
+    weights = _inverse([[_slope(form, i) / float(x.radius(i)) for i in range(6)] for form in forms])
+    if weights is None:
+        return None
+    most = _sizes([max(-a, b) for a, b in zip(box.lo, box.hi, strict=True)])
+    beside = [row.beside(most[:3], most[3:]) for row in rows]
+    mask, parts, lo, hi = signed(6), list[tuple[F, F]](), list[F](), list[F]()
+    for i, line in enumerate(weights):
+        whole = dyadics(line)
+        one = x.variable(7 + i, x.center(i), x.radius(i))
+        rest = combined(
+            [(1, one), *((-w, form.times(1, -whole.power)) for w, form in zip(whole.values, forms, strict=True))], spend
+        )
+        given = sum((abs(w) * m for w, m in zip(line, beside, strict=True)), F(0))
+        ends = least(rest, mask) - given, given - least(rest.times(-1), mask)
+        parts.append(ends)
+        values = [sorted((w * a, w * b)) for w, (a, b) in zip(line, (row.value for row in rows), strict=True)]
+        lo.append(_cut(ends[0] + sum(low for low, _ in values)))
+        hi.append(-_cut(-ends[1] - sum(high for _, high in values)))
+    return _Solved(weights, parts, lo, hi)
+
+
+def _longest(found: _Solved, rows: Sequence[_Row], box: Box, three: slice) -> F:
+    """An upper bound of the norm of three unknowns in a box. What the values alone give is largest at a corner."""
+    rest = found.rest[three]
+    sums = [[(a + b) / 2 for a, b in rest]]
+    for j, row in enumerate(rows):
+        weights = [line[j] for line in found.weights[three]]
+        sums = [[c + w * v for c, w in zip(one, weights, strict=True)] for one in sums for v in row.value]
+    off = [(b - a) / 2 for a, b in rest]
+    most = [max(-a, b) for a, b in zip(box.lo[three], box.hi[three], strict=True)]
+    return min(_root(max(_dot(one, one) for one in sums)) + _root(_dot(off, off)), _root(_dot(most, most)))
+
+
+def _slope(form: Polynomial, i: int) -> float:
+    c = form.terms.get(unknown(i), 0)
+    return float(F(c) * F(2) ** form.exponent)
+
+
+def _inverse(matrix: list[list[float]]) -> list[list[F]] | None:
+    """Nearly, as short numbers: whatever they are, what they prove holds."""
+    n = len(matrix)
+    lines = [[*line, *(float(i == j) for j in range(n))] for i, line in enumerate(matrix)]
+    for k in range(n):
+        pivot = max(range(k, n), key=lambda i: abs(lines[i][k]))
+        lines[k], lines[pivot] = lines[pivot], lines[k]
+        if not abs(lines[k][k]) > 1e-300:
+            return None
+        lines[k] = [v / lines[k][k] for v in lines[k]]
+        for i in range(n):
+            if i != k:
+                lines[i] = [a - lines[i][k] * b for a, b in zip(lines[i], lines[k], strict=True)]
+    try:
+        return [[F(v) for v in line[n:]] for line in lines]
+    except (ValueError, OverflowError):
+        return None
+
+
+def _root(square: F) -> F:
+    """Rounded up."""
+    return F(isqrt((square * 4**_BOX_BITS).__ceil__()) + 1, 2**_BOX_BITS)
+
+
+def _cut(value: F) -> F:
+    """Rounded down."""
+    return F((value * 2**_BOX_BITS).__floor__(), 2**_BOX_BITS)
+
+
+def _dot(p: Iterable[F | int], q: Iterable[F]) -> F:
+    return sum((a * b for a, b in zip(p, q, strict=True)), F(0))
+
+
+def _sizes(values: Iterable[F]) -> list[float]:
+    return [float(abs(v)) for v in values]
+
+
+def _turning(s: Sequence[float], r: Sequence[float]) -> list[float]:
+    """At most so large are the components of s x r + s x (s x r)."""
+    once = _crossed(s, r)
+    return [a + b for a, b in zip(once, _crossed(s, once), strict=True)]
+
+
+def _crossed(p: Sequence[float], q: Sequence[float]) -> list[float]:
+    return [p[i - 2] * q[i - 1] + p[i - 1] * q[i - 2] for i in AXES]
+
+
+# runs ---------------------------------------------------------------------------------------------------------------
+
+
+def stated(bounds: PoseBounds) -> tuple[tuple[float, ...], tuple[float, ...], float, float]:
+    """(p, 2 s) from and to, mm and rad, and the largest ||p|| and angle, as a result states them: rounded outward."""
+    twice = [1] * 3 + [2] * 3
+    lo = tuple(-up(-f * v) for f, v in zip(twice, bounds.lo, strict=True))
+    hi = tuple(up(f * v) for f, v in zip(twice, bounds.hi, strict=True))
+    return lo, hi, up(bounds.position), up(2 * bounds.half_turn)
+
+
+def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
+    """For each statement of accuracy.json whether it is accepted, and a sentence. Raises Unusable, Refused."""
+    try:
+        result = parsed(content(folder / ACCURACY_NAME), lambda number: F(finite(number)))
+        same("format", result["format"], ACCURACY_FORMAT)
+        return list(_statements(folder, result, ExactCampaign(folder / NAME), work))
+    except (Refused, *STRANGE) as error:
+        if isinstance(error, Refused) and error.code in ("campaign", "limit"):
+            raise
+        raise Refused(f"{ACCURACY_NAME} {reason_of(error)}", "run", 0) from None
+
+
+def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) -> Iterator[tuple[bool, str]]:
+    note, count = result["campaign"], len(campaign)
+    compare(
+        [
+            ("campaign SHA-256", note["sha256"], campaign.sha256),
+            ("number of measurements", note["measurements"], count),
+            ("name of the robot", note["robot"], campaign.robot),
+            ("number of legs", LEGS, campaign.legs),
+        ]
+    )
+    poses = [Commanded(_list(one["position"], 3), _list(one["quaternion"], 4)) for one in result["poses"]]
+    controller = [_list(row, 7) for row in _all(result["parameters"], LEGS)]
+    budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
+    certificates, enclosed = Certificates(folder, campaign, budget), list[Accepted]()
+    for leg, (row, box, error) in enumerate(
+        zip(controller, _all(result["boxes"], LEGS), _all(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
+    ):
+        accepted = certificates.accepted(box["certificate"])
+        forms = (
+            accepted.forms if result["refuted"] else [pose.form(row)[0] for pose in poses]
+        )  # of which nothing is said
+        compare(_of_the_set(leg, box, accepted, exact(result["delta"]), count, forms))
+        same(f"assumed error of leg {leg}", (error["leg"], error["eps"]), (leg, box["eps"]))
+        enclosed.append(accepted)
+        claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
+        yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
+    unused = {path.name for path in folder.glob("*.cert.jsonl")} - {box["certificate"] for box in result["boxes"]}
+    if unused:
+        raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
+    none = [k for k, one in enumerate(enclosed, start=1) if one.claims.infeasible]
+    same("refuted", result["refuted"], none)
+    if none:
+        same("poses", result["poses"], [])
+        return
+    reach, turn = _list(result["within"], 2)
+    if not (0 < reach < 10**6 and 0 < turn <= 1):
+        raise Refused("speaks of no poses within its box")
+    found = [
+        _of_the_pose(k, one, pose, controller, enclosed, reach, turn / 2, certificates.budget.spend)
+        for k, (one, pose) in enumerate(zip(result["poses"], poses, strict=True))
+    ]
+    proved = [bounds for bounds in found if bounds is not None]
+    if proved:
+        position, angle = max(one.position for one in proved), 2 * max(one.half_turn for one in proved)
+        inside = f"+-{float(reach)!r} mm and +-{float(turn)!r} rad"
+        yield (
+            True,
+            f"{len(proved)} of {len(poses)} poses: PROVED, every pose within {inside} that the legs allow is within "
+            f"{_shown(position)} mm and {_shown(angle)} rad",
+        )
+    if result[INFORMATION]["workspace"] is not None:
+        yield True, "no certificate holds the bounds of the workspace's cells"
+
+
+def _of_the_set(
+    leg: int, box: Json, accepted: Accepted, delta: F, count: int, forms: Sequence[Given]
+) -> Iterator[tuple[str, Any, Any]]:
+    claims, eps, there = accepted.claims, exact(box["eps"]), [dict(form) for form in accepted.forms]
+    yield "leg", (box["leg"], accepted.leg, accepted.model), (leg, leg, "plain")
+    yield "number of measurements", (len(accepted.chosen), accepted.count), (count + len(forms),) * 2
+    yield "forms of poses", there, [dict(form) for form in forms]
+    yield "eps", (eps, eps, eps), (claims.cap, accepted.lo[7], accepted.hi[7])
+    for lo, hi in zip(accepted.lo[:7], accepted.hi, strict=False):
+        slack = (abs(lo) + abs(hi)) / 2**49
+        yield "delta", 2 * delta <= hi - lo <= 2 * delta + slack, True
+    sides = ([], []) if claims.infeasible or claims.enclosure is None else claims.enclosure
+    yield "box", [[exact(v) for v in box[side]] for side in ("lo", "hi")], [list(side[:7]) for side in sides]
+    yield "claim", claims.infeasible or claims.enclosure is not None, True
+
+
+def _of_the_pose(
+    k: int,
+    one: Json,
+    pose: Commanded,
+    controller: Sequence[Vector],
+    enclosed: Sequence[Accepted],
+    reach: F,
+    half_turn: F,
+    spend: Spend,
+) -> PoseBounds | None:
+    """What is proved of a pose, if it is stated to be, and stated so."""
+    if one["proved"] is not True:
+        same(f"bounds of pose {k}", (one["proved"], *(one.get(key) for key in _BOUNDS)), (False, *[None] * 4))
+        return None
+    legs = []
+    for row, accepted in zip(controller, enclosed, strict=True):
+        assert accepted.claims.enclosure is not None
+        lo, hi = accepted.claims.enclosure
+        legs.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
+    bounds = pose_bounds(pose, legs, reach, half_turn, spend)
+    if bounds is None:
+        raise Refused(f"states bounds of pose {k} that are not proved")
+    proved = stated(bounds)
+    said = [_list(one[key], 6) for key in _BOUNDS[:2]], [exact(one[key]) for key in _BOUNDS[2:]]
+    same(f"bounds of pose {k}", said, ([[*map(F, side)] for side in proved[:2]], [*map(F, proved[2:])]))
+    return bounds
+
+
+def _list(value: Any, count: int) -> list[F]:
+    return [exact(v) for v in _all(value, count)]
+
+
+def _all(value: Any, count: int) -> list[Any]:
+    if len(array(value)) != count:
+        raise Refused(f"holds a list that is not of {count}")
+    return array(value)
+
+
+def _shown(value: F) -> float:
+    return (value * 10**6).__ceil__() / 10**6

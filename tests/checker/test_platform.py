@@ -1,0 +1,231 @@
+"""The pose of a platform whose legs are uncertain: the checker proves it again from the claims about the legs."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import replace
+from fractions import Fraction as F
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy, distances, true_poses
+from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy, save_accuracy
+from cpcal.accuracy.pose_bounds import pose_bounds as newton_bounds
+from cpcal.checker import Refused
+from cpcal.checker.platform import Commanded, Leg, _Row, check_accuracy, pose_bounds
+from cpcal.files.folders import save_campaign_json
+from cpcal.robot import (
+    Pose,
+    Robot,
+    central_pose,
+    forward_kinematics,
+    inverse_kinematics,
+    quaternion_conjugate,
+    quaternion_product,
+)
+from cpcal.solver.certificate.exact_network import free
+from tests.accuracy.conftest import ERROR, known
+
+__all__ = ["known"]
+
+
+@pytest.fixture(scope="module")
+def run(known, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("accuracy")
+    readings = np.random.default_rng(8).uniform(5.0, 135.0, (3, 6))
+    poses = forward_kinematics(known.controller, readings, central_pose(known.controller, np.full(6, 70.0)))
+    result = cpcal.certify(known.campaign, delta=8.0, support="none", gap=1e-2)
+    named = NamedPoses(("p1", "p2", "p3"), poses)
+    found = certify_accuracy(known.campaign, result, poses=named, model_error=ERROR, certificates=folder, next_poses=0)
+    save_accuracy(found, folder)
+    save_campaign_json(known.campaign, folder)
+    return folder, poses, found
+
+
+def test_the_truth_is_in_the_box_which_is_no_wider_than_newtons(run, known):
+    _, poses, found = run
+    newton = newton_bounds(poses, known.sets)
+    true = true_poses(known.campaign, known.controller, poses)
+    position, angle = distances(true, poses)
+    turn = quaternion_product(true.quaternion, quaternion_conjugate(poses.quaternion))
+    inside = np.concatenate([true.position - poses.position, 2.0 * turn[:, 1:] / turn[:, :1]], axis=1)
+    for k, one in enumerate(found.poses):
+        assert one.proved
+        assert (np.array(one.lo) <= inside[k]).all()
+        assert (inside[k] <= np.array(one.hi)).all()
+        assert position[k] <= one.position_bound <= 1.001 * newton.position[k]
+        assert angle[k] <= one.rotation_bound <= 1.001 * newton.rotation[k]
+        assert one.position_bound <= 1.1 * sum(one.shares)  # what is of second order counts for little
+
+
+def forged(run, tmp_path, change):
+    """Why the checker refuses the run whose accuracy.json was changed."""
+    folder = tmp_path / "forged"
+    shutil.copytree(run[0], folder)
+    stated = json.loads((folder / ACCURACY_NAME).read_text())
+    change(stated, folder)
+    (folder / ACCURACY_NAME).write_text(json.dumps(stated))
+    with pytest.raises(Refused) as caught:
+        check_accuracy(folder)
+    return str(caught.value)
+
+
+def test_the_run_is_accepted_and_says_what_is_proved(run):
+    *legs, poses = check_accuracy(run[0])
+    assert [sentence for good, sentence in legs if good] == [
+        f"parameters of leg {leg}, model error up to 0.02 mm: PROVED, they lie in the box" for leg in range(1, 7)
+    ]
+    assert poses[1].startswith("3 of 3 poses: PROVED, every pose within +-20.0 mm and +-0.1 rad that the legs allow is")
+
+
+def changed(stated, key, by):
+    value = stated["poses"][1][key]
+    if isinstance(value, list):
+        value[2] += by
+    else:
+        stated["poses"][1][key] = value + by
+
+
+FORGED = {
+    "a lower end": (lambda s, _: changed(s, "lo", 1e-9), "another bounds of pose 1"),
+    "a wider end, which nobody proves so": (lambda s, _: changed(s, "lo", -1e-9), "another bounds of pose 1"),
+    "an upper end": (lambda s, _: changed(s, "hi", -1e-9), "another bounds of pose 1"),
+    "a radius": (lambda s, _: changed(s, "position_bound", -1e-9), "another bounds of pose 1"),
+    "an angle": (lambda s, _: changed(s, "rotation_bound", -1e-12), "another bounds of pose 1"),
+    "another pose": (lambda s, _: changed(s, "position", 1.0), "another forms of poses"),
+    "another rotation": (lambda s, _: changed(s, "quaternion", 1e-3), "another forms of poses"),
+    "another controller": (lambda s, _: s["parameters"][3].__setitem__(6, 1.0), "another forms of poses"),
+    "a wider box of poses": (lambda s, _: s.__setitem__("within", [500.0, 1.0]), "of pose 0"),
+    "no box of poses": (lambda s, _: s.__setitem__("within", [20.0, 2.0]), "of no poses within its box"),
+    "another delta": (lambda s, _: s.__setitem__("delta", 4.0), "another delta"),
+    "another box": (lambda s, _: s["boxes"][1]["hi"].__setitem__(0, 0.0), "another box"),
+    "another model error": (lambda s, _: s["boxes"][2].__setitem__("eps", 0.01), "another eps"),
+    "another assumption": (
+        lambda s, _: s["information"]["assumed"][0].__setitem__("eps", 0.01), "another assumed error of leg 1"
+    ),
+    "the certificate of another leg": (
+        lambda s, _: s["boxes"][0].__setitem__("certificate", "set-leg2.cert.jsonl"), "another leg"
+    ),
+    "a certificate that is not there": (
+        lambda s, _: s["boxes"][0].__setitem__("certificate", "none.cert.jsonl"), "names no certificate"
+    ),
+    "a certificate that is not named": (
+        lambda _, folder: shutil.copy(folder / "set-leg1.cert.jsonl", folder / "more.cert.jsonl"), "does not name"
+    ),
+    "a leg that is refuted": (lambda s, _: s.__setitem__("refuted", [2]), "another refuted"),
+    "bounds that are called unproved": (lambda s, _: s["poses"][0].__setitem__("proved", False), "another bounds of"),
+    "another campaign": (lambda s, _: s["campaign"].__setitem__("sha256", "0" * 64), "another campaign SHA-256"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", FORGED)
+def test_a_forged_accuracy_is_refused(run, tmp_path, what):
+    change, reason = FORGED[what]
+    assert reason in forged(run, tmp_path, change)
+
+
+def test_a_form_that_is_changed_in_the_certificate_is_refused(run, tmp_path):
+    def change(_, folder):
+        path = folder / "set-leg3.cert.jsonl"
+        header, *rest = path.read_text().splitlines(keepends=True)
+        stated = json.loads(header)
+        stated["forms"][0], stated["forms"][1] = stated["forms"][1], stated["forms"][0]
+        path.write_text(json.dumps(stated) + "\n" + "".join(rest))
+
+    assert "weights prove less" in forged(run, tmp_path, change)
+
+
+def test_a_campaign_that_refutes_the_error_leaves_no_poses(run, known, tmp_path):
+    wrong = known.campaign.length.copy()
+    wrong[3, 0] += 5.0
+    campaign = replace(known.campaign, length=wrong)
+    result = cpcal.certify(campaign, delta=8.0, support="none", gap=1e-1)
+    poses = NamedPoses(("p1",), Pose(run[1].position[:1], run[1].quaternion[:1]))
+    found = certify_accuracy(campaign, result, poses=poses, model_error=ERROR, certificates=tmp_path, next_poses=0)
+    assert found.refuted == (1,)
+    assert not found.poses
+    save_accuracy(found, tmp_path)
+    save_campaign_json(campaign, tmp_path)
+    first, *others = [sentence for _, sentence in check_accuracy(tmp_path)]
+    assert first.endswith("PROVED, there are none")
+    assert len(others) == 5
+    assert load_accuracy(tmp_path) == found
+    save_accuracy(replace(found, refuted=(2,)), tmp_path)
+    with pytest.raises(Refused, match="another refuted"):
+        check_accuracy(tmp_path)
+
+
+def exact(values):
+    return tuple(F(float(v)) for v in values)
+
+
+def bounded(robot, poses, k, reach, turn, eps=0.0):
+    pose = Commanded(exact(poses.position[k]), exact(poses.quaternion[k]))
+    rows = map(exact, robot.parameters)
+    sure = [Leg(row, row, row, F(eps), (F(0), F(0))) for row in rows]
+    return pose_bounds(pose, sure, F(reach), F(turn), free)
+
+
+@pytest.mark.parametrize(("joints", "seed"), [("base", 9), ("mobile", 3), ("mobile", 4)])
+def test_other_parameters_with_known_deviations_lead_into_the_box(run, known, joints, seed):
+    """All of its width is what deviations do not say: terms that hold parameters and the pose together."""
+    poses, controller, off = run[1], known.controller.parameters, np.zeros((6, 7))
+    off[:, slice(0, 3) if joints == "base" else slice(3, 6)] = 2.0
+    other = Robot.from_parameters(
+        "other", controller + off * np.sign(np.random.default_rng(seed).uniform(-1, 1, (6, 7)))
+    )
+    true = forward_kinematics(other, inverse_kinematics(known.controller, poses), poses)
+    turn = quaternion_product(true.quaternion, quaternion_conjugate(poses.quaternion))
+    for k in range(len(poses.position)):
+        pose, legs = Commanded(exact(poses.position[k]), exact(poses.quaternion[k])), []
+        for row, there, far in zip(controller, other.parameters, off, strict=True):
+            form, x = dict(pose.form(exact(row))[0]), exact(there)
+            value = sum((c * math.prod((x[i] for i in m), start=F(1)) for m, c in form.items()), F(0))
+            legs.append(Leg(exact(row), exact(row - far), exact(row + far), F(0), (value, value)))
+        found = pose_bounds(pose, legs, F(20), F(1, 20), free)
+        inside = [*(true.position[k] - poses.position[k]), *(turn[k, 1:] / turn[k, 0])]
+        assert all(lo - 1e-7 <= v <= hi + 1e-7 for lo, v, hi in zip(found.lo, inside, found.hi, strict=True))
+        assert np.linalg.norm(inside[:3]) <= found.position + 1e-7
+        assert max(map(float, np.subtract(found.hi, found.lo)[:3])) < 2.0
+
+
+def test_known_parameters_leave_the_pose_itself(run, known):
+    found = bounded(known.controller, run[1], 0, 20, 0.05)
+    assert 0 < found.position < 1e-9
+    assert 0 < found.half_turn < 1e-11
+
+
+def test_an_error_moves_a_leg_by_its_square_as_well(run, known):
+    # (L + l + e)^2 - (L + l)^2 = e (2 (L + l) + e)
+    pose, row, e = (
+        Commanded(exact(run[1].position[0]), exact(run[1].quaternion[0])),
+        exact(known.controller.parameters[0]),
+        F(4),
+    )
+    found = _Row(pose, Leg(row, row, row, e, (F(0), F(0))), free)
+    least = pose.norm * e * (2 * pose.length(row) + e)
+    assert all(least <= size <= least * (1 + F(1, 10**9)) for size in (-found.value[0], found.value[1]))
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_a_platform_all_of_whose_legs_are_off_alike_is_in_the_box(run, known, way):
+    poses, found = run[1], bounded(known.controller, run[1], 0, 20, 0.05, 4.0)
+    true = forward_kinematics(known.controller, inverse_kinematics(known.controller, poses) + 4.0 * way, poses)
+    inside = true.position[0] - poses.position[0]
+    assert all(lo <= v <= hi for lo, v, hi in zip(found.lo, inside, found.hi, strict=False))
+    assert abs(inside[2]) > 0.8 * min(-found.lo[2], found.hi[2])
+
+
+def test_nothing_is_said_of_a_pose_that_may_leave_the_box(run, known):
+    assert bounded(known.controller, run[1], 0, 2, 0.05, 3.0) is None
+    assert bounded(known.controller, run[1], 0, 80, 0.2, 3.0) is not None
+
+
+def test_a_singular_platform_is_bounded_by_nothing(known):
+    middle = central_pose(known.controller, np.full(6, 70.0)).position
+    turn = np.array([np.cos(np.pi / 4), 0.0, 0.0, np.sin(np.pi / 4)])
+    assert bounded(known.controller, Pose(middle[None], turn[None]), 0, 20, 0.05, 0.1) is None
