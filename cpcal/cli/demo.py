@@ -39,6 +39,7 @@ from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.questions import Result, certify, save_result
+from cpcal.questions.ask import question_of
 from cpcal.questions.fits import certify_fits
 from cpcal.report.section import Picture, picture
 from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
@@ -109,8 +110,8 @@ def demo(
     _fits(campaign, record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
-        given = {"legs": PLAN.legs}
-        return _unless_stopped(lambda: certified_into(folder / name, of, given, talk=talk, resume=resume))
+        question = replace(question_of(of, legs=PLAN.legs), whole=True)
+        return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
 
     result = run(RUN, campaign)
     _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
