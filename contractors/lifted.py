@@ -23,10 +23,9 @@ from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rewrite import PolynomialForms
-from cpcal.solver.network.rows import Rows
+from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 # ------------------------------------------------------------------------------------------------------------------
 # Directions in the variables of a box as objectives in its columns, and back: nothing is lost to rounding.

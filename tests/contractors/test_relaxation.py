@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, polynomial_form, sqrt
-from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.rows import DecisiveReadings
 from cpcal.solver.testing import Case, cases
 
 

@@ -5,6 +5,7 @@ import os
 import pickle
 import signal
 import threading
+from dataclasses import replace
 from fractions import Fraction as F
 
 import pytest
@@ -12,8 +13,7 @@ import pytest
 import cpcal
 from cpcal.checker import check
 from cpcal.files.folders import save_campaign_json
-from cpcal.questions.ask import answered, checked_options
-from cpcal.questions.question import Question
+from cpcal.questions.ask import answered, question_of
 from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,
@@ -103,8 +103,7 @@ def campaign():
 def stopped_after(campaign, looks, folder=None, **options):
     """A certify that is asked to stop when it looks for the so-maniest time."""
     left = iter(range(looks))
-    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
-    question = Question(campaign=campaign, options=given, model=model, certificates=folder)
+    question = replace(question_of(campaign, delta=0.5, legs=[1, 2], **options), certificates=folder)
     source = lambda: None if next(left, None) is not None else Reason.INTERRUPTED  # noqa: E731
     with heard(), also_asked_by(source):
         return answered(question)
@@ -118,9 +117,9 @@ def looks_of(campaign, **options):
         nonlocal count
         count += 1
 
-    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
+    question = question_of(campaign, delta=0.5, legs=[1, 2], **options)
     with also_asked_by(source):
-        whole = answered(Question(campaign=campaign, options=given, model=model))
+        whole = answered(question)
     return count, whole
 
 
