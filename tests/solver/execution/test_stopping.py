@@ -127,7 +127,7 @@ def looks_of(campaign, **options):
 def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
     count, whole = looks_of(campaign, support=support)
     numbers = set()
-    for looks in range(0, count, max(count // 12, 1)):
+    for looks in range(0, count, max(count // 6, 1)):
         part = stopped_after(campaign, looks, support=support)
         assert part.interrupted or len(part.legs) == 2
         numbers.add(len(part.legs))
@@ -139,7 +139,7 @@ def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
 
 def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
     count, _ = looks_of(campaign)
-    for looks in range(2, count, max(count // 6, 1)):
+    for looks in range(2, count, max(count // 4, 1)):
         run = tmp_path / str(looks)
         run.mkdir()
         save_campaign_json(campaign, run)
