@@ -17,7 +17,7 @@ from typing import Any
 from .bounds import number as bound
 from .certificate import check_lines
 from .claims import Accepted
-from .files import STUDY_NAME, Budget, Lines, content, opened, parsed
+from .files import STUDY_NAME, WORK, Budget, Lines, content, opened, parsed
 from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
 from .header import FORMAT
 from .lens import Cameras
@@ -29,7 +29,8 @@ from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
-HAND_EYE_WORK = 240_000_000  # of all certificates of a run
+# 12 images of any rotation take 12,000,000 units
+_POINTS, _POINT_WORK = 10_000, 4_000  # of a run: more for each point beyond so many
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames
@@ -315,8 +316,11 @@ def _list(value: Any, count: int) -> list[Any]:
 # runs ---------------------------------------------------------------------------------------------------------------
 
 
-def check_hand_eye(folder: Path, *, work: int = HAND_EYE_WORK) -> list[tuple[bool, str]]:
-    """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole."""
+def check_hand_eye(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
+    """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole.
+
+    `work`: what the check of all certificates may cost; 0 for what such a study needs.
+    """
     kind = _Wrong if (folder / WRONG_NAME).is_file() else _HandEye
     return kind(folder, work).statements()
 
@@ -330,6 +334,7 @@ class _Run:
     def __init__(self, folder: Path, work: int) -> None:
         self.study, digest = read_study(folder / STUDY_NAME)
         given = content(folder / self.name)
+        work = work or WORK + _POINT_WORK * max(0, len(self.study.image) - _POINTS)
         self.certificates = HandEyeCertificates(folder, self.study, digest, Budget(work))
         self.result = parsed(given, lambda number: F(finite(number)))
         self.named: list[str] = []

@@ -30,7 +30,8 @@ from .sight import Rows, Sight, ends, rounded, sight_of, turned
 POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000
 _MOST_CERTIFICATES = 64
-_IMAGE_WORK = 30_000_000  # of a folder's image
+# 133 dots take 7,000,000 units, 8,000,000 with 3 that may be wrong
+_IMAGES, _IMAGE_WORK = 5, 15_000_000  # of a folder: more for each image beyond so many
 _FIELD_WORK, _CAMERA_WORK = 4_000_000, 600_000  # of a camera's field, and more for each number of t
 _FAILING_WORK = 60_000  # of a dot that is shown to be wrong
 
@@ -83,7 +84,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work or max(WORK, _IMAGE_WORK * len(claims)))
+    budget = Budget(work or WORK + _IMAGE_WORK * max(0, len(claims) - _IMAGES))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
