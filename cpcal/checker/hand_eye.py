@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from .bounds import number as bound
-from .certificate import check_lines
+from .certificate import Certificates
 from .claims import Accepted
-from .files import STUDY_NAME, WORK, Budget, Lines, content, opened, parsed
+from .files import STUDY_NAME, WORK, Budget, content, parsed
 from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
 from .header import FORMAT
 from .lens import Cameras
@@ -229,34 +229,15 @@ def _degrees(sine: F, factor: F) -> float:
 # certificates -------------------------------------------------------------------------------------------------------
 
 
-class HandEyeCertificates:
-    """Those of a folder, about one study: each is checked once, and all together cost no more than `work`."""
+class HandEyeCertificates(Certificates):
+    """About one study."""
 
-    def __init__(self, folder: Path, study: Study, digest: str, work: Budget) -> None:
-        self.folder, self.study, self.digest, self.budget = folder, study, digest, work
-        self._known: dict[str, tuple[Accepted, list[Any]] | None] = {}
+    def __init__(self, folder: Path, study: Study, digest: str, budget: Budget) -> None:
+        super().__init__(folder, budget)
+        self.study, self.digest = study, digest
 
-    def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
-        """What a file proves, and its header. Raises Unusable, Refused."""
-        file = text(name)
-        if not file.endswith(".cert.jsonl") or "\0" in file or Path(file).name != file:
-            raise Refused(f"{shown(file)} is no name of a certificate")
-        if file not in self._known:
-            self._known[file] = None
-            with opened(self.folder / file) as stream:
-                header: list[Any] = []
-                try:
-                    found = check_lines(Lines(stream, self.budget), lambda given: self._formed(given, header))
-                except Refused as refused:
-                    raise Refused(f"{file}: {refused}", refused.code, 0) from None
-            self._known[file] = found, header
-        known = self._known[file]
-        if known is None:
-            raise Refused(f"{shown(file)} rests on itself")
-        return known
-
-    def _formed(self, given: Json, header: list[Any]) -> tuple[Problem, Box]:
-        header += _HEADER(given)
+    def formed(self, given: Json) -> tuple[list[Any], Problem, Box]:
+        header = _HEADER(given)
         _, digest, stage, images, eps, asked, after, poses = header
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
@@ -271,12 +252,12 @@ class HandEyeCertificates:
         sets = {}
         for name in poses:
             box = self._enclosure(name, header, ("image",))
-            sets[self._known[name][1][3][0]] = box.lo, box.hi  # type: ignore[index]
+            sets[self.accepted(name)[1][3][0]] = box.lo, box.hi
         if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
             raise Refused("it rests on poses of other images")
         frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
         rows = Rows(self.study, stage, images, eps, hand, board, sets, frames)
-        return rows.problem(self.budget.spend), rows.root(frames)
+        return header, rows.problem(self.budget.spend), rows.root(frames)
 
     def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
@@ -360,7 +341,7 @@ class _Run:
 
     def files(self) -> str:
         """No certificate lies about that nothing rests on."""
-        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates._known)
+        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates.known)
         if unused:
             raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
         return ""
