@@ -35,10 +35,10 @@ KERNELS: dict[str, Kernel] = {
     "sqr": (kernels.sqr, lambda x: x * x, 1),
     "sqrt": (kernels.sqrt, lambda x: x.sqrt(), 1),
     "absolute": (kernels.absolute, abs, 1),
-    "power 3": (lambda lo, hi: kernels.power(lo, hi, 3), lambda x: x**3, 1),
-    "power -2": (lambda lo, hi: kernels.power(lo, hi, -2), lambda x: 1 / (x * x), 1),
-    "root 5": (lambda lo, hi: kernels.root(lo, hi, 5), lambda x: abs(x).root(5) * (1 if x >= 0 else -1), 1),
-    "root 4": (lambda lo, hi: kernels.root(lo, hi, 4), lambda x: x.root(4) if x >= 0 else arb("nan"), 1),
+    "power 3": (lambda x: kernels.power(x, 3), lambda x: x**3, 1),
+    "power -2": (lambda x: kernels.power(x, -2), lambda x: 1 / (x * x), 1),
+    "root 5": (lambda x: kernels.root(x, 5), lambda x: abs(x).root(5) * (1 if x >= 0 else -1), 1),
+    "root 4": (lambda x: kernels.root(x, 4), lambda x: x.root(4) if x >= 0 else arb("nan"), 1),
     **{name: (getattr(functions, name), lambda x, name=name: getattr(x, name)(), 1) for name in _NAMES},
     "pow_real": (functions.pow_real, lambda x, p: (x.log() * p).exp() if x > 0 else arb("nan"), 2),
     "atan2": (functions.atan2, lambda y, x: arb.atan2(y, x) if x != 0 or y != 0 else arb("nan"), 2),
@@ -74,7 +74,7 @@ def swept(name: str, pairs: int, seed: int) -> Swept:
     given, compared = [operands(rng, pairs) for _ in range(arity)], 0
     with precision(200):
         for k in range(pairs):
-            bounds = [float(bound[k]) for lo, hi, _ in given for bound in (lo, hi)]
+            bounds = [(float(lo[k]), float(hi[k])) for lo, hi, _ in given]
             points = [float(x[k]) for _, _, x in given]
             if name in _CAPPED and abs(points[0]) > 1e4:
                 continue  # arb's own exponents would overflow

@@ -1,22 +1,19 @@
 """Contractors that come with cpcal; found by it through the entry points `cpcal.contractors`."""
 
-from contractors.hc4 import HC4, BoxConsistency
+from contractors.hc4 import HC4
 from contractors.krawczyk import Beaumont, Krawczyk
 from contractors.lifted import Lifted
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
 from contractors.regression import Regression
 from contractors.shaving import Cid, Shaving
-from contractors.violation import MostViolated
 
 __all__ = [
     "HC4",
     "Beaumont",
-    "BoxConsistency",
     "Cid",
     "Krawczyk",
     "Lifted",
-    "MostViolated",
     "Newton",
     "QInter",
     "Regression",

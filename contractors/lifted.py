@@ -8,7 +8,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -23,10 +23,9 @@ from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rewrite import PolynomialForms
-from cpcal.solver.network.rows import Rows
+from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 # ------------------------------------------------------------------------------------------------------------------
 # Directions in the variables of a box as objectives in its columns, and back: nothing is lost to rounding.
@@ -111,62 +110,50 @@ class Structures:
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
         self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
         self._made: _Expanded | None = None
+        self._elements: Indices | None = None
+        self._last: tuple[Box, Structure] | None = None  # of some elements
+
+    def restricted_to(self, elements: Indices) -> Structures:
+        """Those of some elements (along the leading axis) of every constraint alone, for one search.
+
+        Few rows shrink a box in many small steps. Rows that were expanded for a box hold in all of it, and so they
+        serve the boxes within it that are not much smaller.
+        """
+        if self._rows is None and self._made is None:  # all, for whoever asks for some of them
+            self._made = _Expanded(self._network, None, self._arithmetic, math.inf)
+        other = copy(self)
+        other._elements, other._last = elements, None
+        return other
 
     def on(self, box: Box, deadline: float) -> Structure:
         """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
-        return self.of(None if self._rows is None else self._rows.telling(box.mid, self._most(box)), box, deadline)
+        if self._elements is None:
+            return self._of(None if self._rows is None else self._rows.telling(box.mid, self._most(box)), box, deadline)
+        if self._last is None or not _near(box, self._last[0]):
+            self._last = box, self._alone(self._elements, box, deadline)
+        return self._last[1]
 
-    def of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
-        """The same of those elements of each constraint; None: of all."""
+    def _of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
+        """Of those elements of each constraint; None: of all."""
         if self._made is None or not self._made.has(keep):
             self._made = _Expanded(self._network, keep, self._arithmetic, deadline)
         return self._made.on(box)
 
-    def restricted_to(self, elements: Indices) -> RestrictedStructures:
-        """Those of some elements (along the leading axis) of every constraint alone."""
-        return RestrictedStructures(self if self._rows is None else copy(self), elements)
-
-    def alone(self, elements: Indices, box: Box, deadline: float) -> Structure:
+    def _alone(self, elements: Indices, box: Box, deadline: float) -> Structure:
         """Of some elements, on a box. Where few are expanded for all, those that are serve these too."""
         if self._rows is not None:
-            return self.of([elements] * len(self._network.constraints), box, deadline)
-        structure = self.of(None, box, deadline)
+            return self._of([elements] * len(self._network.constraints), box, deadline)
+        structure = self._of(None, box, deadline)
         shapes = [c.body.shape for c in self._network.constraints]
         width = np.array([max(int(np.prod(shape[1:])), 1) for shape in shapes], np.intp)
         constraint, element = structure.system.origin.T
         apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
-        rows = np.flatnonzero(~apart | np.isin(element // width[constraint], elements))
-        return structure.part(rows)
+        return structure.part(np.flatnonzero(~apart | np.isin(element // width[constraint], elements)))
 
     def _most(self, box: Box) -> int:
         """Elements for each side of a constraint."""
         seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
         return max(_TELLING if seeking else _ENCLOSING, self._share)
-
-
-class RestrictedStructures:
-    """Those of some elements of every constraint alone, for one search.
-
-    Few rows shrink a box in many small steps. Rows that were expanded for a box hold in all of it, and so they serve
-    the boxes within it that are not much smaller.
-    """
-
-    def __init__(self, whole: Structures, elements: Indices) -> None:
-        self._whole, self._elements = whole, elements
-        self._last: tuple[Box, Structure] | None = None
-
-    @property
-    def by_box(self) -> bool:
-        return self._whole.by_box
-
-    def on(self, box: Box, deadline: float) -> Structure:
-        """As `Structures.on`."""
-        last = self._last
-        if last is not None and _near(box, last[0]):
-            return last[1]
-        structure = self._whole.alone(self._elements, box, deadline)
-        self._last = box, structure
-        return structure
 
 
 def _near(box: Box, other: Box) -> bool:
@@ -260,7 +247,7 @@ class Lifted(Composable):
         self._arithmetic = get_arithmetic(arithmetic)
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
-        self._structures: Structures | RestrictedStructures = Structures(network, self._arithmetic, self._objective)
+        self._structures = Structures(network, self._arithmetic, self._objective)
 
     @property
     def unused_constraints(self) -> frozenset[int]:
@@ -273,7 +260,6 @@ class Lifted(Composable):
 
     def restricted_to(self, elements: Indices) -> Lifted:
         """See `cpcal.solver.contract.Restrictable`."""
-        assert isinstance(self._structures, Structures)
         other = copy(self)
         other._structures = self._structures.restricted_to(elements)
         return other
@@ -316,9 +302,9 @@ class _Programs:
         self._relaxation = Relaxation(structure, arithmetic, box)
         self._box = box
         columns = {column: k for k, column in enumerate(self._relaxation.columns.tolist())}
-        self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
-        self._variables = np.array(list(self._positions), np.intp)
-        self._columns = np.array(list(self._positions.values()), np.intp)
+        self.variables = {variable: columns[k] for variable, k in structure.positions.items()}
+        self._variables = np.array(list(self.variables), np.intp)
+        self._columns = np.array(list(self.variables.values()), np.intp)
         self._engine, self.count = Dense(), 0
         self._linear: Indices | None = None  # the columns of the programs; None: all
         if objective is None or not self._bends_little(objective):
@@ -330,7 +316,7 @@ class _Programs:
 
         Linear parts may leave no point below the box's upper end, so they reach beyond it: as far as the loss.
         """
-        r, place = self._relaxation, self._positions.get(objective)
+        r, place = self._relaxation, self.variables.get(objective)
         linear = np.flatnonzero(self._structure.linear[r.columns])
         if place is None or not self._box.rad[objective] > 0.0 or len(r.columns) < _WORTH * len(linear):
             return False
@@ -357,14 +343,10 @@ class _Programs:
         upper[place] = highest
         self._engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
 
-    @property
-    def variables(self) -> Collection[int]:
-        return self._positions
-
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
         count = len(self._relaxation.columns)
-        asked = Directions(self._arithmetic, self._box, self._positions, count, directions)
+        asked = Directions(self._arithmetic, self._box, self.variables, count, directions)
         lowest = np.empty(len(directions))
         for k, objective in enumerate(asked.objectives):
             lowest[k] = self._lowest(objective)
@@ -398,7 +380,7 @@ class _Programs:
 
     def _objective(self, variable: int, sign: float) -> Floats:
         objective = np.zeros(len(self._relaxation.columns))
-        objective[self._positions[variable]] = sign
+        objective[self.variables[variable]] = sign
         return objective
 
     # proofs ---------------------------------------------------------------------------------------------
@@ -413,13 +395,14 @@ class _Programs:
 
         Products of more than two variables, which no certificate has, are left out: the others prove less.
         """
-        first, names, scales = len(self._relaxation.products), self._names, self._scales
+        first = len(self._relaxation.products)
         rows: list[tuple[int, int, int, float]] = []
         pairs: list[tuple[int, int, float, float, float]] = []
         tangents: list[tuple[int, float, float]] = []
         for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
             if row >= first:
-                rows.append((*names[row - first], weight * scales[row - first]))
+                name, scale = self._kept[row - first]
+                rows.append((*name, weight * scale))
                 continue
             form = self._structure.products.forms[self._relaxation.products[row]]
             if form is not None and len(form) == 4:
@@ -429,13 +412,10 @@ class _Programs:
         return tuple([(c, k) for c, _, k, _ in rows]), StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
     @cached_property
-    def _names(self) -> list[tuple[int, int, int]]:
-        return self._structure.names(self._relaxation.kept)
-
-    @cached_property
-    def _scales(self) -> list[float]:
-        """What a multiplier of each row is one of the system's row times."""
-        return list(np.ldexp(1.0, -self._relaxation.exponents).tolist())
+    def _kept(self) -> list[tuple[tuple[int, int, int], float]]:
+        """The names of the system's rows, and what a multiplier of each is one of the system's row times."""
+        r = self._relaxation
+        return list(zip(self._structure.names(r.kept), np.ldexp(1.0, -r.exponents).tolist(), strict=True))
 
     def empty(self, solution: LinearSolution) -> Step | None:
         if not self._proved(solution, np.zeros(len(self._relaxation.columns))) > 0.0:

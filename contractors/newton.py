@@ -51,5 +51,5 @@ class Newton(Composable):
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
         with stop_flag(deadline, boxes.shape[1], len(bounds)) as stop:
             kernel = square_of(self._engine).newton_all
-            kernel(*self._equalities.program, self._operator.value, self._most, stop, bounds)
+            kernel(self._equalities.program, self._operator.value, self._most, stop, bounds)
         return IntervalArray(bounds[..., 0], bounds[..., 1])

@@ -27,38 +27,19 @@ class Alignment:
 
     motion      position (3,) mm and quaternion
     residual    (n, 3) mm: the drawing's centres less the moved ones
-    covariance  (6, 6) of position (mm) and rotation vector (rad, drawing's frame): of the frame that the joints define
-    drawing     (6, 6) of the drawing's frame: with the drawing's own errors, estimated from the residuals
-    freedom     of the residuals, 3 n - 6
+    sigma       (6,) standard deviations of position (mm) and rotation vector (rad, drawing's frame), of the frame that
+                the joints define
+    drawing_sigma    (6,) of the drawing's frame: with the drawing's own errors, estimated from the residuals
+    drawing_error    mm: how far a coordinate of a joint centre is off its drawing (standard deviation)
+    coverage_factor  k for 95 % with so few degrees of freedom, 3 n - 6 (Student)
     """
 
     motion: Pose
     residual: Floats
-    covariance: Floats
-    drawing: Floats
-    freedom: int
-
-    @property
-    def sigma(self) -> Floats:
-        """(6,) standard deviations, mm and rad, of the frame that the joints define."""
-        return np.sqrt(np.diagonal(self.covariance))
-
-    @property
-    def drawing_sigma(self) -> Floats:
-        """(6,) standard deviations, mm and rad, of the drawing's frame."""
-        return np.sqrt(np.diagonal(self.drawing))
-
-    @property
-    def drawing_error(self) -> float:
-        """mm: how far a coordinate of a joint centre is off its drawing (standard deviation)."""
-        return float(np.sqrt(np.sum(self.residual**2) / self.freedom))
-
-    @property
-    def coverage_factor(self) -> float:
-        """k for 95 % with so few degrees of freedom (Student)."""
-        from scipy import special  # here: it takes a third of a second to load
-
-        return float(special.stdtrit(self.freedom, 0.975))
+    sigma: Floats
+    drawing_sigma: Floats
+    drawing_error: float
+    coverage_factor: float
 
 
 def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None) -> Alignment:
@@ -67,6 +48,8 @@ def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None)
 
     Raises InputError for fewer than three centres, and for centres on a line.
     """
+    from scipy import special  # here: it takes a third of a second to load
+
     count = len(measured)
     middle, drawn = measured.mean(axis=0), drawing.mean(axis=0)
     sizes = np.linalg.svd(drawing - drawn, compute_uv=False) if count > 2 else np.zeros(3)
@@ -82,9 +65,17 @@ def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None)
     each = np.kron(np.eye(count), rotation)
     own = np.zeros((6, 6)) if covariance is None else back @ each @ covariance @ each.T @ back.T
     freedom = 3 * count - 6
-    drawn_error = np.sum(residual**2) / freedom if freedom else np.inf
-    of_drawing = drawn_error * np.linalg.inv(columns.T @ columns) + own
-    return Alignment(Pose(position, quaternion_from_matrix(rotation)), residual, own, of_drawing, freedom)
+    error = float(np.sqrt(np.sum(residual**2) / freedom))
+    of_drawing = error**2 * np.linalg.inv(columns.T @ columns) + own
+    sigma, drawing_sigma = (np.sqrt(np.diagonal(part)) for part in (own, of_drawing))
+    return Alignment(
+        Pose(position, quaternion_from_matrix(rotation)),
+        residual,
+        sigma,
+        drawing_sigma,
+        error,
+        float(special.stdtrit(freedom, 0.975)),
+    )
 
 
 # Parameters laid on the drawing, so that those of two fits can be compared: base and mobile centres each by the rigid

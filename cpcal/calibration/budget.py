@@ -13,8 +13,9 @@ the same to it, and the only length that it knows is the target's.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -49,11 +50,11 @@ class Inputs:
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Inputs:
         """From names and numbers. Raises InputError for other names, and for what is no standard uncertainty."""
-        known = [field.name for field in fields(cls)]
-        problems = [Problem("budget", f"has no input {name!r}", f"known: {', '.join(known)}") for name in values]
-        problems = [problem for problem, name in zip(problems, values, strict=True) if name not in known]
+        known, problems = [field.name for field in fields(cls)], []
         for name, value in values.items():
-            if name in known and not (math.isfinite(value) and value >= 0.0):
+            if name not in known:
+                problems.append(Problem("budget", f"has no input {name!r}", f"known: {', '.join(known)}"))
+            elif not (math.isfinite(value) and value >= 0.0):
                 problems.append(Problem(f"budget {name}", f"is {value}", "give a standard uncertainty >= 0"))
         if problems:
             raise InputError(problems)
@@ -127,104 +128,80 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, tri
     """
     if trials is not None and trials < _TRIALS_MIN:
         raise InputError([Problem("option trials", f"has no meaning: {trials}", f"give {_TRIALS_MIN} or more")])
-    study = _Study(best, campaign, drawing)
+    laid, nothing = on_drawing(best.parameters, drawing), np.zeros_like(best.parameters)
+
+    def errors(found: Fit) -> Floats:
+        """(n, 7) standard uncertainties of the parameters laid on the drawing."""
+        return on_drawing_errors(found.parameters, found.covariance, drawing)
+
+    def refitted(**readings: Any) -> Floats:
+        """(n, 7) the parameters of other readings, laid on the drawing."""
+        other = replace(campaign, **readings)
+        again = fit(other, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
+        return on_drawing(again.parameters, drawing)
+
+    def scaled(share: float) -> Floats:
+        return np.abs(refitted(position=campaign.position * (1.0 + share)) - laid) if share else nothing
+
+    def sensors(share: float) -> Floats:
+        """Each leg by itself: squares add up."""
+        legs = np.eye(campaign.legs)[: campaign.legs if share else 0]
+        each = (refitted(length=campaign.length * (1.0 + share * leg)) - laid for leg in legs)
+        return np.asarray(np.sqrt(sum((change**2 for change in each), nothing)))
+
+    def lens(size: float) -> Floats:
+        if not size:
+            return nothing
+        only = Noise.from_sigmas([size] * 3, [0.0] * 3, np.zeros(campaign.legs), count=len(campaign))
+        return errors(replace(best, noise=only, source="noise"))
+
     stated = {
-        source: (getattr(inputs, source), size(study, getattr(inputs, source))) for source, size in _SOURCES.items()
+        "camera_scale": scaled(inputs.camera_scale),
+        "target_scale": scaled(inputs.target_scale),
+        "lens": lens(inputs.lens),
+        "sensor_scale": sensors(inputs.sensor_scale),
+        "temperature": scaled(_EXPANSION * inputs.temperature),
     }
-    shared = sum((values**2 for _, values in stated.values()), np.zeros_like(best.parameters))
-    statistical = study.errors(best)
+    shared = sum((values**2 for values in stated.values()), nothing)
+    statistical = errors(best)
     total = np.sqrt(statistical**2 + shared)
-    columns = {"repeats and residuals": (math.nan, statistical), **stated}
+    columns = {"repeats and residuals": (math.nan, statistical)}
+    columns |= {source: (getattr(inputs, source), values) for source, values in stated.items()}
     rows = tuple(Contribution(name, u, _rms(values), float(values.max())) for name, (u, values) in columns.items())
     checked = None
     if trials is not None:
-        by_noise = np.sqrt(study.errors(replace(best, source="noise")) ** 2 + shared)
-        checked = study.monte_carlo(inputs, 2.0 * by_noise, trials)
+        by_noise = np.sqrt(errors(replace(best, source="noise")) ** 2 + shared)
+        drawn = [refitted(**readings) for readings in _drawn_readings(best, campaign, inputs, trials)]
+        checked = _compared(np.array(drawn), 2.0 * by_noise)
     expanded = tuple(tuple(row) for row in (2.0 * total).tolist())
     return Budget(inputs, rows, expanded, _rms(total), float(total.max()), checked)
 
 
-@dataclass(frozen=True, eq=False)
-class _Study:
-    """x_c_sigma of a campaign."""
+def _drawn_readings(best: Fit, campaign: Campaign, inputs: Inputs, trials: int) -> Iterator[dict[str, Floats]]:
+    """Readings with the noise of camera and sensors and with the inputs' errors."""
+    stream, noise = np.random.default_rng(0), best.noise
+    assert noise is not None  # x_c_sigma is weighted by it
+    exact = campaign.length + best.equations.values(best.parameters)  # of the fitted legs at these poses
+    roots = root(noise.pose)
+    scales = np.array([inputs.camera_scale, inputs.target_scale, _EXPANSION * inputs.temperature])
+    for _ in range(trials):
+        step = np.einsum("kij,kj->ki", roots, stream.standard_normal((len(campaign), 6)))
+        read = np.einsum("kij,kj->ki", noise.length_root, stream.standard_normal(exact.shape))
+        turned = quaternion_product(quaternion_from_rotation_vector(step[:, 3:]), campaign.quaternion)
+        scale = 1.0 + float(scales @ stream.standard_normal(3))
+        off = inputs.lens * stream.standard_normal(campaign.position.shape)
+        sensors = 1.0 + inputs.sensor_scale * stream.standard_normal(campaign.legs)
+        position = (campaign.position + step[:, :3]) * scale + off
+        yield {"position": position, "quaternion": normalised(turned), "length": (exact + read) * sensors}
 
-    best: Fit
-    campaign: Campaign
-    drawing: Robot
 
-    def errors(self, best: Fit) -> Floats:
-        """(n, 7) standard uncertainties of the parameters laid on the drawing."""
-        return on_drawing_errors(best.parameters, best.covariance, self.drawing)
-
-    def refitted(self, campaign: Campaign) -> Floats:
-        """(n, 7) the parameters of other readings, laid on the drawing."""
-        best = self.best
-        again = fit(campaign, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
-        return on_drawing(again.parameters, self.drawing)
-
-    def changes(self, campaign: Campaign) -> Floats:
-        """(n, 7) by how much the parameters change with these readings."""
-        return np.abs(self.refitted(campaign) - on_drawing(self.best.parameters, self.drawing))
-
-    def scale_of_poses(self, size: float) -> Floats:
-        position = self.campaign.position * (1.0 + size)
-        return self.changes(replace(self.campaign, position=position)) if size else self.none
-
-    def scale_of_sensors(self, size: float) -> Floats:
-        """Each leg by itself: squares add up."""
-        legs = np.eye(self.campaign.legs) if size else ()
-        lengths = (self.campaign.length * (1.0 + size * leg) for leg in legs)
-        each = (self.changes(replace(self.campaign, length=length)) ** 2 for length in lengths)
-        return np.asarray(np.sqrt(sum(each, self.none)))
-
-    def lens(self, size: float) -> Floats:
-        if size == 0.0:
-            return self.none
-        none = np.zeros(self.campaign.legs)
-        only = Noise.from_sigmas([size] * 3, [0.0] * 3, none, count=len(self.campaign))
-        return self.errors(replace(self.best, noise=only, source="noise"))
-
-    def temperature(self, size: float) -> Floats:
-        return self.scale_of_poses(_EXPANSION * size)
-
-    @property
-    def none(self) -> Floats:
-        return np.zeros_like(self.best.parameters)
-
-    def monte_carlo(self, inputs: Inputs, expanded: Floats, trials: int) -> MonteCarlo:
-        """Readings drawn with the noise of camera and sensors and with the inputs' errors, each set fitted anew."""
-        stream, campaign, best, noise = np.random.default_rng(0), self.campaign, self.best, self.best.noise
-        assert noise is not None  # x_c_sigma is weighted by it
-        exact = campaign.length + best.equations.values(best.parameters)  # of the fitted legs at these poses
-        roots = root(noise.pose)
-        scales = np.array([inputs.camera_scale, inputs.target_scale, _EXPANSION * inputs.temperature])
-        drawn = []
-        for _ in range(trials):
-            step = np.einsum("kij,kj->ki", roots, stream.standard_normal((len(campaign), 6)))
-            read = np.einsum("kij,kj->ki", noise.length_root, stream.standard_normal(exact.shape))
-            turned = quaternion_product(quaternion_from_rotation_vector(step[:, 3:]), campaign.quaternion)
-            scale = 1.0 + float(scales @ stream.standard_normal(3))
-            lens = inputs.lens * stream.standard_normal(campaign.position.shape)
-            sensors = 1.0 + inputs.sensor_scale * stream.standard_normal(campaign.legs)
-            position = (campaign.position + step[:, :3]) * scale + lens
-            length = (exact + read) * sensors
-            drawn.append(
-                self.refitted(replace(campaign, position=position, quaternion=normalised(turned), length=length))
-            )
-        low, high = np.quantile(np.array(drawn), [0.025, 0.975], axis=0)
-        half, free = 0.5 * (high - low), expanded > 1e-9
-        near = np.abs(half[free] - expanded[free]) <= 0.2 * expanded[free]
-        return MonteCarlo(trials, _rms(half[free]), float(half.max()), float(np.mean(near)))
+def _compared(drawn: Floats, expanded: Floats) -> MonteCarlo:
+    """Parameters (trials, n, 7) of simulated studies beside U (n, 7)."""
+    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+    half, free = 0.5 * (high - low), expanded > 1e-9
+    near = np.abs(half[free] - expanded[free]) <= 0.2 * expanded[free]
+    return MonteCarlo(len(drawn), _rms(half[free]), float(half.max()), float(np.mean(near)))
 
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-_SOURCES = {
-    "camera_scale": _Study.scale_of_poses,
-    "target_scale": _Study.scale_of_poses,
-    "lens": _Study.lens,
-    "sensor_scale": _Study.scale_of_sensors,
-    "temperature": _Study.temperature,
-}

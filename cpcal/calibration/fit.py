@@ -145,23 +145,6 @@ class Fit:
         known = np.sum(self.svd[2][self.determined] ** 2, axis=0)
         return np.asarray(1.0 - known > _IN_NULL_SPACE**2).reshape(-1, 7)
 
-    def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
-        """Lower and upper ends (n, 7), mm, of each parameter's confidence interval at that level, one at a time.
-
-        Normal quantiles when the covariance comes from the noise, Student's with `freedom` when from the residuals.
-        """
-        from scipy import special  # here: it takes a third of a second to load
-
-        if not 0 < level < 1:
-            raise InputError([Problem("option level", f"has no meaning: {level!r}", "give a number between 0 and 1")])
-        upper = 0.5 + 0.5 * level
-        if self.source == "noise":
-            quantile = float(special.ndtri(upper))
-        else:
-            quantile = float(special.stdtrit(self.freedom, upper)) if self.freedom > 0 else np.inf
-        half = quantile * self.standard_errors
-        return self.parameters - half, self.parameters + half
-
     @cached_property
     def noise_ratio(self) -> Floats | None:
         """(n,) root mean square (divisor N - 7) of residual / its standard deviation by the noise: 1 is expected.

@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -44,8 +43,9 @@ class Repeatability:
     sensors    (n, n) mm^2 of the leg readings
     robot      (n, n) mm^2 of the legs' own motion; zero where none is seen beyond three of its standard errors
     told       whether the repeats are enough to tell the sources apart; if not, all scatter counts as noise
-    robot_error  (n,) mm^2, standard errors of the robot's variances
-    total      (6 + n,) standard deviations of the deviations as they are: tables 2 and 3 of the paper
+    noise_sigma     (6 + n,) standard deviations of camera and sensors alone
+    robot_sigma     (n,) mm: how far the legs scatter between repeats themselves
+    equation_sigma  (n,) mm: pooled standard deviation of g between repeats, leg by leg
     equations  (N, n) mm: deviations of g between the repeats of a configuration, J (pose) - (lengths)
     expected   (N, n) mm: their standard deviations by camera and sensors
     spread     what all of it is taken from
@@ -55,60 +55,30 @@ class Repeatability:
     sensors: Floats
     robot: Floats
     told: bool
-    robot_error: Floats
-    total: Floats
+    noise_sigma: Floats
+    robot_sigma: Floats
+    equation_sigma: Floats
     equations: Floats
     expected: Floats
     spread: Deviations
 
-    @property
-    def freedom(self) -> int:
-        """Repeats less configurations."""
-        return self.spread.freedom
-
-    @property
-    def noise_sigma(self) -> Floats:
-        """(6 + n,) standard deviations of camera and sensors alone."""
-        return np.asarray(np.sqrt(np.concatenate([np.diagonal(self.camera), np.diagonal(self.sensors)])))
-
-    @property
-    def robot_sigma(self) -> Floats:
-        """(n,) mm: how far the legs scatter between repeats themselves."""
-        return np.asarray(np.sqrt(np.diagonal(self.robot)))
-
-    @cached_property
-    def equation_sigma(self) -> Floats:
-        """(n,) mm: pooled standard deviation of g between repeats, leg by leg."""
-        return np.asarray(np.sqrt(np.sum(self.equations**2, axis=0) / self.freedom))
-
-    @property
-    def moves(self) -> bool:
-        """Whether the robot's own scatter is seen, beyond chance, in some leg."""
-        return bool(self.robot.any())
-
     def noise(self, repeats: Ints) -> Noise:
         """Of the means of so many repeats (N,): what the calibration equations are off by."""
-        count, sigma = len(repeats), np.sqrt(np.diagonal(self.sensors))
-        share = 1.0 / np.asarray(repeats, dtype=np.float64)
+        sigma, share = self.noise_sigma[6:], 1.0 / np.asarray(repeats, dtype=np.float64)
         safe = np.where(sigma > 0.0, sigma, 1.0)
         correlation = np.where(np.eye(len(sigma)) == 1.0, 1.0, self.sensors / np.outer(safe, safe))
-        return Noise(
-            self.camera * share[:, None, None],
-            np.broadcast_to(sigma, (count, len(sigma))) * np.sqrt(share)[:, None],
-            correlation,
-            float(self.freedom),
-        )
+        length = np.sqrt(share)[:, None] * sigma
+        return Noise(self.camera * share[:, None, None], length, correlation, float(self.spread.freedom))
 
     @property
     def sentence(self) -> str:
         """What scatters, in words."""
-        legs = self.equation_sigma
+        legs, robot = self.equation_sigma, self.robot_sigma
         said = f"Between repeats the calibration equations scatter by {legs.min():.3g} to {legs.max():.3g} mm, by leg"
         if not self.told:
             return f"{said}; the repeats are too few to tell the robot's own scatter from that of camera and sensors."
-        if not self.moves:
+        if not robot.any():
             return f"{said}. The robot itself comes back: no scatter of its own is seen beside camera's and sensors'."
-        robot = self.robot_sigma
         return (
             f"{said}. The ROBOT ITSELF SCATTERS by {robot.min():.2g} to {robot.max():.2g} mm, by leg, which camera and "
             "sensors both see: it is no noise of theirs, and counts neither in standard errors nor in reading sets."
@@ -122,38 +92,33 @@ def repeatability(campaign: Campaign) -> Repeatability:
     """
     spread = campaign_deviations(campaign)
     by_pose = LegEquations.of(campaign).by_pose(campaign.robot.parameters)
-    legs = np.einsum("kij,kj->ki", by_pose, spread.values[:, :6]) - spread.values[:, 6:]
+    equations = np.einsum("kij,kj->ki", by_pose, spread.values[:, :6]) - spread.values[:, 6:]
     # the mean derivative of each configuration's repeats
     middle = group_means(by_pose.reshape(len(by_pose), -1), spread.group, len(spread.names))
     middle = middle.reshape(-1, *by_pose.shape[1:])
     parts = _told_apart(middle, spread)
     told = parts is not None
-    camera, sensors, robot, error = parts if parts is not None else _taken_as_noise(spread)
-    if told and not (np.diagonal(robot) > _SEEN * error).any():  # then the scatter itself tells the noise best
-        camera, sensors, robot, _ = _taken_as_noise(spread)
+    if parts is None or not parts[2].any():  # the scatter itself tells the noise best
+        all_of_it = spread.values.T @ spread.values / spread.freedom
+        parts = all_of_it[:6, :6], all_of_it[6:, 6:], np.zeros_like(all_of_it[6:, 6:])
+    camera, sensors, robot = parts
     of_mean = np.einsum("kij,jl,kml->kim", middle, camera, middle) + sensors
-    expected = np.sqrt(np.diagonal(of_mean, axis1=1, axis2=2))[spread.group]
     return Repeatability(
         camera=camera,
         sensors=sensors,
         robot=robot,
         told=told,
-        robot_error=error,
-        total=spread.sigma,
-        equations=legs,
-        expected=expected,
+        noise_sigma=np.sqrt(np.concatenate([np.diagonal(camera), np.diagonal(sensors)])),
+        robot_sigma=np.sqrt(np.diagonal(robot)),
+        equation_sigma=np.sqrt(np.sum(equations**2, axis=0) / spread.freedom),
+        equations=equations,
+        expected=np.sqrt(np.diagonal(of_mean, axis1=1, axis2=2))[spread.group],
         spread=spread,
     )
 
 
-def _taken_as_noise(spread: Deviations) -> tuple[Floats, Floats, Floats, Floats]:
-    covariance = spread.values.T @ spread.values / spread.freedom
-    legs = len(covariance) - 6
-    return covariance[:6, :6], covariance[6:, 6:], np.zeros((legs, legs)), np.zeros(legs)
-
-
-def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Camera, sensors, robot, and the standard errors of the robot's variances; None where there is too little."""
+def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Floats] | None:
+    """Camera, sensors and robot, the latter zero where it is not seen; None where there is too little."""
     scale = spread.sigma
     if spread.freedom < _FEWEST or not (scale > 0.0).all() or len(spread.names) < 7:
         return None
@@ -191,12 +156,11 @@ def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Fl
         flat = np.concatenate([part[np.triu_indices(len(part))] for part in safe])
         covariance = np.einsum("p,kpab->kab", flat, basis)
     error = np.sqrt(np.diagonal(np.linalg.inv(information)))[sensors.stop :]
-    diagonal = np.flatnonzero(np.equal(*np.triu_indices(legs)))
+    seen_legs = np.diagonal(parts[2]) > _SEEN * error[np.flatnonzero(np.equal(*np.triu_indices(legs)))]
     return (
         parts[0] * np.outer(scale[:6], scale[:6]),
         parts[1] * np.outer(scale[6:], scale[6:]),
-        parts[2] * unit**2,
-        error[diagonal] * unit**2,
+        parts[2] * unit**2 * seen_legs.any(),
     )
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -34,6 +34,12 @@ class Deviations:
     row_names N texts that identify the readings
     channels  C names
     values    (N, C) deviations, in each channel's unit
+    repeats   (K,) readings of each configuration
+    freedom   N - K
+    sigma     (C,) standard deviations of one reading, pooled over the configurations, divisor N - K
+    errors    (N', C) deviations times sqrt(r / (r - 1)), of configurations with r >= 2: a deviation from the mean of r
+              readings has (r - 1) / r of a reading's variance; these have all of it, and stand for the errors of single
+              readings in what follows (they are nearly independent when r is large)
     """
 
     names: tuple[str, ...]
@@ -41,32 +47,10 @@ class Deviations:
     row_names: tuple[str, ...]
     channels: tuple[str, ...]
     values: Floats
-
-    @cached_property
-    def repeats(self) -> Ints:
-        """(K,) readings of each configuration."""
-        return np.bincount(self.group, minlength=len(self.names)).astype(np.int64)
-
-    @property
-    def freedom(self) -> int:
-        """N - K."""
-        return len(self.group) - len(self.names)
-
-    @cached_property
-    def sigma(self) -> Floats:
-        """(C,) standard deviations of one reading, pooled over the configurations, divisor N - K."""
-        return np.asarray(np.sqrt(np.sum(self.values**2, axis=0) / self.freedom))
-
-    @cached_property
-    def errors(self) -> Floats:
-        """(N', C) deviations times sqrt(r / (r - 1)), of configurations with r >= 2.
-
-        A deviation from the mean of r readings has (r - 1) / r of a reading's variance; these have all of it, and stand
-        for the errors of single readings in what follows (they are nearly independent when r is large).
-        """
-        r = self.repeats[self.group]
-        several = r > 1
-        return np.asarray(self.values[several] * np.sqrt(r[several] / (r[several] - 1.0))[:, None])
+    repeats: Ints
+    freedom: int
+    sigma: Floats
+    errors: Floats
 
 
 def deviations(
@@ -79,7 +63,12 @@ def deviations(
     """
     group, names = grouped(configuration)
     centred = values - group_means(values, group, len(names))[group]
-    return Deviations(names, group, tuple(row_names), tuple(channels), frozen_array(centred))
+    repeats, freedom = np.bincount(group, minlength=len(names)).astype(np.int64), len(group) - len(names)
+    sigma = np.sqrt(np.sum(centred**2, axis=0) / freedom)
+    r = repeats[group][:, None]
+    errors = (centred * np.sqrt(r / np.maximum(r - 1.0, 1.0)))[r[:, 0] > 1]
+    identified = names, group, tuple(row_names), tuple(channels)
+    return Deviations(*identified, frozen_array(centred), repeats, freedom, sigma, errors)
 
 
 def campaign_deviations(campaign: Campaign) -> Deviations:
@@ -105,6 +94,12 @@ def mean_rotations(quaternion: Floats, group: Ints, count: int) -> Floats:
     np.add.at(outer, group, quaternion[:, :, None] * quaternion[:, None, :])
     mean = np.linalg.eigh(outer)[1][:, :, -1]
     return np.asarray(np.where(mean[:, :1] < 0, -mean, mean))
+
+
+def means(campaign: Campaign, group: Ints, count: int) -> tuple[Floats, Floats, Floats]:
+    """Position, quaternion and length of the means of a campaign's groups, as `Campaign.of` takes them."""
+    position, length = (group_means(table, group, count) for table in (campaign.position, campaign.length))
+    return position, mean_rotations(campaign.quaternion, group, count), length
 
 
 def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tuple[Ints, tuple[str, ...]]:
@@ -184,9 +179,7 @@ def averaged(
     largest = widths.max(axis=0) / factor  # what holds for all rows
     return Campaign.of(
         campaign.robot,
-        group_means(campaign.position, group, len(names)),
-        mean_rotations(campaign.quaternion, group, len(names)),
-        group_means(campaign.length, group, len(names)),
+        *means(campaign, group, len(names)),
         pose=names,
         run=["mean"] * len(names),
         uncertainty=Uncertainty(largest[:3], largest[3:6], largest[6:], factor),
@@ -242,6 +235,9 @@ class Screening:
 
     channels   C names; untested: those where more than half of the readings agree exactly, whose MAD is zero
     rows       numbers of the outlying readings, from 0; names: what they are called
+    too_many   whether so many are beyond that they are no outliers, but how the readings are distributed
+    keep       (N,) which readings are within the threshold in every channel; all where too many are not
+    left_out   the names of the outliers; none where they are too many to be such
     """
 
     channels: tuple[str, ...]
@@ -249,23 +245,9 @@ class Screening:
     rows: tuple[int, ...]
     names: tuple[str, ...]
     untested: tuple[str, ...]
-
-    @property
-    def too_many(self) -> bool:
-        """Whether so many are beyond that they are no outliers, but how the readings are distributed."""
-        return len(self.rows) > _OUTLIERS_MAX * len(self.scores)
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """The names of the outliers; none where they are too many to be such."""
-        return () if self.too_many else self.names
-
-    @property
-    def keep(self) -> npt.NDArray[np.bool_]:
-        """(N,) which readings are within the threshold in every channel; all where too many are not."""
-        if self.too_many:
-            return np.ones(len(self.scores), dtype=np.bool_)
-        return np.asarray(np.isin(np.arange(len(self.scores)), self.rows, invert=True))
+    too_many: bool
+    keep: Bools
+    left_out: tuple[str, ...]
 
     @property
     def sentence(self) -> str:
@@ -298,10 +280,12 @@ def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
     found = scores(deviations) if values is None else values
     silent: Bools = np.asarray(np.isnan(found).all(axis=0))
     known = np.where(np.isnan(found), 0.0, found)
-    rows = np.flatnonzero((np.abs(known) > THRESHOLD).any(axis=1)).tolist()
+    beyond: Bools = np.asarray((np.abs(known) > THRESHOLD).any(axis=1))
+    rows, too_many = tuple(np.flatnonzero(beyond).tolist()), beyond.sum() > _OUTLIERS_MAX * len(beyond)
     untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
     names = tuple(deviations.row_names[row] for row in rows)
-    return Screening(deviations.channels, known, tuple(rows), names, untested)
+    keep, left_out = (np.ones_like(beyond), ()) if too_many else (~beyond, names)
+    return Screening(deviations.channels, known, rows, names, untested, bool(too_many), keep, left_out)
 
 
 def scores(deviations: Deviations) -> Floats:
@@ -355,15 +339,17 @@ class ChannelStatistics:
     shapiro: float
     tests: int = 1
 
-    def not_normal(self, level: float = LEVEL) -> bool:
-        """`level` is the probability of calling a good channel bad among all `tests`; False where it is not tested."""
-        return self.shapiro < level / self.tests
+    @property
+    def not_normal(self) -> bool:
+        """At the level of all `tests` together; False where it is not tested."""
+        return self.shapiro < LEVEL / self.tests
 
-    def sentence(self, level: float = LEVEL) -> str:
+    @property
+    def sentence(self) -> str:
         """The channel in words."""
         spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
-        tested = not math.isnan(self.shapiro)
-        shape = "not tested for normality" if not tested else "NOT NORMAL" if self.not_normal(level) else "looks normal"
+        shape = "NOT NORMAL" if self.not_normal else "looks normal"
+        shape = "not tested for normality" if math.isnan(self.shapiro) else shape
         return f"{spread} ({self.readings} readings); {shape}."
 
 
@@ -372,9 +358,8 @@ def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[Chann
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
     out = []
-    for name, sigma, errors in list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))[
-        chosen
-    ]:
+    channels = list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))
+    for name, sigma, errors in channels[chosen]:
         thinned = errors[:: -(-len(errors) // _SHAPIRO_MAX)]
         shapiro = float(stats.shapiro(thinned).pvalue) if sigma > 0.0 and len(errors) >= 3 else math.nan
         out.append(ChannelStatistics(name, len(errors), float(sigma), float(np.max(np.abs(errors))), shapiro))

@@ -34,7 +34,7 @@ from cpcal.calibration.statistics import (
     group_means,
     grouped,
     kept,
-    mean_rotations,
+    means,
     scores,
     screen,
 )
@@ -96,11 +96,11 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
     good = kept(rows, keep)
-    means, names = _run_means(good, runs[keep])
+    averages, names = _run_means(good, runs[keep])
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
         shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(names)))
-    return StudyRows(rows, screening, good, means, every if not keep.all() else means, names, shared)
+    return StudyRows(rows, screening, good, averages, every if not keep.all() else averages, names, shared)
 
 
 def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
@@ -122,16 +122,13 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
     names = tuple(runs[first].tolist())
     if len(first) == len(rows):
         return rows, names
-    means = Campaign.of(
+    return Campaign.of(
         rows.robot,
-        group_means(rows.position, group, len(first)),
-        mean_rotations(rows.quaternion, group, len(first)),
-        group_means(rows.length, group, len(first)),
+        *means(rows, group, len(first)),
         pose=[rows.pose[k] for k in first],
         run=names,
         exact=True,
-    )
-    return means, names
+    ), names
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -246,7 +243,6 @@ class FittedFrames:
     """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
     root mean squares of the components, mm and rad."""
 
-    method: str
     camera_in_base: FittedFrame
     target_in_mobile: FittedFrame
     position_residual: float
@@ -258,8 +254,8 @@ class FittedFrames:
     def sentence(self) -> str:
         """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
         said = (
-            f"Frames by the method of {self.method.capitalize()}, refined, to start with: the two ways to the target "
-            f"differ by {self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
+            f"Frames by Shah's method, refined, to start with: the two ways to the target differ by "
+            f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
             "component (rms), which holds the drawing's errors and the legs' imperfections too."
         )
         both = self.camera_in_base.sentence("Camera in base"), self.target_in_mobile.sentence("Target in mobile")
@@ -353,7 +349,7 @@ class CalibrationRecord:
         """What the steps say of themselves, in their order."""
         repeats, check = self.repeats, self.validation
         yield repeats.screening
-        yield from (channel.statistics.sentence() for channel in repeats.channels)
+        yield from (channel.statistics.sentence for channel in repeats.channels)
         yield repeats.scatter
         if repeats.shared is not None:
             yield repeats.shared.sentence
@@ -370,7 +366,7 @@ class CalibrationRecord:
         yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/6"
+FORMAT = "cpcal-calibration/7"
 RECORD_NAME = "calibration.json"
 
 
@@ -415,8 +411,8 @@ class StudyCalibration:
     record: CalibrationRecord
 
 
-def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
-    """Frames by `method` ("shah" or "andreff", refined), reading sets of `factor` standard deviations.
+def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
+    """Frames, fits, reading sets of `factor` standard deviations, validation.
 
     of   whose standard deviations: of the "mean" of a configuration's repeats, about which the sets are; or of "single"
          readings, as in the paper, which are larger by the root of the number of repeats
@@ -426,16 +422,17 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     """
     drawing = study.robot
     rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
-    means = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
-    drawn = forward_kinematics(drawing, means.length, central_pose(drawing, means.length.mean(axis=0)))
-    frames = calibrate_frames(drawn, Pose(means.position, means.quaternion), method=method)
+    centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
+    drawn = forward_kinematics(drawing, centres.length, central_pose(drawing, centres.length.mean(axis=0)))
+    frames = calibrate_frames(drawn, Pose(centres.position, centres.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
     sigma = repeats.noise_sigma
     if of == "single":  # of a row, less what the robot itself adds
-        single = np.concatenate([of_rows.sigma[:6], repeats.total[6:]])
-        own = single**2 - (repeats.total**2 - repeats.noise_sigma**2)
+        total = repeats.spread.sigma
+        single = np.concatenate([of_rows.sigma[:6], total[6:]])
+        own = single**2 - (total**2 - repeats.noise_sigma**2)
         sigma = np.sqrt(np.maximum(own, repeats.noise_sigma**2))
     campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
@@ -456,7 +453,6 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         sets=ReadingSets(factor, of, shared is not None),
         repeats=repeat_record,
         frames=FittedFrames(
-            method=frames.method,
             camera_in_base=_frame(base, np.zeros(6) if shared is None else shared.camera_in_base),
             target_in_mobile=_frame(mobile, np.zeros(6) if shared is None else shared.target_in_mobile),
             position_residual=float(np.sqrt(np.mean(frames.position_residual**2))),

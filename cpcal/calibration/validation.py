@@ -48,13 +48,6 @@ class ErrorSummary:
     at_95: float
     largest: float
 
-    @classmethod
-    def of(cls, values: Floats) -> ErrorSummary:
-        if not len(values):
-            return cls(np.nan, np.nan, np.nan, np.nan)
-        deviation = float(np.std(values, ddof=1)) if len(values) > 1 else np.nan
-        return cls(float(np.mean(values)), deviation, float(np.quantile(values, 0.95)), float(np.max(values)))
-
 
 @dataclass(frozen=True)
 class NoiseFloor:
@@ -107,8 +100,8 @@ class Validation:
 
     def summaries(self, kind: str) -> tuple[ErrorSummary, ErrorSummary]:
         """Columns "before calibration" and "after calibration" of table 6."""
-        before, after = self.errors(kind)
-        return ErrorSummary.of(before), ErrorSummary.of(after)
+        before, after = map(_summary, self.errors(kind))
+        return before, after
 
     def improvement(self, kind: str) -> Floats:
         """Percent of the compared poses, 100 (before - after) / before; negative where the error grew, 0 where both are
@@ -151,6 +144,13 @@ class Validation:
                 f"{left[0]:.2g} mm and {np.degrees(left[1]):.2g} degrees (root mean squares)."
             )
         return said + lost
+
+
+def _summary(values: Floats) -> ErrorSummary:
+    if not len(values):
+        return ErrorSummary(np.nan, np.nan, np.nan, np.nan)
+    deviation = float(np.std(values, ddof=1)) if len(values) > 1 else np.nan
+    return ErrorSummary(float(np.mean(values)), deviation, float(np.quantile(values, 0.95)), float(np.max(values)))
 
 
 def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> PoseErrors:

@@ -66,11 +66,6 @@ class BudgetFlags:
         return None
 
 
-class FrameStart(StrEnum):
-    SHAH = "shah"
-    ANDREFF = "andreff"
-
-
 class SetOf(StrEnum):
     MEAN = "mean"
     SINGLE = "single"
@@ -84,9 +79,6 @@ class FrameName(StrEnum):
 def calibrate(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
     folder: Annotated[Path, output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there.")],
-    method: Annotated[
-        FrameStart, typer.Option(help="How the frames of camera and target are started.")
-    ] = FrameStart.SHAH,
     factor: Annotated[float, typer.Option(help="Half-width of the reading sets, in standard deviations.")] = 3.0,
     of: Annotated[
         SetOf,
@@ -114,7 +106,7 @@ def calibrate(
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
     inputs = options.checked()
     check_writable(folder)
-    found = calibrate_study(load_study(study), method=method.value, factor=factor, of=of.value)
+    found = calibrate_study(load_study(study), factor=factor, of=of.value)
     record = found.record
     if inputs is not None:
         made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=options.trials)

@@ -97,7 +97,6 @@ class ClassicalAnswer(Value):
     covariance  (12, 12) by linearisation, errors of pixels independent and as large as the residuals: rotation vector
                 of E (rad, camera frame), its translation (mm), then those of F
     rms         px per axis
-    method      of the closed form that it started from
     remarks     what makes it doubtful
     """
 
@@ -106,7 +105,6 @@ class ClassicalAnswer(Value):
     residuals: Floats
     covariance: Floats
     rms: float
-    method: str
     remarks: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -119,10 +117,8 @@ class ClassicalAnswer(Value):
         return float(np.abs(self.residuals).max())
 
 
-def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalAnswer:
+def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     """E and F of the study by a closed form and least squares.
-
-    method  "shah" or "andreff", see `cpcal.calibration.calibrate_frames`
 
     Raises InputError for fewer than three images with six points each, for images without a pose, and where the
     motions of the hand do not determine the frames (the message names the axis).
@@ -133,7 +129,7 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
         raise InputError([Problem("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")])
     turn, shift = study.motions
     motions = Pose(shift[kept], quaternion_from_matrix(turn[kept]))
-    found = calibrate_frames(motions, seen, method=method)
+    found = calibrate_frames(motions, seen)
     e, f = inverse(found.camera_in_base), found.target_in_mobile
     start = HandEyeFrames(e.rotation, e.position, f.rotation, f.position)
     model = PixelModel(study)
@@ -157,7 +153,6 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
         rms=float(np.sqrt(np.mean(residuals**2))),
-        method=method,
         remarks=(*found.remarks, *weak),
     )
 

@@ -29,7 +29,7 @@ from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, free, network_statement
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.interval.kernels import add, div, mul, sub
+from cpcal.solver.interval.kernels import add, at, div, mul, sub
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
@@ -44,27 +44,25 @@ from cpcal.solver.optimize.least_squares import least_squares as minimised
 def enclosed_rotations(quaternion: Floats) -> tuple[Floats, Floats]:
     """Bounds (N, 3, 3) of R(q) of quaternions (N, 4), scalar first: the numerators of `robot.rotation` over |q|^2."""
     lo, hi = np.empty((len(quaternion), 3, 3)), np.empty((len(quaternion), 3, 3))
-    low, high = np.empty((4, 4)), np.empty((4, 4))
+    products = np.empty((4, 4)), np.empty((4, 4))
     for k in range(len(quaternion)):
         q = quaternion[k]
         for i in range(4):
             for j in range(i, 4):
-                low[i, j], high[i, j] = mul(q[i], q[i], q[j], q[j])
-        norm = low[0, 0], high[0, 0]
+                products[0][i, j], products[1][i, j] = mul((q[i], q[i]), (q[j], q[j]))
+        norm = at(products, (0, 0))
         for i in range(1, 4):
-            norm = add(norm[0], norm[1], low[i, i], high[i, i])
+            norm = add(norm, at(products, (i, i)))
         for i in range(3):
             a, b = 1 + (i + 1) % 3, 1 + (i + 2) % 3
-            entry = add(low[0, 0], high[0, 0], low[i + 1, i + 1], high[i + 1, i + 1])
-            entry = sub(entry[0], entry[1], low[a, a], high[a, a])
-            entry = sub(entry[0], entry[1], low[b, b], high[b, b])
-            lo[k, i, i], hi[k, i, i] = div(entry[0], entry[1], norm[0], norm[1])
+            entry = add(at(products, (0, 0)), at(products, (i + 1, i + 1)))
+            entry = sub(sub(entry, at(products, (a, a))), at(products, (b, b)))
+            lo[k, i, i], hi[k, i, i] = div(entry, norm)
             # the product of the two other components, minus and plus that of this one and the scalar
-            c, d = min(a, b), max(a, b)
-            less = sub(low[c, d], high[c, d], low[0, i + 1], high[0, i + 1])
-            more = add(low[c, d], high[c, d], low[0, i + 1], high[0, i + 1])
-            lo[k, a - 1, b - 1], hi[k, a - 1, b - 1] = div(2.0 * less[0], 2.0 * less[1], norm[0], norm[1])
-            lo[k, b - 1, a - 1], hi[k, b - 1, a - 1] = div(2.0 * more[0], 2.0 * more[1], norm[0], norm[1])
+            others, own = at(products, (min(a, b), max(a, b))), at(products, (0, i + 1))
+            less, more = sub(others, own), add(others, own)
+            lo[k, a - 1, b - 1], hi[k, a - 1, b - 1] = div((2.0 * less[0], 2.0 * less[1]), norm)
+            lo[k, b - 1, a - 1], hi[k, b - 1, a - 1] = div((2.0 * more[0], 2.0 * more[1]), norm)
     return lo, hi
 
 

@@ -1,4 +1,4 @@
-"""The page of `cpcal image detect`: counts with reasons, some images, where residuals point, where time went."""
+"""The page of `cpcal image detect`: counts with reasons, some images, where residuals point, time."""
 
 from __future__ import annotations
 
@@ -219,13 +219,8 @@ def _said(means: MeanVectors, unit: str) -> str:
 
 
 def _time(found: Detections) -> Section:
-    title, total = "Where time went", sum(found.seconds.values())
-    if not found.measured or total <= 0.0:
-        return Section(title, ["No image was measured now: all rows are those of the journal."])
-    rows = []
-    for stage, seconds in [*found.seconds.items(), ("together", total)]:
-        share = f"{nearest(100.0 * seconds / total, 0)} %"
-        rows.append((stage, nearest(seconds, 2), nearest(1e3 * seconds / found.measured, 1), share))
-    said = f"Processor time of the {found.measured:,} images that were measured now, all workers together."
-    table = Table(("stage", "work [s]", "an image [ms]", "share"), rows)
-    return Section(title, [said], tables=[table])
+    if not found.measured:
+        return Section("Time", ["No image was measured now: all rows are those of the journal."])
+    each = nearest(1e3 * found.seconds / found.measured, 1)
+    said = f"{found.measured:,} images were measured now, in {each} ms of processor time each, all workers together."
+    return Section("Time", [said])

@@ -418,7 +418,7 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
         parts=[
             Section(
                 "Each distribution in words (mm, rad)",
-                items=[record.repeats.channels[k].statistics.sentence() for k in order],
+                items=[record.repeats.channels[k].statistics.sentence for k in order],
                 folded=True,
             ),
             Section(sentences=[record.repeats.screening, record.frames.sentence, record.sets.sentence]),
@@ -624,7 +624,7 @@ def summary(record: CalibrationRecord) -> tuple[str, ...]:
 def _doubts(record: CalibrationRecord) -> Iterator[str]:
     """What speaks against independent normal noise; one sentence where nothing does."""
     statistics = [channel.statistics for channel in record.repeats.channels]
-    names = [one.name for one in statistics if one.not_normal()]
+    names = [one.name for one in statistics if one.not_normal]
     said = [f"NOT NORMAL (backlash, drift?): {listed(names, _NAMED)}."] if names else []
     said += [record.repeats.tests.sentence(kind) for kind in KINDS if record.repeats.tests.found(kind)]
     yield from said or ["Repeats scatter as independent noise does, as far as it can be tested."]

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
@@ -48,11 +47,16 @@ _LEAST = 5  # rows, of which twelve numbers can be told
 Variants = Iterator[tuple[str, Given]]
 
 
-def inverse_poses(given: Given) -> Variants:
-    """The same as exchanging the platforms: ||P + R b - a|| = ||-R'P + R'a - b||."""
-    turned = inverse(given.pose)
+def other_poses(given: Given) -> Variants:
+    """Quaternions in another order, or the way back: of the rotation, or of the whole pose."""
+    place, quaternion = given.pose.position, given.pose.quaternion
+    turned = np.roll(quaternion, 1, axis=1)
+    yield "quaternions are in the order qx,qy,qz,qw, not qw,qx,qy,qz", given.posed(place, turned)
+    name = "rotations are from base to mobile frame (transposed matrices, conjugate quaternions)"
+    yield name, given.posed(place, quaternion_conjugate(quaternion))
+    back = inverse(given.pose)  # the same as exchanging the platforms: ||P + R b - a|| = ||-R'P + R'a - b||
     name = "poses are those of the base in the mobile frame (inverse), or the drawing's base and mobile are swapped"
-    yield name, given.posed(turned.position, turned.quaternion)
+    yield name, given.posed(back.position, back.quaternion)
 
 
 def other_axes(given: Given) -> Variants:
@@ -100,14 +104,17 @@ _FITTED_LEGS = 6  # rows at least, where numbers are fitted to them
 _SAME = 0.1  # relative: scales of legs that one kind of sensor makes
 
 
-def whole_lengths(given: Given) -> Variants:
+def other_readings(given: Given) -> Variants:
+    """Whole lengths, another sign, another unit of one leg."""
     if given.robot.offset.any():
         name = "readings are whole leg lengths, to which the offset is added again"
         yield name, given.read(given.length - given.robot.offset)
-
-
-def wrong_sign(given: Given) -> Variants:
     yield "readings have the wrong sign", given.read(-given.length)
+    for leg, unit in itertools.product(range(given.robot.legs), LENGTHS):
+        if unit != "mm":
+            length = given.length.copy()
+            length[:, leg] *= float(LENGTHS[unit])
+            yield f"the readings of leg {leg + 1} are in {NAMES[unit]}, not mm", given.read(length)
 
 
 def shifted_joints(given: Given) -> Variants:
@@ -121,16 +128,6 @@ def shifted_joints(given: Given) -> Variants:
             moved = Robot(robot.name, robot.base, robot.mobile[order], robot.offset)
             name = f"the rows of mobile are in another order than those of base (take rows {listed})"
             yield name, replace(given, robot=moved)
-
-
-def inches_in_one_leg(given: Given) -> Variants:
-    """One leg's readings in another unit."""
-    for leg in range(given.robot.legs):
-        for unit, size in LENGTHS.items():
-            if unit != "mm":
-                length = given.length.copy()
-                length[:, leg] *= float(size)
-                yield f"the readings of leg {leg + 1} are in {NAMES[unit]}, not mm", given.read(length)
 
 
 def shifted_rows(given: Given) -> Variants:
@@ -174,20 +171,15 @@ def counts(given: Given) -> Variants:
     if len(given.length) < _FITTED_LEGS:
         return
     wanted = given.nominal - given.robot.offset
-    slope, start = _lines(given.length, wanted)
+    middle = given.length.mean(axis=0)
+    centred = given.length - middle
+    slope = np.sum(centred * (wanted - wanted.mean(axis=0)), axis=0) / np.sum(centred**2, axis=0)
+    start = wanted.mean(axis=0) - slope * middle  # of the lines that take readings to lengths, by least squares
     scale = float(np.median(slope))
     other = abs(abs(scale) - 1.0) > _SAME  # or it is mm, with another zero or sign
     if other and np.isfinite(slope).all() and scale and (np.abs(slope / scale - 1.0) < _SAME).all():
         name = f"readings are not in mm (counts of an encoder?): 1 mm is about {about(1.0 / scale)} of them"
         yield name, given.read(slope * given.length + start)
-
-
-def _lines(length: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-    """Slope and start (n,) of the lines that take the readings to the lengths wanted, by least squares."""
-    middle, target = length.mean(axis=0), wanted.mean(axis=0)
-    centred = length - middle
-    slope = np.sum(centred * (wanted - target), axis=0) / np.sum(centred**2, axis=0)
-    return slope, target - slope * middle
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -197,17 +189,6 @@ _DEGREES = 180.0 / np.pi
 _TURNS = 7  # whole turns of 2 pi "radians" on either side: angles up to 47 degrees
 _TRIED = 5  # rows are enough to tell degrees from radians
 _ALL = tuple(s for name in TAIT_BRYAN for s in (name, name.upper()))
-
-
-def scalar_last(given: Given) -> Variants:
-    turned = np.roll(given.pose.quaternion, 1, axis=1)
-    yield "quaternions are in the order qx,qy,qz,qw, not qw,qx,qy,qz", given.posed(given.pose.position, turned)
-
-
-def transposed(given: Given) -> Variants:
-    turned = quaternion_conjugate(given.pose.quaternion)
-    name = "rotations are from base to mobile frame (transposed matrices, conjugate quaternions)"
-    yield name, given.posed(given.pose.position, turned)
 
 
 def euler_order(given: Given) -> Variants:
@@ -281,12 +262,11 @@ _EQUAL = 1.0 - 1e-6  # two that differ by rounding are the same: the first one c
 
 @dataclass(frozen=True)
 class Mistake:
-    """See the module. What is left is multiplied by `handicap`. A `unit` mistake may come together with another."""
+    """See the module. What is left is multiplied by `handicap`."""
 
     undone: Callable[[Given], Variants]
     handicap: float = 1.0
     limit: float = SHARE
-    unit: bool = False
 
 
 def units(given: Given) -> Variants:
@@ -304,15 +284,11 @@ def units(given: Given) -> Variants:
 
 
 MISTAKES = (
-    Mistake(units, unit=True),
-    Mistake(scalar_last),
-    Mistake(transposed),
-    Mistake(inverse_poses),
+    Mistake(units),  # it may come together with another
+    Mistake(other_poses),
     Mistake(other_axes),
-    Mistake(whole_lengths),
-    Mistake(wrong_sign),
+    Mistake(other_readings),
     Mistake(shifted_joints),
-    Mistake(inches_in_one_leg),
     Mistake(shifted_rows),
     Mistake(other_order, 1.5),
     Mistake(euler_order, 1.5),
@@ -350,13 +326,12 @@ def _best(given: Given, few: Given, mistakes: tuple[Mistake, ...], typical: floa
 def _pair(given: Given, typical: float) -> str | None:
     """A wrong unit and one more mistake."""
     best, cause = min(SHARE, _BETTER * typical), None
-    for unit in (mistake for mistake in MISTAKES if mistake.unit):
-        for first, scaled in unit.undone(given):
-            for other in (mistake for mistake in MISTAKES if not mistake.unit and mistake.handicap == 1.0):
-                for second, without in other.undone(scaled):
-                    left = without.most
-                    if left < best:
-                        best, cause = left, f"{first}, and {second}"
+    plain = [mistake.undone for mistake in MISTAKES[1:] if mistake.handicap == 1.0]
+    for first, scaled in units(given):
+        for second, without in (variant for undone in plain for variant in undone(scaled)):
+            left = without.most
+            if left < best:
+                best, cause = left, f"{first}, and {second}"
     return cause
 
 
@@ -378,7 +353,11 @@ def suspicions(campaign: Campaign) -> list[str]:
     if typical > SHARE:
         found.append(mixed_up(typical, likely_cause(given)))
     elif (rows := np.flatnonzero((share > SHARE).any(axis=1))).size:
-        found.append(_odd_rows(campaign, share, rows))
+        ids = campaign.measurement_ids
+        named = ", ".join(ids[row] for row in rows[:_NAMED]) + (" and others" if len(rows) > _NAMED else "")
+        worst = _percent(float(share[rows].max()))
+        what = f"{len(rows)} of {len(ids)} measurements ({named}) disagree with the drawing by up to {worst} of a leg's"
+        found.append(f"{what} length, the others do not: check their rows.")
     return found + sizes_in_question(campaign)
 
 
@@ -403,16 +382,6 @@ def mixed_up(typical: float, cause: str | None) -> str:
     if cause is None:
         return f"{what}: check the units (mm), the order of the legs, the order qw,qx,qy,qz, and the frames."
     return f"{what}: likely cause: {cause}."
-
-
-def _odd_rows(campaign: Campaign, share: Floats, rows: npt.NDArray[np.int64]) -> str:
-    ids = campaign.measurement_ids
-    named = ", ".join(ids[row] for row in rows[:_NAMED]) + (" and others" if len(rows) > _NAMED else "")
-    worst = _percent(float(share[rows].max()))
-    return (
-        f"{len(rows)} of {len(ids)} measurements ({named}) disagree with the drawing by up to {worst} of a leg's "
-        "length, the others do not: check their rows."
-    )
 
 
 def _percent(share: float) -> str:

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
@@ -44,54 +44,45 @@ from cpcal.robot import (
 from cpcal.robot.robot import joint_phases
 
 # ------------------------------------------------------------------------------------------------------------------
-# Checks the options of simulated measurements: every one without a meaning is named, all at once.
+# What is asked of the options of simulated measurements: name, whether it is so, remedy.
+
+Rule = tuple[str, bool, str]
+Options = Mapping[str, Any]
 
 
-class OptionChecks:
-    """Collects problems with named options; `finish` raises them."""
-
-    def __init__(self, options: Mapping[str, object]) -> None:
-        self.options = options
-        self.problems = Problems()
-
-    def demand(self, name: str, good: bool, remedy: str) -> None:
-        if not good:
-            self.problems.add(Problem(f"option {name}", f"has no meaning: {self.options[name]!r}", remedy))
-
-    def whole(self, name: str, least: int, most: float = math.inf) -> None:
-        """A whole number from `least` to `most`."""
-        value = self.options[name]
-        good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-        self.demand(name, good, f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else ""))
-
-    def sizes(self, *names: str) -> None:
-        """Finite numbers >= 0."""
-        for name in names:
-            value = self.options[name]
-            self.demand(name, finite(value) and value >= 0, "give a finite number >= 0")  # type: ignore[operator]
-
-    def six_legs(self, name: str) -> None:
-        robot = self.options[name]
-        self.demand(name, isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs, or a workspace")
-
-    def truncate(self, name: str) -> None:
-        value = self.options[name]
-        good = value is None or (finite(value) and value >= 0.1)  # type: ignore[operator]
-        self.demand(name, good, "give a number >= 0.1")
-
-    def stroke(self, name: str) -> None:
-        value = self.options[name]
-        good = isinstance(value, tuple) and len(value) == 2 and all(map(finite, value)) and value[0] < value[1]
-        self.demand(name, good, "give (shortest, longest) in mm")
-
-    def finish(self) -> None:
-        """InputError that names every option without a meaning."""
-        self.problems.raise_any()
+def demand(options: Options, rules: Iterable[Rule]) -> None:
+    """InputError that names every option without a meaning."""
+    wrong = [(name, remedy) for name, good, remedy in rules if not good]
+    if wrong:
+        raise InputError([Problem(f"option {name}", f"has no meaning: {options[name]!r}", r) for name, r in wrong])
 
 
-def finite(value: object) -> bool:
-    """Whether it is a finite number."""
-    return isinstance(value, (int, float)) and math.isfinite(value)
+def whole(options: Options, least: int, most: float, *names: str) -> list[Rule]:
+    """Whole numbers from `least` to `most`."""
+    remedy = f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else "")
+    return [(name, type(options[name]) is int and least <= options[name] <= most, remedy) for name in names]
+
+
+def sizes(options: Options, *names: str) -> list[Rule]:
+    return [(name, _finite(options[name]) and options[name] >= 0, "give a finite number >= 0") for name in names]
+
+
+def usual(options: Options, legs: bool = True) -> list[Rule]:
+    """Of options that every simulation has; `legs`: whether these must be six."""
+    robot, truncate, stroke = options["robot"], options["truncate"], options["stroke"]
+    good = isinstance(stroke, tuple) and len(stroke) == 2 and all(map(_finite, stroke)) and stroke[0] < stroke[1]
+    six = isinstance(robot, Robot) and robot.legs == 6
+    return [
+        ("robot", six or not legs, "give a Robot with six legs, or a workspace"),
+        *whole(options, 0, math.inf, "seed"),
+        *sizes(options, "noise", "deviation", "joint_error"),
+        ("truncate", truncate is None or (_finite(truncate) and truncate >= 0.1), "give a number >= 0.1"),
+        ("stroke", good, "give (shortest, longest) in mm"),
+    ]
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -287,20 +278,12 @@ def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
     return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(count)]
 
 
-def _check_options(options: dict[str, Any]) -> None:
+def _check_options(options: Options) -> None:
     """InputError that names every option without a meaning."""
-    checks = OptionChecks(options)
     workspace: PoseRange | None = options["workspace"]
-    if workspace is None:
-        checks.six_legs("robot")
-    checks.whole("seed", 0)
-    checks.whole("runs", 1, _POSES_MAX)
-    checks.whole("random_poses", 0 if options["extremal"] else 1, _POSES_MAX)
-    if not checks.problems:
-        corners = 64 if workspace is None else 1 << int(workspace.free.sum())
-        total = (corners * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
-        checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")
-    checks.sizes("joint_error", "factor", "noise", "deviation")
-    checks.truncate("truncate")
-    checks.stroke("stroke")
-    checks.finish()
+    rules = usual(options, legs=workspace is None) + whole(options, 1, _POSES_MAX, "runs")
+    rules += whole(options, 0 if options["extremal"] else 1, _POSES_MAX, "random_poses") + sizes(options, "factor")
+    demand(options, rules)
+    corners = 64 if workspace is None else 1 << int(workspace.free.sum())
+    total = (corners * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
+    demand(options, [("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")])

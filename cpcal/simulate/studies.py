@@ -51,12 +51,15 @@ from cpcal.simulate.campaigns import (
     MEASUREMENTS_MAX,
     POSITION_SIGMA,
     STROKE,
-    OptionChecks,
     assembled,
     check_branch,
     configurations,
+    demand,
+    sizes,
     standard_noise,
     streams,
+    usual,
+    whole,
 )
 
 Stream = np.random.Generator
@@ -117,8 +120,8 @@ def simulate_study(
     _check_options(options)
     shape, joint, pose, noise_c, mechanism, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
-    sizes = {name: options[name] for name in _MECHANISMS}
-    mechanisms = Mechanisms.sampled(6, mechanism, joint, **sizes, reference=0.5 * (stroke[0] + stroke[1]))
+    imperfect = {name: options[name] for name in _MECHANISMS}
+    mechanisms = Mechanisms.sampled(6, mechanism, joint, **imperfect, reference=0.5 * (stroke[0] + stroke[1]))
     drawn_camera, target = _camera(frames), _target(frames)
     truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
     scales = (noise, noise if pose_noise is None else pose_noise)
@@ -228,20 +231,10 @@ def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
 
 
 def _check_options(options: dict[str, Any]) -> None:
-    checks = OptionChecks(options)
-    checks.six_legs("robot")
-    checks.whole("seed", 0)
-    checks.whole("images", 0, MEASUREMENTS_MAX)
-    for name in ("runs", "validation_runs", "random_poses"):
-        checks.whole(name, 1, MEASUREMENTS_MAX)
-    if not checks.problems:
-        each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
-        total = each * max(options["images"], 1)
-        checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
-    checks.sizes("noise", "deviation", *_MECHANISMS)
-    if not checks.problems:
-        checks.demand("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")
-    checks.sizes(*(("pose_noise",) if options["pose_noise"] is not None else ()))
-    checks.truncate("truncate")
-    checks.stroke("stroke")
-    checks.finish()
+    stated = ("pose_noise",) if options["pose_noise"] is not None else ()
+    rules = usual(options) + whole(options, 0, MEASUREMENTS_MAX, "images") + sizes(options, *_MECHANISMS[1:], *stated)
+    demand(options, rules + whole(options, 1, MEASUREMENTS_MAX, "runs", "validation_runs", "random_poses"))
+    each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
+    total = each * max(options["images"], 1)
+    few = ("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
+    demand(options, [few, ("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")])

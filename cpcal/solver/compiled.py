@@ -44,6 +44,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 _stamps: dict[str, str] = {}  # of every module with compiled functions
 _said: set[str] = set()
 _making = RLock()
+_under_way: list[str] = []  # functions that are being compiled, one for the other
 _held: set[Path] = set()  # locks of this process: what is compiled may call into its own file
 _deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
@@ -132,15 +133,14 @@ def plain(function: F) -> F:
 
 
 def rebound(functions: Iterable[Callable[..., Any]], primitives: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
-    """Compiled functions (each after those that it calls) as plain Python that calls other primitives, by name.
-
-    So one source computes in more than one arithmetic.
-    """
-    known: dict[str, Any] = dict(primitives)
+    """Compiled functions, by name, as plain Python on other primitives: one source in more than one arithmetic."""
+    known, scopes = dict[str, Any](primitives), list[dict[str, Any]]()
     for function in map(plain, functions):
         if function.__name__ not in primitives:
-            names = {**function.__globals__, **known}
-            known[function.__name__] = FunctionType(function.__code__, names, function.__name__)
+            scopes.append(dict(function.__globals__))
+            known[function.__name__] = FunctionType(function.__code__, scopes[-1], function.__name__)
+    for scope in scopes:
+        scope.update(known)
     return known
 
 
@@ -148,16 +148,21 @@ def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:
     """Let numba keep the machine code in a folder of ours, under a stamp of ours."""
     from numba.core.compiler_lock import global_compiler_lock
 
-    _announce_compilation()
     cache, compile_it = _machine_code(function), dispatcher.compile
 
     def compile_in_turn(signature: Any) -> Any:
         # numba's own lock first: a thread that has the file's must not wait for one that waits for the file
         with global_compiler_lock:
+            before, ended = len(_under_way), " not finished"
             try:
-                return compile_it(signature)
+                made = compile_it(signature)
+                ended = " done"
             finally:
                 cache.turn.close()
+                if len(_under_way) > before == 0:
+                    _tell(ended)
+                del _under_way[before:]
+            return made
 
     dispatcher._cache, dispatcher.compile = cache, compile_in_turn
 
@@ -189,8 +194,12 @@ def _machine_code(function: Callable[..., Any]) -> Any:
                 found = self._read(file, context)  # another process may have made it meanwhile
             if found is None and time.monotonic() > _deadline.get():
                 late = f"the time limit came before '{function.__name__}' was compiled"
-                _tell(late)
+                _tell(f"cpcal: {late}")
                 raise TimeUp(late)
+            if found is None:
+                if not _under_way:
+                    _tell(f"cpcal: compiling '{function.__name__.strip('_').replace('_', ' ')}', once ...", end="")
+                _under_way.append(function.__name__)
             return found
 
         def save_overload(self, signature: Any, made: Any) -> None:
@@ -265,7 +274,7 @@ def _wait(descriptor: int, name: str) -> None:
             exclusive(descriptor)
         except BlockingIOError:
             if not told and time.monotonic() > began + 0.5:
-                _tell(f"waiting for another process that compiles '{name}'")
+                _tell(f"cpcal: waiting for another process that compiles '{name}'")
                 told = True
             time.sleep(_PAUSE)
         else:
@@ -303,39 +312,11 @@ def _say_once(sentence: str) -> None:
         warnings.warn(sentence, RuntimeWarning, stacklevel=4)
 
 
-def _announce_compilation() -> None:
-    """Tell on stderr what is being compiled: it takes seconds, once, and must not look like a program that hangs.
+def _tell(sentence: str, end: str = "\n") -> None:
+    """On stderr: what takes seconds must not look like a program that hangs.
 
     Nothing is told where the environment has CPCAL_QUIET: processes inherit it, so that the workers of a quiet run are
     quiet too.
     """
-    from numba.core import event
-
-    if "announce" in _said:
-        return
-    _said.add("announce")
-
-    class Announcer(event.Listener):  # type: ignore[misc]
-        depth = 0
-
-        def on_start(self, happening: Any) -> None:
-            if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
-                name = happening.data["dispatcher"].py_func.__name__.strip("_").replace("_", " ")
-                print(f"cpcal: compiling '{name}', once ...", end="", file=sys.stderr, flush=True)
-            self.depth += 1
-
-        def on_end(self, happening: Any) -> None:
-            self.depth -= 1
-            if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
-                print(" done" if happening._exc_details is None else " not finished", file=sys.stderr, flush=True)
-
-    event.register("numba:compile", Announcer())
-
-
-def _tell(sentence: str) -> None:
     if QUIET not in os.environ:
-        print(f"cpcal: {sentence}", file=sys.stderr, flush=True)
-
-
-def _ours(happening: Any) -> bool:
-    return bool(happening.data["dispatcher"].py_func.__module__ in _stamps)
+        print(sentence, end=end, file=sys.stderr, flush=True)

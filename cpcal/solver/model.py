@@ -26,11 +26,11 @@ from cpcal.common.files import listed
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.solver import plugins
+from cpcal.solver.accounts import row_use
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import (
-    Clock,
     Contraction,
     Contractor,
     Limits,
@@ -53,7 +53,6 @@ from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import check_powers, with_products
 from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.optimize.minimum import Bracket, Minimum
-from cpcal.solver.row_use import row_use
 from cpcal.solver.search import (
     ORDERS,
     STRATEGIES,
@@ -62,7 +61,6 @@ from cpcal.solver.search import (
     Divide,
     Event,
     Paving,
-    Priority,
     Race,
     Rounds,
     Search,
@@ -162,13 +160,6 @@ def width_sentence(width: float, reach: Floats) -> str:
     return said
 
 
-def checked_width(width: float) -> float:
-    """A width that some box can have. Raises ModelError."""
-    if not _is_number(width) or not width > 0:
-        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
-    return float(width)
-
-
 def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
     """Limits that a search can reach, those `named` among them (fields of `Limits`). Raises ModelError."""
     given_by_name = {field: value for field, value in named.items() if value is not None}
@@ -183,13 +174,6 @@ def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
     if not all(value is None or (_is_number(value) and value >= 0) for value in given):
         raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
     return limits
-
-
-def remaining(clock: Clock, before: int = 0) -> Limits:
-    """The limits of a clock with the seconds that are left, for a search that counts nodes `before` this call, too."""
-    given = clock.limits
-    left = None if given.seconds is None else max(0.0, clock.deadline - time.monotonic())
-    return replace(given, seconds=left, nodes=None if given.nodes is None else given.nodes + before)
 
 
 def _is_number(value: object) -> bool:
@@ -221,26 +205,15 @@ def named_strategy(
     return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
 
 
-def named_order(network: ConstraintNetwork, order: str) -> Priority:
-    if order not in ORDERS:
-        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-    return ORDERS[order](network)
-
-
 def resolution(
     network: ConstraintNetwork, left: Callable[[], Box], width: float | None
 ) -> tuple[float, Floats, Floats | float]:
     """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
     if width is None:
         return *default_width(network, left), small_units(network)
-    return checked_width(width), np.full(len(network.names), np.inf), 1.0
-
-
-def check_weights(named: list[tuple[str, Contractor]]) -> None:
-    """Raises ModelError where no certificate could come of it."""
-    if not Contracting(named).gives_weights:
-        given = ", ".join(called for called, _ in named)
-        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+    if not _is_number(width) or not width > 0:
+        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+    return float(width), np.full(len(network.names), np.inf), 1.0
 
 
 def named_contractors(
@@ -259,8 +232,9 @@ def named_contractors(
         raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
     if network.whole.any():
         named.append(("whole numbers", WholeNumbers(network.whole)))
-    if exact:
-        check_weights(named)
+    if exact and not Contracting(named).gives_weights:
+        given = ", ".join(called for called, _ in named)
+        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
     return named
 
 
@@ -271,7 +245,7 @@ _LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of prod
 _DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
 _TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
 _LIFTED_COEFFICIENTS = 4_000_000  # of one array of expressions, as of a matrix times the unknowns: some 100 MB
-_SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32
+_SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32  # nodes in a turn, a tenth of a second or so
 _CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
 _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
 
@@ -325,7 +299,8 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
         return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
     many, few = _TURNS if lifted else (None, None)
-    quick, slow = _slices(unknowns)
+    times = max(1.0, unknowns**3 / _CUBE)  # what newton takes for a box grows with the third power of the unknowns
+    quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
     methods = [SearchMethod(("hc4", "newton"), by, quick, many) for by in ("largest", "smear-relative")]
     more = consequences(network) if lifted else ()
     if more:
@@ -338,16 +313,6 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         methods.append(SearchMethod(("lifted", "newton"), "largest", _LIFTED_SLICE, begins=1))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
-
-
-def _slices(unknowns: int) -> tuple[int, int]:
-    """Nodes in a turn of hc4 and newton alone, and of cid and beaumont: a tenth of a second or so.
-
-    What newton takes for a box grows with the third power of the unknowns.
-    """
-    times = max(1.0, unknowns**3 / _CUBE)
-    quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
-    return quick, slow
 
 
 def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:
@@ -547,8 +512,8 @@ class Network(ConstraintNetwork):
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
         first that ends is the answer; `Paving.method` says which and why.
-        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
-        "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
+        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative" or "smear-max"
+        (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
         see `Paving`. `time_limit` and `node_limit` are `limits=Limits(seconds=..., nodes=...)`; the time counts from
         the call, and when it is over no function is compiled any more.
@@ -569,7 +534,9 @@ class Network(ConstraintNetwork):
         chooses = contractors is None and strategy is None
         with compiling_until(clock.deadline):
             choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
-        priority, inside = named_order(network, order), Inside(network, engine) if inner else None
+        if order not in ORDERS:
+            raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+        priority, inside = ORDERS[order](network), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
         options = (contractors, strategy, order, inner, width, arithmetic)
         of = {} if checkpoint is None else checkpoint_of(network, options)
@@ -584,7 +551,9 @@ class Network(ConstraintNetwork):
                 contractor = Repeat(Then(contractor, WholeNumbers(network.whole)))  # a point must be looked at again
             return contractor
 
-        left = partial(_contracted, contracting, choice.methods[0], network.domain, clock.deadline)
+        def left() -> Box:
+            return contracted(contracting(choice.methods[0]), network.domain, clock.deadline).box
+
         with compiling_until(clock.deadline):
             finest, reach, unit = resolution(network, left, width)
 
@@ -673,12 +642,17 @@ class Network(ConstraintNetwork):
             keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
             before = keeper.resumed()
             with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
+                left = limit
+                if limit.seconds is not None:
+                    left = replace(left, seconds=max(0.0, clock.deadline - time.monotonic()))
+                if limit.nodes is not None and before is not None:
+                    left = replace(left, nodes=limit.nodes + before.tally.nodes)
                 states = minimize(
                     network,
                     name,
                     named,
                     engine=engine,
-                    limits=remaining(clock, 0 if before is None else before.tally.nodes),
+                    limits=left,
                     start=first,
                     prover=None if recording is None else recording.prover,
                     observe=None if recording is None else recording.event,
@@ -715,10 +689,3 @@ class Network(ConstraintNetwork):
         if names:
             or_else = "" if chosen else ", or put hc4 first"
             raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
-
-
-def _contracted(
-    contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box, deadline: float
-) -> Box:
-    """What the contractors of a method leave of a box."""
-    return contracted(contracting(method), box, deadline).box

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -62,7 +63,6 @@ class CameraFit:
     """A state fitted to what was found in the views `rows` (v,) of those given.
 
     centers      (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used
-    free_camera  (9,) which of the camera's numbers move
     refine       whether the dots move
     plain        whether it is by least squares, of all dots that are used
     """
@@ -73,7 +73,6 @@ class CameraFit:
     state: State
     dots: Floats  # (n, 2) mm, as stated
     radius: float
-    free_camera: Bools
     refine: bool
     settled: bool = False
     plain: bool = False
@@ -104,7 +103,7 @@ class CameraFit:
 
     def basis(self) -> Floats:
         """(9 + 2n, k): steps of camera and dots that move the shared parameters."""
-        intrinsic = np.eye(9 + 2 * len(self.dots))[:, :9][:, self.free_camera]
+        intrinsic = np.eye(9 + 2 * len(self.dots))[:, :9]
         if not self.moving.any():
             return intrinsic
         x, y = (self.dots[self.moving] - self.dots[self.moving].mean(axis=0)).T
@@ -263,7 +262,6 @@ _BAD_SHARE = 0.5  # of the views
 _FOCAL_RANGE = (0.2, 20.0)  # of the image's longer side: else the homographies say nothing
 _ERROR_MAX = 0.02  # the largest standard error of focal length and centre, as a share of the focal length
 _REMEDY = "take 10 to 20 views with the target tilted by 20 to 30 degrees in different directions"
-_DISTORTION = CAMERA_NUMBERS[4:]
 
 
 class TargetView(NamedTuple):
@@ -314,8 +312,8 @@ class CalibratedView:
 class Calibration:
     """A camera from views of a target.
 
-    covariance   (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; zero where a number was held. From the stated covariances
-                 of the centres, times scale^2 where that is above 1
+    covariance   (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; from the stated covariances of the
+                 centres, times scale^2 where that is above 1
     rms          of all used residuals, pixels per axis
     scale        of the residuals in stated standard deviations: their root mean square, degrees of freedom counted
     views        in the order given
@@ -355,14 +353,13 @@ def calibrate_camera(
     size: tuple[int, int],
     *,
     refine_dots: bool = False,
-    fixed: Sequence[str] = (),
 ) -> Calibration:
     """The camera that took `views` of a target, in images of `size` (width, height) pixels.
 
     Least squares in pixels, weighted with the stated covariances, over the camera's nine numbers and all poses; with
     `refine_dots` over the dots' places too, up to shift, turn and scale, which stay those of the target (a dot seen in
-    fewer than three views stays where it is, and is not used). `fixed` names coefficients of the distortion that are
-    zero. Views and dots that do not fit the others are left out, and said.
+    fewer than three views stays where it is, and is not used). Views and dots that do not fit the others are left out,
+    and said.
 
     Raises InputError for values that are no views, NotCalibratedError where the views do not determine the camera.
     """
@@ -370,14 +367,10 @@ def calibrate_camera(
     problems = [problem for view in named for problem in _view_problems(view, len(target.dots))]
     if min(size) < 1:
         problems.append(Problem("size", f"is {size}", "give the images' width and height in pixels"))
-    for name in fixed:
-        if name not in _DISTORTION:
-            problems.append(Problem("fixed", f"{name!r} cannot be held", f"choose of {', '.join(_DISTORTION)}"))
     if problems:
         raise InputError(problems)
     reasons: dict[int, str] = {}
-    free = np.array([name not in fixed for name in CAMERA_NUMBERS])
-    start = _start(named, target, size, free, refine_dots, reasons)
+    start = _start(named, target, size, refine_dots, reasons)
     fit = robust_fit(start)
     bad = set(start.rows.tolist()) - set(fit.rows.tolist())
     reasons.update(dict.fromkeys(bad, "its dots do not fit the other views: moved, blurred, or wrong numbers?"))
@@ -419,7 +412,7 @@ def _view_problems(view: TargetView, dots: int) -> list[Problem]:
 
 
 def _start(
-    views: list[TargetView], target: Target, size: tuple[int, int], free: Bools, refine: bool, reasons: dict[int, str]
+    views: list[TargetView], target: Target, size: tuple[int, int], refine: bool, reasons: dict[int, str]
 ) -> CameraFit:
     """A camera without distortion and the likelier pose of each view; adds to `reasons` for views of no use."""
     rows = []
@@ -446,7 +439,7 @@ def _start(
         weight[k, views[row].numbers] = np.linalg.inv(views[row].covariance)
     stacked = Pose(np.stack([pose.position for pose in poses]), np.stack([pose.quaternion for pose in poses]))
     state = State(camera, stacked, target.dots)
-    return CameraFit(np.array(rows), centers, weight, state, target.dots, target.radius, free, refine)
+    return CameraFit(np.array(rows), centers, weight, state, target.dots, target.radius, refine)
 
 
 def _first_camera(views: list[TargetView], target: Target, size: tuple[int, int]) -> Camera:
@@ -493,113 +486,101 @@ def _rms(residuals: Floats) -> float:
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from images of a target: dots, identification without a camera, calibration.
 
-Size = tuple[int, int]
-
 _FIRST = 4  # images that a rough camera is calibrated from
 
+Image = str | os.PathLike[str] | npt.NDArray[Any]
 
-@dataclass(frozen=True)
+
+@dataclass
 class _Seen:
-    """An image's dots, or the reason why there are none; and the view that was made of them, or why not."""
+    """An image's dots, or the reason why there are none; and the view that was made of them last, or why not."""
 
+    image: Image
     name: str
     reason: str = ""
-    size: Size | None = None
+    size: tuple[int, int] | None = None
     dots: Dots | None = None
     view: TargetView | None = None
 
-    def identified(self, target: Target, size: Size, camera: Camera | None = None) -> _Seen:
+    def observe(self, target: Target) -> None:
+        try:
+            if isinstance(self.image, str | os.PathLike):
+                self.name = printable(self.image)
+            pixels = _pixels(self.image)
+            self.dots, self.size = observe_dots(pixels, bright=target.bright), (pixels.shape[1], pixels.shape[0])
+        except UnreadableImageError as error:
+            self.reason = str(error)
+        except InputError as error:
+            self.reason = "; ".join(problem.what for problem in error.problems)
+
+    def identify(self, target: Target, size: tuple[int, int], camera: Camera | None = None) -> None:
         if self.dots is None:
-            return self
+            return
         try:
             pairs = identify(self.dots.centers, target, camera, size=size)
         except Unidentified as error:
-            return replace(self, view=None, reason=str(error))
+            self.view, self.reason = None, str(error)
+            return
         of_dot = self.dots.centers[pairs.found], self.dots.covariance[pairs.found]
-        return replace(self, view=TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), reason="")
+        self.view, self.reason = TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), ""
 
 
-def calibrate_from_images(
-    images: Sequence[str | os.PathLike[str] | npt.NDArray[Any]],
-    target: Target,
-    *,
-    refine_dots: bool = False,
-    fixed: Sequence[str] = (),
-) -> Calibration:
+def calibrate_from_images(images: Sequence[Image], target: Target, *, refine_dots: bool = False) -> Calibration:
     """The camera that took `images` of the target: files (PNG, JPEG, TIFF), or arrays as `observe_dots` takes them.
 
     See `calibrate_camera`. A few images are identified without a camera, all of them with the rough one that they give,
     and once more with the one that all give. The result has a view for each image; one that cannot be used is left out,
     and its view says why.
 
-    Raises InputError for a `fixed` that cannot be, NotCalibratedError where the usable images do not determine the
-    camera.
+    Raises NotCalibratedError where the usable images do not determine the camera.
     """
-    seen = [_seen(image, target, f"image {i}") for i, image in enumerate(images, start=1)]
-    sizes = Counter(image.size for image in seen if image.size is not None)
+    seen = [_Seen(image, f"image {i}") for i, image in enumerate(images, start=1)]
+    for one in seen:
+        one.observe(target)
+    sizes = Counter(one.size for one in seen if one.size is not None)
     if not sizes:
-        said = "".join(f"\n  {image.name}: {image.reason}" for image in seen)
-        raise NotCalibratedError(f"there is no image that can be used{said}")
+        raise NotCalibratedError(f"there is no image that can be used{_reasons(seen)}")
     ((size, _),) = sizes.most_common(1)
-    for row, image in enumerate(seen):
-        if image.size is not None and image.size != size:  # a camera's numbers belong to a size
-            reason = "has {} x {} pixels, most have {} x {}".format(*image.size, *size)
-            seen[row] = replace(image, reason=reason, dots=None)
+    for one in seen:
+        if one.size is not None and one.size != size:  # a camera's numbers belong to a size
+            one.reason, one.dots = "has {} x {} pixels, most have {} x {}".format(*one.size, *size), None
 
     def calibrated(some: list[_Seen], refine: bool = False) -> Calibration:
-        views = [one.view for one in some if one.view is not None]
         try:
-            result = calibrate_camera(views, target, size, refine_dots=refine, fixed=fixed)
+            views = [one.view for one in some if one.view is not None]
+            result = calibrate_camera(views, target, size, refine_dots=refine)
         except NotCalibratedError as error:
-            said = "".join(f"\n  {one.name}: {one.reason}" for one in some if one.view is None)
-            raise NotCalibratedError(f"{error}{said}") from None
+            raise NotCalibratedError(f"{error}{_reasons([one for one in some if one.view is None])}") from None
         used, nothing = iter(result.views), np.zeros((0, 2))
         every = (next(used) if o.view is not None else CalibratedView(o.name, o.reason, None, nothing) for o in some)
         return replace(result, views=tuple(every))
 
-    def rough() -> Calibration:
-        """From the first images that give one: without a camera identification takes its time."""
-        some: list[_Seen] = []
-        enough = _FIRST
-        for image in seen[:-1]:
-            some.append(image.identified(target, size))
-            if some[-1].view is not None and sum(one.view is not None for one in some) == enough:
-                try:
-                    return calibrated(some)
-                except NotCalibratedError:
-                    enough *= 2
-        return calibrated([*some, seen[-1].identified(target, size)])
-
-    camera = rough().camera
-    for row, (image, pixels) in enumerate(zip(seen, images, strict=True)):
-        seen[row] = _refitted(pixels, image, target, camera)
-    first = calibrated([image.identified(target, size, camera) for image in seen], refine_dots)
-    return calibrated([image.identified(target, size, first.camera) for image in seen], refine_dots)
-
-
-def _seen(image: str | os.PathLike[str] | npt.NDArray[Any], target: Target, name: str) -> _Seen:
-    try:
-        if isinstance(image, (str, os.PathLike)):
-            name = printable(image)
-        pixels = _pixels(image)
-        dots = observe_dots(pixels, bright=target.bright)
-    except UnreadableImageError as error:
-        return _Seen(name, str(error))
-    except InputError as error:
-        return _Seen(name, "; ".join(problem.what for problem in error.problems))
-    return _Seen(name, size=(pixels.shape[1], pixels.shape[0]), dots=dots)
+    camera, enough = None, _FIRST
+    for count, one in enumerate(seen, start=1):  # the first images that give one: without a camera it takes its time
+        one.identify(target, size)
+        if count == len(seen):
+            camera = calibrated(seen).camera
+        elif one.view is not None and sum(some.view is not None for some in seen) == enough:
+            try:
+                camera = calibrated(seen[:count]).camera
+                break
+            except NotCalibratedError:
+                enough *= 2
+    for one in seen:
+        if one.dots is not None:  # the target's dots under their own light (see `refitted`), where they are identified
+            with suppress(Unidentified, UnreadableImageError):
+                pairs = identify(one.dots.centers, target, camera)
+                one.dots = refitted(_pixels(one.image), one.dots, pairs.found)
+        one.identify(target, size, camera)
+    first = calibrated(seen, refine_dots).camera
+    for one in seen:
+        one.identify(target, size, first)
+    return calibrated(seen, refine_dots)
 
 
-def _pixels(image: str | os.PathLike[str] | npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return read_image(Path(image)) if isinstance(image, (str, os.PathLike)) else image
+def _pixels(image: Image) -> npt.NDArray[Any]:
+    return read_image(Path(image)) if isinstance(image, str | os.PathLike) else image
 
 
-def _refitted(image: str | os.PathLike[str] | npt.NDArray[Any], seen: _Seen, target: Target, camera: Camera) -> _Seen:
-    """With the target's dots under their own light (see `refitted`), where they are identified."""
-    if seen.dots is None:
-        return seen
-    try:
-        pairs = identify(seen.dots.centers, target, camera)
-        return replace(seen, dots=refitted(_pixels(image), seen.dots, pairs.found))
-    except (Unidentified, UnreadableImageError):
-        return seen
+def _reasons(some: list[_Seen]) -> str:
+    return "".join(f"\n  {one.name}: {one.reason}" for one in some)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from time import perf_counter
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,6 @@ from cpcal.vision.target import Target
 FEWEST = 20  # dots of the target
 LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
 RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identification is wrong
-_STAGES = ("dots", "identification", "pose")
 
 
 class NotMeasured(CpcalError):
@@ -36,13 +34,11 @@ class MeasuredImage:
     dots            what was found in the image
     identification  which of the dots are the target's
     estimate        pose, covariance, residuals; its m dots are those of the identification, in its order
-    seconds         for each stage: dots, identification, pose
     """
 
     dots: Dots
     identification: Identification
     estimate: PoseEstimate
-    seconds: dict[str, float]
 
     @property
     def pose(self) -> Pose:
@@ -80,69 +76,48 @@ def measure_pose(
     camera: Camera,
     camera_covariance: Floats | None = None,
     *,
-    residual: float = RESIDUAL,
     near: Pose | None = None,
 ) -> MeasuredImage:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
 
-    `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. `residual` is the largest
-    plausible root mean square of the dots' residuals, pixels. Well below it, a camera or a target that is not as stated
-    can still move the pose by much more than is stated: `doubt` says so. `near` is a pose that may be near the true
-    one, as that of the image before. It saves time, and changes no answer: what it leads to passes the same tests.
+    `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. A camera or a target that is
+    not as stated can move the pose by much more than is stated: `doubt` says so. `near` is a pose that may be near the
+    true one, as that of the image before. It saves time, and changes no answer: what it leads to passes the same tests.
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    clock = _Clock()
-    dots, identification = _identified(image, target, camera, near, clock)
+    dots, identification = _identified(image, target, camera, near)
     if len(identification.found) < FEWEST:
         raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
     mine = identification.found
     dots = refitted(image, dots, mine)
-    clock.add("dots")
     try:
         seen = dots.centers[mine], dots.covariance[mine], identification.numbers
         estimate = estimate_pose(*seen, target, camera, camera_covariance)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    clock.add("pose")
-    if estimate.rms > residual:
+    if estimate.rms > RESIDUAL:
         raise NotMeasured(
-            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
+            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {RESIDUAL:g}: "
             "the camera or the target is not as stated"
         )
-    return MeasuredImage(dots, identification, estimate, clock.seconds)
+    return MeasuredImage(dots, identification, estimate)
 
 
 def _identified(
-    image: npt.NDArray[np.generic], target: Target, camera: Camera, near: Pose | None, clock: _Clock
+    image: npt.NDArray[np.generic], target: Target, camera: Camera, near: Pose | None
 ) -> tuple[Dots, Identification]:
     """The first population of dots that is the target. Raises NotMeasured for what is said of the largest."""
     guess = None if near is None else np.column_stack([near.rotation[:, :2], near.position])
     reason, most = f"0 dots are too few: at least {FEWEST_DOTS} are needed", -1
     for dots in populations(image, bright=target.bright):
-        clock.add("dots")
         try:
             return dots, identify(dots.centers, target, camera, near=guess)
         except Unidentified as refusal:
             if len(dots) > most:
                 reason, most = str(refusal), len(dots)
-        finally:
-            clock.add("identification")
     raise NotMeasured(f"not identified: {reason}")
-
-
-class _Clock:
-    """Seconds by stage."""
-
-    def __init__(self) -> None:
-        self.seconds = dict.fromkeys(_STAGES, 0.0)
-        self.last = perf_counter()
-
-    def add(self, stage: str) -> None:
-        now = perf_counter()
-        self.seconds[stage] += now - self.last
-        self.last = now
 
 
 def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:
@@ -194,8 +169,7 @@ class Residuals:
         """Of several images, or of none."""
         none = np.zeros((0, 2))
         every = [cls(none, none, none, np.zeros(0, dtype=np.intp), none, none), *parts]
-        names = ("at", "off", "variance", "numbers", "plate_off", "plate_variance")
-        return cls(*(np.concatenate([getattr(part, name) for part in every]) for name in names))
+        return cls(*(np.concatenate([getattr(part, field.name) for part in every]) for field in fields(cls)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,14 @@ from scipy.special import chdtrc
 
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector
+from cpcal.robot import (
+    Pose,
+    normalised,
+    quaternion_conjugate,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_vector,
+)
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
@@ -116,26 +123,20 @@ def fit_pose(
     slope, trial, trial_slope = np.empty((size, 6)), np.empty(size), np.empty((size, 6))
     moved, right, step = np.empty(7), np.empty(6), np.empty(6)
     _evaluate(dots, seen, factors, radius, camera, pose, residuals, slope)
-    chi_square, damping = _square(residuals), 0.0
+    chi_square, damping = np.dot(residuals, residuals), 0.0
     if not np.isfinite(chi_square):
         return NOWHERE, np.inf
     for _ in range(STEPS):
-        _products(slope, residuals, normal, right)
+        normal[:], right[:] = np.dot(slope.T, slope), np.dot(slope.T, residuals)
         if not solved(normal, 6, damping, 0.0, right, step):
             return SINGULAR, chi_square
         _moved(pose, step, moved)
-        gain = 0.0
-        for i in range(6):
-            for j in range(6):
-                gain += step[i] * normal[i, j] * step[j]
+        gain = np.dot(step, np.dot(normal, step))
         if gain < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
-            pose[:] = moved
-            for i in range(size):
-                for j in range(6):
-                    residuals[i] -= slope[i, j] * step[j]
-            return DONE, _square(residuals)
+            pose[:], residuals[:] = moved, residuals - np.dot(slope, step)
+            return DONE, np.dot(residuals, residuals)
         _evaluate(dots, seen, factors, radius, camera, moved, trial, trial_slope)
-        square = _square(trial)
+        square = np.dot(trial, trial)
         if square <= chi_square:
             pose[:], residuals[:], slope[:] = moved, trial, trial_slope
             chi_square, damping = square, 0.1 * damping
@@ -180,27 +181,6 @@ def _rotation(pose: Floats) -> Floats:
 
 
 @compiled
-def _square(values: Floats) -> float:
-    total = 0.0
-    for value in values:
-        total += value * value
-    return total
-
-
-@compiled
-def _products(slope: Floats, residuals: Floats, normal: Floats, right: Floats) -> None:
-    normal[:], right[:] = 0.0, 0.0
-    for k in range(len(residuals)):
-        for i in range(6):
-            right[i] += slope[k, i] * residuals[k]
-            for j in range(i + 1):
-                normal[i, j] += slope[k, i] * slope[k, j]
-    for i in range(6):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
-
-
-@compiled
 def _moved(pose: Floats, step: Floats, out: Floats) -> None:
     """position + step[:3], and R(step[3:]) R."""
     for k in range(3):
@@ -217,26 +197,6 @@ def _moved(pose: Floats, step: Floats, out: Floats) -> None:
     length = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
     for k in range(3, 7):
         out[k] /= length
-
-
-@compiled
-def pose_distance(pose: Floats, other: Floats, normal: Floats) -> float:
-    """The square of how far a packed pose is from another, in standard deviations by a normal matrix (6, 6)."""
-    step = np.empty(6)
-    step[:3] = pose[:3] - other[:3]
-    w1, x1, y1, z1 = pose[3], pose[4], pose[5], pose[6]
-    w2, x2, y2, z2 = other[3], -other[4], -other[5], -other[6]
-    w, x = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2, w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
-    y, z = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2, w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
-    half = np.sqrt(x * x + y * y + z * z)
-    scale = 2.0 if half < 1e-12 else 2.0 * np.arctan2(half, abs(w)) / half
-    sign = -scale if w < 0.0 else scale
-    step[3], step[4], step[5] = sign * x, sign * y, sign * z
-    square = 0.0
-    for i in range(6):
-        for j in range(6):
-            square += step[i] * normal[i, j] * step[j]
-    return square
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -285,7 +245,8 @@ class PoseFit:
 
 def fit(model: Pixels, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
-    packed, normal, residuals = _packed(pose), np.eye(6), np.empty(2 * len(model.dots))
+    packed = np.concatenate([pose.position, pose.quaternion])
+    normal, residuals = np.eye(6), np.empty(2 * len(model.dots))
     given = model.dots, model.seen, model.factors, model.radius, model.camera.packed
     ended, square = fit_pose(*given, packed, residuals, normal)
     if ended == SINGULAR:
@@ -293,11 +254,6 @@ def fit(model: Pixels, pose: Pose) -> PoseFit:
     if ended == ENDLESS:
         raise NoPose(f"the fit has not ended after {STEPS} steps")
     return PoseFit(Pose(packed[:3], packed[3:]), float(square), normal, residuals)
-
-
-def _packed(pose: Pose) -> Floats:
-    """(7,) as compiled code takes it."""
-    return np.concatenate([pose.position, pose.quaternion])
 
 
 def plane_poses(dots: Floats, rays: Floats) -> list[Pose]:
@@ -333,9 +289,8 @@ def shared_part(
     """
     if covariance is None and not target.scale_sigma and not target.dot_sigma:
         return np.zeros((6, 6)), found.chi_square
-    prediction = predict(
-        dots, target.radius, camera, found.pose, by_camera=covariance is not None, by_dots=target.dot_sigma > 0.0
-    )
+    asked = {"by_camera": covariance is not None, "by_dots": target.dot_sigma > 0.0}
+    prediction = predict(dots, target.radius, camera, found.pose, **asked)
     by_pose = whitened(prediction.by_pose).reshape(-1, 6)
     sources = _sources(prediction, found.pose, dots, target, covariance)
     by_errors = np.concatenate([whitened(source).reshape(len(by_pose), -1) for source in sources], axis=1)
@@ -480,7 +435,9 @@ def _other(pixels: Pixels, final: PoseFit, starts: list[Pose]) -> PoseFit | None
     """The fit of the plane's other pose; None where it is the same, to within a standard deviation."""
     for start in starts:
         found = fit(pixels, start)
-        if not pose_distance(_packed(found.pose), _packed(final.pose), final.normal) < 1.0:
+        turn = quaternion_product(found.pose.quaternion, quaternion_conjugate(final.pose.quaternion))
+        step = np.concatenate([found.pose.position - final.pose.position, rotation_vector(turn)])
+        if not step @ final.normal @ step < 1.0:
             return found
     return None
 

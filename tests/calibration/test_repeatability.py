@@ -26,17 +26,15 @@ def perfect():
 def test_a_robot_that_comes_back_has_no_scatter_of_its_own(perfect):
     found = found_of(perfect)
     assert found.told
-    assert not found.moves
     assert np.array_equal(found.robot, np.zeros((6, 6)))
-    assert np.allclose(found.noise_sigma, found.total)
+    assert np.allclose(found.noise_sigma, found.spread.sigma)
     assert "comes back" in found.sentence
 
 
 def test_scatter_of_the_robot_is_told_from_noise(perfect):
     quiet, found = found_of(perfect), found_of(with_robot_scatter(perfect, 0.1, seed=5))
-    assert found.moves
     assert found.robot_sigma == pytest.approx(np.full(6, 0.1), rel=0.1)
-    assert found.total[0] > 5 * quiet.total[0]
+    assert found.spread.sigma[0] > 5 * quiet.spread.sigma[0]
     assert found.noise_sigma == pytest.approx(quiet.noise_sigma, rel=0.5)
     assert found.equation_sigma == pytest.approx(quiet.equation_sigma, rel=0.02)  # in leg space nothing has changed
     assert "ROBOT ITSELF SCATTERS by 0.09" in found.sentence
@@ -64,7 +62,7 @@ def test_the_noise_of_means_is_that_of_the_equations(perfect):
     assert noise.freedom == 640
     assert noise.length[0] * np.sqrt(11) == pytest.approx(found.noise_sigma[6:])
     scaled = found.equations / found.expected
-    assert np.sum(scaled**2, axis=0) / found.freedom == pytest.approx(np.ones(6), rel=0.1)
+    assert np.sum(scaled**2, axis=0) / found.spread.freedom == pytest.approx(np.ones(6), rel=0.1)
 
 
 def test_few_repeats_are_all_taken_as_noise():
@@ -92,7 +90,7 @@ def test_good_studies_are_left_alone(seed, scatter):
     assert not any(tests.found(kind) for kind in ("runs", "variances"))
     assert all(one.tests == tests.count > 30 for one in channels)
     if not scatter:
-        assert not any("NOT NORMAL" in one.sentence() for one in channels)
+        assert not any("NOT NORMAL" in one.sentence for one in channels)
 
 
 def test_drift_of_a_sensor_is_seen_in_the_runs():

@@ -45,8 +45,7 @@ def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) ->
     base, mobile = transformed(truth.camera, truth.robot.base), transformed(inverse(truth.target), truth.robot.mobile)
     true = Robot("", base, mobile, truth.robot.offset).parameters
     for fit in (found.x_c, found.x_c_sigma):
-        lower, upper = fit.interval(0.9999)
-        assert np.mean((lower <= true) & (true <= upper)) > 0.9
+        assert np.mean(np.abs(fit.parameters - true) <= 3.9 * fit.standard_errors) > 0.9
         assert np.abs(fit.parameters - true).max() < 0.5
 
 
@@ -75,7 +74,7 @@ def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalib
     assert (len(found.campaign), len(found.check)) == (64, 12)
     sigma = found.record.repeats.channels[11].statistics.sigma
     assert found.campaign.length_radius[0, 5] == pytest.approx(3 * sigma / 2, rel=1e-6)
-    single = calibrate_study(study, of="single", method="andreff")
+    single = calibrate_study(study, of="single")
     assert single.campaign.length_radius[0, 5] == pytest.approx(3 * sigma, rel=1e-6)
     assert np.abs(single.x_c.parameters - found.x_c.parameters).max() < 1e-2  # whichever way the frames are started
 
@@ -131,9 +130,9 @@ def test_images_of_a_run_share_its_leg_readings() -> None:
 
 
 def test_frames_are_known_as_well_as_is_said() -> None:
-    """Five studies, 12 numbers each, of the drawing's frame: the drawing's errors are in it."""
+    """Three studies, 12 numbers each, of the drawing's frame: the drawing's errors are in it."""
     inside = []
-    for seed in range(5):
+    for seed in range(3):
         study = simulate_study(seed=seed, runs=2, validation_runs=1, random_poses=2)
         found, truth = calibrate_study(study), study.truth
         assert truth is not None
@@ -157,7 +156,7 @@ def test_parameters_laid_on_the_drawing_do_not_depend_on_where_they_were_measure
     moved[:, :3] = moved[:, :3] @ turn.T + rng.normal(size=3)
     assert np.allclose(on_drawing(moved, DELTALAB), on_drawing(off, DELTALAB), atol=1e-9)
     root = 1e-3 * rng.normal(size=(42, 42))
-    drawn = [on_drawing(off + (root @ rng.normal(size=42)).reshape(6, 7), DELTALAB) for _ in range(1500)]
+    drawn = [on_drawing(off + (root @ rng.normal(size=42)).reshape(6, 7), DELTALAB) for _ in range(400)]
     told = on_drawing_errors(off, root @ root.T, DELTALAB)
     assert np.allclose(np.std(drawn, axis=0), told, rtol=0.15, atol=1e-12)
 

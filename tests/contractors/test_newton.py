@@ -42,7 +42,7 @@ def test_a_deadline_leaves_boxes_as_they_are(stopped: bool) -> None:
     net = circle_and_parabola()
     engine, lo, hi = get_arithmetic("float64"), np.array([1.2, 1.2]), np.array([1.4, 1.4])
     boxes, flag = np.stack([lo, hi], axis=-1)[None].copy(), np.array([int(stopped)])
-    square_of(engine).newton_all(*Equalities(net).program, hansen_sengupta.value, 10, flag, boxes)
+    square_of(engine).newton_all(Equalities(net).program, hansen_sengupta.value, 10, flag, boxes)
     assert bool((boxes == np.stack([lo, hi], axis=-1)).all()) is stopped
 
 

@@ -1,4 +1,4 @@
-"""What hc4 alone can not do: shaving, constructive disjunction and box consistency go beyond its fixpoint."""
+"""What hc4 alone can not do: shaving and constructive disjunction go beyond its fixpoint."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, BoxConsistency, Cid, Newton, Shaving
+from contractors import HC4, Cid, Newton, Shaving
 from contractors.shaving import contracted_slices, cuts
 from cpcal.solver.contract import Contraction, Contractor, Repeat
 from cpcal.solver.interval import Box, IntervalArray
@@ -55,33 +55,7 @@ def test_cid_keeps_what_all_slices_agree_on() -> None:
         assert (-1.0, 1.0) in box
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_box_consistency_sees_all_occurrences_of_a_variable(engine: str) -> None:
-    """x * x = x on [0.6, 2]: hc4 computes x = x / x and keeps everything; one variable at a time leaves x = 1."""
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (0.6, 2))
-    net.add(x * x == x)
-    assert stuck(net)
-    box = BoxConsistency(net, arithmetic=engine).contract(net.domain).box
-    assert [1.0] in box
-    assert box.width.max() < 1e-12
-
-
-@pytest.mark.parametrize("least", [0.0, -1e-6])
-def test_box_consistency_on_a_double_root_and_next_to_it(least: float) -> None:
-    """x^2 - 2 x + 1 = (x - 1)^2 written out: it touches zero at 1, and never goes below."""
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-4, 5))
-    net.add(x * x - 2 * x + 1 <= least)
-    box = Repeat(BoxConsistency(net)).contract(net.domain).box
-    if least < 0.0:
-        assert box.is_empty
-    else:
-        assert [1.0] in box
-        assert box.width.max() < 1e-3
-
-
-@pytest.mark.parametrize("make", [lambda n: Shaving(HC4(n)), lambda n: Cid(HC4(n)), BoxConsistency, Newton])
+@pytest.mark.parametrize("make", [lambda n: Shaving(HC4(n)), lambda n: Cid(HC4(n)), Newton])
 def test_unbounded_and_single_boxes_are_no_obstacle(make: type[Newton]) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x"), net.variable("y", (), (1, 1))
@@ -103,7 +77,7 @@ def test_no_solution_of_a_random_system_is_lost(seed: int) -> None:
     net = ConstraintNetwork()
     x = net.variable("x", n, (-10, 10))
     net.add(a @ x + b @ (x * x) == a @ solution + b @ solution**2)
-    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net), adaptive=True), BoxConsistency(net), Newton(net)]
+    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net), adaptive=True), Newton(net)]
     for contractor in many:
         assert solution in contractor.contract(net.domain).box
 
@@ -146,15 +120,3 @@ def test_adaptive_cid_goes_on_where_it_pays() -> None:
     assert again.subset(once)
     assert again.width.max() < once.width.max()
     assert (np.sqrt(0.5), np.sqrt(0.5)) in again
-
-
-def test_box_consistency_finds_the_outer_roots_of_a_polynomial() -> None:
-    """x (x - 3) (x - 4) (x - 5), multiplied out."""
-    net = ConstraintNetwork()
-    x = net.variable("x", (), (-10, 10))
-    net.add(x * x * x * x - 12 * x * x * x + 47 * x * x - 60 * x == 0)
-    assert stuck(net)
-    box = Repeat(BoxConsistency(net, precision=1e-3)).contract(net.domain).box
-    assert all([root] in box for root in (0.0, 3.0, 4.0, 5.0))
-    assert box["x"].lo > -1e-9
-    assert box["x"].hi < 5.01

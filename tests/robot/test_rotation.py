@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -24,6 +24,7 @@ def test_the_matrix_of_any_quaternion_is_a_rotation(q):
     assert np.linalg.det(matrix) == pytest.approx(1.0)
 
 
+@settings(max_examples=20, deadline=None)
 @given(quaternions)
 def test_the_entries_over_any_ring_are_those_over_fractions(q):
     exact, norm = kinematics.rotation_numerators(map(Fraction, q))

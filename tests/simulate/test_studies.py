@@ -60,19 +60,23 @@ def test_more_runs_or_another_mechanism_change_neither_robot_nor_frames_nor_conf
     assert not np.array_equal(sagging.calibration.position, base.calibration.position)
 
 
-@pytest.mark.parametrize("name", [*MECHANISMS, "friction"])
-def test_a_mechanism_of_size_zero_changes_nothing(name):
-    plain = simulate_study(seed=2, friction=0.0, **SMALL)
-    same = simulate_study(seed=2, **{"friction": 0.0, name: 0.0}, **SMALL)
+@pytest.fixture(scope="module")
+def plain():
+    return simulate_study(seed=2, friction=0.0, **SMALL)
+
+
+def test_mechanisms_of_size_zero_change_nothing(plain):
+    same = simulate_study(seed=2, friction=0.0, **dict.fromkeys(MECHANISMS, 0.0), **SMALL)
     assert files(plain)[1:] == files(same)[1:]
-    if name != "friction":
-        assert not np.array_equal(
-            plain.calibration.position,
-            simulate_study(seed=2, **{name: MECHANISMS[name]}, **SMALL).calibration.position,
-        )
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_each_mechanism_moves_the_poses(plain, name):
+    other = simulate_study(seed=2, **{name: MECHANISMS[name]}, **SMALL)
+    assert not np.array_equal(plain.calibration.position, other.calibration.position)
+
+
+@pytest.mark.parametrize("seed", range(2))
 def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames_are_undone(seed):
     study = simulate_study(seed=seed, noise=0.0, **SMALL)
     for table in (study.calibration, study.validation):
@@ -82,7 +86,7 @@ def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames
 
 
 def test_the_frames_are_a_camera_above_and_a_target_on_the_platform():
-    for seed in range(20):
+    for seed in range(6):
         truth = simulate_study(seed=seed, runs=1, validation_runs=1, random_poses=1).truth
         eye = inverse(truth.camera)  # the camera frame seen in the base frame
         assert 850 < eye.position[2] < 1150
@@ -169,7 +173,8 @@ def test_all_senseless_options_are_named_at_once(tmp_path):
     with pytest.raises(InputError) as caught:
         simulate_study(seed=-1, runs=0, images=-1, sag=-1.0, gain=float("nan"), truncate=0, stroke=(1.0, 1.0))
     named = [problem.where for problem in caught.value.problems]
-    assert named == [f"option {name}" for name in ("seed", "images", "runs", "sag", "gain", "truncate", "stroke")]
+    stated = ("seed", "images", "runs", "sag", "gain", "truncate", "stroke")
+    assert sorted(named) == sorted(f"option {name}" for name in stated)
     with pytest.raises(InputError, match="within 10,000,000"):
         simulate_study(seed=0, runs=1_000_000)
     with pytest.raises(InputError, match="option gain"):

@@ -10,7 +10,7 @@ from contractors import HC4
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Contraction, Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.model import choice_to_minimize, choice_to_solve
+from cpcal.solver.model import choice_to_minimize, choice_to_solve, default_width
 from cpcal.solver.network.rewrite import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
 
@@ -134,7 +134,7 @@ def made(unknowns: int, spheres: int = 1) -> cpcal.Network:
     return net
 
 
-@pytest.mark.parametrize(("unknowns", "width"), [(2, 0.008), (3, 0.1)])
+@pytest.mark.parametrize(("unknowns", "width"), [(2, 0.008), pytest.param(3, 0.1, marks=pytest.mark.nightly)])
 def test_curves_and_surfaces_are_paved_without_options(unknowns: int, width: float) -> None:
     net = made(unknowns)
     paving = net.solve(limits=Limits(nodes=20_000))
@@ -144,6 +144,13 @@ def test_curves_and_surfaces_are_paved_without_options(unknowns: int, width: flo
     directions = np.random.default_rng(1).normal(size=(100, unknowns))
     for point in directions / np.linalg.norm(directions, axis=1, keepdims=True):
         assert any((box.lo - 1e-12 <= point).all() and (point <= box.hi + 1e-12).all() for box in paving.boundary)
+
+
+def test_a_surface_is_cut_into_as_many_boxes_as_a_curve() -> None:
+    for unknowns, width in ((2, 0.008), (3, 0.1)):
+        net = made(unknowns)
+        ball = net.domain.with_bounds(-np.ones(unknowns), np.ones(unknowns))
+        assert default_width(net, lambda box=ball: box)[0] == width  # type: ignore[misc]
 
 
 def test_the_chosen_width_follows_what_is_left_of_the_domain() -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from cpcal.solver import compiled
+from cpcal.solver.compiled import TimeUp, compiling_until
 
 LOWER = "from cpcal.solver.compiled import compiled\n\n@compiled\ndef step(x):\n    return x + {step}\n"
 UPPER = """from cpcal.solver.compiled import compiled
@@ -32,44 +34,59 @@ print(flush=True)
 time.sleep(100)
 """
 RUN = "from upper import twice; print(twice(1.0))"
+ROOT = Path(compiled.__file__).parents[2]
 
 
-def begun(folder: Path, code: str) -> subprocess.Popen[str]:
-    paths = os.pathsep.join([str(folder), str(Path(compiled.__file__).parents[2])])
-    environment = {**os.environ, "PYTHONPATH": paths}
-    return subprocess.Popen(
-        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-
-
-def run(folder: Path, code: str = RUN, **environment: str) -> subprocess.CompletedProcess[str]:
+def begun(folder: Path, code: str, **environment: str) -> subprocess.Popen[str]:
     """A fresh interpreter that finds cpcal here and the modules in `folder`."""
-    root = Path(compiled.__file__).parents[2]
-    paths = os.pathsep.join([str(folder), str(root)])
-    return subprocess.run(
+    paths = os.pathsep.join([str(folder), str(ROOT)])
+    return subprocess.Popen(
         [sys.executable, "-W", "always::RuntimeWarning", "-c", code],
         env={**os.environ, "PYTHONPATH": paths, **environment},
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        check=True,
     )
 
 
 @pytest.fixture
-def modules(tmp_path: Path) -> Path:
+def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lower.py").write_text(LOWER.format(step="1.0"))
     (tmp_path / "upper.py").write_text(UPPER)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setattr(compiled, "_said", set())
+    monkeypatch.delenv("CPCAL_QUIET", raising=False)
     return tmp_path
 
 
-def test_machine_code_is_kept_and_follows_the_files_that_a_function_calls_into(modules):
-    first, second = run(modules), run(modules)
-    assert first.stdout == second.stdout == "3.0\n"
-    assert "compiling 'twice', once ... done" in first.stderr
-    assert "compiling" not in second.stderr
+@pytest.fixture
+def run(modules: Path, capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[[], tuple[float, str]]]:
+    """What `twice(1.0)` gives in modules that are imported anew, and what is told."""
+
+    def forget() -> None:
+        for name in ("upper", "lower"):
+            sys.modules.pop(name, None)
+            compiled._stamps.pop(name, None)
+        importlib.invalidate_caches()
+
+    def again() -> tuple[float, str]:
+        forget()
+        value = importlib.import_module("upper").twice(1.0)
+        return value, capsys.readouterr().err
+
+    yield again
+    forget()
+
+
+def test_machine_code_is_kept_and_follows_the_files_that_a_function_calls_into(modules, run, monkeypatch):
+    first, second = run(), run()
+    assert first[0] == second[0] == 3.0
+    assert "compiling 'twice', once ... done" in first[1]
+    assert second[1] == ""
     (modules / "lower.py").write_text(LOWER.format(step="2.0"))
-    hushed = run(modules, CPCAL_QUIET="1")
-    assert (hushed.stdout, hushed.stderr) == ("5.0\n", "")  # compiled anew, though upper.py did not change
+    monkeypatch.setenv("CPCAL_QUIET", "1")
+    assert run() == (5.0, "")  # compiled anew, though upper.py did not change
 
 
 def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules):
@@ -84,7 +101,8 @@ def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules)
 def held(lock: Path) -> Iterator[None]:
     """While in the block another process has the lock."""
     lock.parent.mkdir(exist_ok=True)
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(lock)], stdout=subprocess.PIPE)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(lock)], stdout=subprocess.PIPE, env=environment)
     try:
         assert holder.stdout is not None
         holder.stdout.readline()
@@ -94,32 +112,25 @@ def held(lock: Path) -> Iterator[None]:
         holder.communicate()
 
 
-def test_a_lock_that_nobody_gives_back_is_waited_for_no_longer_than_is_said(modules):
+def test_a_lock_that_nobody_gives_back_is_waited_for_no_longer_than_is_said(modules, run, monkeypatch):
+    monkeypatch.setattr(compiled, "LONGEST", 1.0)
     with held(modules / "__pycache__" / "upper.lock"):
-        late = run(modules, f"from cpcal.solver import compiled; compiled.LONGEST = 1.0; {RUN}")
-        assert late.stdout == "3.0\n"
-        assert "waiting for another process that compiles 'twice'" in late.stderr
-        assert run(modules).stderr == ""  # nobody waits for what is there
+        value, told = run()
+        assert value == 3.0
+        assert "waiting for another process that compiles 'twice'" in told
+        assert run() == (3.0, "")  # nobody waits for what is there
 
 
-LATE = """
-import time
-from cpcal.solver.compiled import TimeUp, compiling_until
-from upper import twice
-try:
-    with compiling_until(time.monotonic() + {seconds}):
-        twice(1.0)
-except TimeUp as told:
-    print(told)
-"""
-
-
-def test_after_the_time_limit_nothing_is_compiled_or_waited_for(modules):
-    said = "the time limit came before 'twice' was compiled\n"
-    with held(modules / "__pycache__" / "upper.lock"):
-        assert run(modules, LATE.format(seconds=0.2)).stdout == said
-    assert run(modules, LATE.format(seconds=-1.0) + RUN).stdout == f"{said}3.0\n"
-    assert run(modules, LATE.format(seconds=-1.0)).stdout == ""  # what is there is loaded at any time
+def test_after_the_time_limit_nothing_is_compiled_or_waited_for(modules, run):
+    late = "the time limit came before 'twice' was compiled"
+    lock = modules / "__pycache__" / "upper.lock"
+    with held(lock), compiling_until(time.monotonic() + 0.2), pytest.raises(TimeUp, match=late):
+        run()
+    with compiling_until(-1.0), pytest.raises(TimeUp, match=late):
+        run()
+    assert run()[0] == 3.0
+    with compiling_until(-1.0):
+        assert run() == (3.0, "")  # what is there is loaded at any time
 
 
 NOT_BEGUN = """
@@ -156,46 +167,55 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-def test_machine_code_that_is_damaged_is_compiled_again_and_replaced(modules):
-    run(modules)
+def test_machine_code_that_is_damaged_is_compiled_again_and_replaced(modules, run):
+    run()
     files = list((modules / "__pycache__").glob("*.kernel"))
     assert len(files) == 2
     for damage in DAMAGES.values():
         for file in files:
             file.write_bytes(damage(file.read_bytes()))
-        again = run(modules)
-        assert again.stdout == "3.0\n"
-        assert "compiling 'twice', once ... done" in again.stderr
-    assert run(modules).stderr == ""
+        value, told = run()
+        assert value == 3.0
+        assert "compiling 'twice', once ... done" in told
+    assert run() == (3.0, "")
 
 
-def test_without_room_for_machine_code_it_goes_on_and_says_so_once(modules):
-    small = "import resource as r; r.setrlimit(r.RLIMIT_FSIZE, (1000, 1000))"  # as on a full disk, writing fails
-    done = run(modules, f"{small}; {RUN}")
-    assert done.stdout == "3.0\n"
-    assert done.stderr.count("machine code cannot be kept in") == 1
+SMALL = "import resource as r; r.setrlimit(r.RLIMIT_FSIZE, (1000, 1000))"  # as on a full disk, writing fails
+HIDDEN = "import sys; sys.modules['numba'] = None"
+
+
+@pytest.mark.parametrize(
+    ("before", "environment", "told"),
+    [
+        (SMALL, {}, "machine code cannot be kept in"),
+        (HIDDEN, {}, "numba is not installed"),
+        ("", {"NUMBA_DISABLE_JIT": "1"}, ""),
+    ],
+    ids=["without room", "without numba", "switched off"],
+)
+def test_where_nothing_is_compiled_or_kept_it_runs_and_says_so_once(modules, before, environment, told):
+    out, err = begun(modules, f"{before}\n{RUN}", **environment).communicate(timeout=100)
+    assert out == "3.0\n"
+    assert err.count(told) == 1 if told else err == ""
     assert not list((modules / "__pycache__").glob("*.kernel*"))
 
 
-def test_without_numba_it_runs_and_says_so_once(modules):
-    hidden = f"import sys; sys.modules['numba'] = None; {RUN}"
-    done = run(modules, hidden)
-    assert done.stdout == "3.0\n"
-    assert done.stderr.count("numba is not installed") == 1
-
-
 @pytest.mark.parametrize("home", [True, False])
-def test_a_folder_that_can_not_be_written_is_no_error(modules, tmp_path_factory, home):
-    cache = tmp_path_factory.mktemp("cache")
-    shutil.rmtree(modules / "__pycache__", ignore_errors=True)
+def test_a_folder_that_can_not_be_written_is_no_error(modules, run, tmp_path, monkeypatch, home):
     (modules / "__pycache__").write_text("in the way")
-    if not home:
-        cache.rmdir()
-        cache.write_text("in the way")
-    first, second = (run(modules, XDG_CACHE_HOME=str(cache)) for _ in range(2))
-    assert first.stdout == second.stdout == "3.0\n"
-    assert ("compiling" in second.stderr) is not home
-    assert second.stderr.count("machine code cannot be kept in") == (0 if home else 1)
+    cache = tmp_path / "cache"
+    cache.mkdir() if home else cache.write_text("in the way")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    if home:
+        first, second = run(), run()
+        assert first[0] == 3.0
+        assert second == (3.0, "")
+        return
+    with pytest.warns(RuntimeWarning, match="machine code cannot be kept in") as said:
+        first, second = run(), run()
+    assert first[0] == second[0] == 3.0
+    assert "compiling" in second[1]
+    assert len(said) == 1
 
 
 def test_the_plain_function_is_the_compiled_one():
@@ -204,8 +224,3 @@ def test_the_plain_function_is_the_compiled_one():
         return x / 2.0
 
     assert half(3.0) == compiled.plain(half)(3.0) == 1.5
-
-
-def test_with_the_compiler_switched_off_nothing_is_said(modules):
-    done = run(modules, NUMBA_DISABLE_JIT="1")
-    assert (done.stdout, done.stderr) == ("3.0\n", "")

@@ -41,7 +41,7 @@ def answer(found: Minimum) -> tuple[object, ...]:
     return found.lo, found.hi, point, box.lo.tolist(), box.hi.tolist(), found.nodes, found.programs, found.status
 
 
-@pytest.mark.parametrize(("options", "step"), [(LIFTED, 5), (HC4, 200)])
+@pytest.mark.parametrize(("options", "step"), [(LIFTED, 9), (HC4, 400)])
 def test_stopped_again_and_again_it_ends_in_the_same_answer(
     options: dict[str, object], step: int, tmp_path: Path
 ) -> None:

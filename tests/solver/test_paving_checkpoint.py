@@ -76,6 +76,6 @@ def test_a_checkpoint_is_of_one_problem_and_its_options(tmp_path):
 
 def test_with_workers_the_answer_is_the_same(tmp_path):
     file = tmp_path / "search"
-    ring().solve(width=0.05, inner=True, limits=Limits(nodes=150), checkpoint=file)
-    on = ring().solve(width=0.05, inner=True, checkpoint=file, resume=True, workers=2)
-    assert answer(on) == answer(ring().solve(width=0.05, inner=True))
+    ring().solve(width=0.2, inner=True, limits=Limits(nodes=80), checkpoint=file)
+    on = ring().solve(width=0.2, inner=True, checkpoint=file, resume=True, workers=2)
+    assert answer(on) == answer(ring().solve(width=0.2, inner=True))

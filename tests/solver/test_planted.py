@@ -26,8 +26,8 @@ from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval.operations import BINARY, CODES
 from cpcal.solver.network.expression import Expr, topological
 
-COUNT = int(os.environ.get("CPCAL_PLANTED", "300"))  # 20,000 at night
-PARTS = 10  # of the networks, a test each
+COUNT = int(os.environ.get("CPCAL_PLANTED", "150"))  # 20,000 at night
+PARTS = 5  # of the networks, a test each
 BITS = 400
 LARGE = 1200  # bits, so that sums of very large and very small numbers are exact, too
 

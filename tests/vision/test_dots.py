@@ -10,7 +10,7 @@ import pytest
 from benchmarks.vision_scenes import DotErrors, errors, facing_poses, one, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.dots import find_dots, observe_dots
+from cpcal.vision.dots import observe_dots
 from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, fitted_edges
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene, render
@@ -101,7 +101,7 @@ def test_every_kind_of_image_shows_the_same_dots():
         assert found.bright
         assert np.abs(found.centers - expected.centers).max() < 1e-3
         assert np.allclose(found.covariance, expected.covariance, rtol=0.05, atol=1e-7)
-        assert np.array_equal(find_dots(kind), found.centers)
+        assert np.array_equal(observe_dots(kind).centers, found.centers)
     dark = observe_dots(255 - image)
     assert not dark.bright
     assert len(dark) == len(expected)

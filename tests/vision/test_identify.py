@@ -207,7 +207,7 @@ def test_a_guess_of_the_pose_changes_no_answer():
             assert np.array_equal(found.numbers, wanted.numbers)
             assert (found.margin, len(found.missing)) == (wanted.margin, len(wanted.missing))
             assert np.array_equal(labels[found.found], found.numbers)
-        view = seen_by(DELTALAB_CAMERA, centers, None)
+        view = seen_by(DELTALAB_CAMERA, centers)
         used += followed(view, DELTALAB_TARGET, moved) is not None
     assert used >= 2  # otherwise no guess was ever followed
 
@@ -232,7 +232,7 @@ def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
             refused += 1
             continue
         assert np.array_equal(labels[found.found], found.numbers)
-        view = seen_by(DELTALAB_CAMERA, centers, None)
+        view = seen_by(DELTALAB_CAMERA, centers)
         assert apart(view, DELTALAB_TARGET, hypothesis_of(view, DELTALAB_TARGET, found.homography)) >= 17
         accepted += 1
     assert min(accepted, refused) >= 2
@@ -279,7 +279,7 @@ def test_the_straightest_guesses_are_those_that_suit_the_lens():
         camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, [bend, -0.4 * bend, 0.0, 0.0, 0.0])
         pose = one(facing_poses(rng, 1), 0)
         centers, labels = found_dots(rng, DELTALAB_TARGET, camera, pose, noise=0.02, false=3 * k, on_rows=True)
-        views = tuple(guesses(centers, (1024, 768), None))
+        views = tuple(guesses(centers, (1024, 768)))
         order = sorted(range(len(views)), key=lambda i: straightness(views[i].points, views[i].fine), reverse=True)
         assert any(len(_fits(views[i], labels)) for i in order[:3])
 

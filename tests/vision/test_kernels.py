@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.robot import quaternion_product
-from cpcal.robot.kinematics import quaternion_from_rotation_vector
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation
-from cpcal.vision.dots.segmentation import ellipses, gaps, noise_level
-from cpcal.vision.identify.views import mutually_nearest, nearest_squares
-from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
+from cpcal.vision.dots.segmentation import Spots, ellipses, gaps, noise_level
+from cpcal.vision.identify.views import View, pairs
+from cpcal.vision.pose import Pixels, fit, fit_pose
 from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -94,8 +92,9 @@ def test_pairs_are_each_others_nearest():
     rng = np.random.default_rng(4)
     points, places = rng.random((60, 2)), rng.random((50, 2))
     places[3] = np.nan
-    found = np.empty(50, dtype=np.int64)
-    mutually_nearest(points, places, 0.1, found)
+    found = np.full(50, -1)
+    nearest, numbers = pairs(View(points, 1.0, 0.0, 0.0), places, 0.1)
+    found[numbers] = nearest
     square = ((places[:, None] - points) ** 2).sum(axis=2)
     square[3] = np.inf
     for i in range(50):
@@ -115,32 +114,15 @@ def test_a_first_look_at_half_of_a_large_image_finds_the_same_dots(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 60])
-def test_gaps_and_spacings_are_those_of_a_search_over_all_pairs(count):
+def test_gaps_are_those_of_a_search_over_all_pairs(count):
     rng = np.random.default_rng(count)
     center, long = rng.uniform(0.0, 100.0, (count, 2)), rng.uniform(1.0, 8.0, count)
     apart = np.linalg.norm(center[:, None] - center, axis=2)
     np.fill_diagonal(apart, np.inf)
     near = np.argsort(apart, axis=1)[:, : min(5, count - 1)]
     between = np.take_along_axis(apart - long[:, None] - long, near, axis=1)
-    for run in (gaps, plain(gaps)):
-        found = np.empty(count)
-        run(center, long, np.argsort(center[:, 0]), found)
-        np.testing.assert_allclose(found, between.min(axis=1, initial=np.inf))
-    squares = np.empty(count)
-    nearest_squares(center, squares)
-    np.testing.assert_allclose(np.sqrt(squares), apart.min(axis=1))
-
-
-def test_two_poses_are_apart_by_their_step_over_the_deviations():
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((6, 6))
-    step = 0.1 * rng.standard_normal(6)
-    start = one(facing_poses(rng, 1), 0)
-    turned = quaternion_product(quaternion_from_rotation_vector(step[3:]), start.quaternion)
-    for sign in (1.0, -1.0):
-        moved = np.concatenate([start.position + step[:3], sign * turned])
-        found = pose_distance(moved, np.concatenate([start.position, start.quaternion]), root @ root.T)
-        assert found == pytest.approx(float(step @ root @ root.T @ step), rel=1e-9)
+    spread = 0.25 * np.stack([long**2, 0.5 * long**2], axis=1)[:, None] * np.eye(2)
+    np.testing.assert_allclose(gaps(Spots(center, spread, True)), between.min(axis=1, initial=np.inf))
 
 
 def test_symmetric_matrices_as_lapack_has_them() -> None:

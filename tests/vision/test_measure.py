@@ -33,7 +33,6 @@ def test_missing_dots_are_named_and_do_no_harm() -> None:
     assert not np.isin(hidden, found.identification.numbers).any()
     error = pose_error(pose, found.estimate)
     assert error @ np.linalg.solve(found.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
-    assert set(found.seconds) == {"dots", "identification", "pose"}
 
 
 REASONS = {

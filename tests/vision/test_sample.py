@@ -54,8 +54,6 @@ def test_few_residuals_make_no_means():
 
 def test_images_that_cannot_be_read_any_more_are_left_out():
     class Gone:
-        stage = "reading"
-
         def read(self, name):
             raise OSError("gone")
 
@@ -69,12 +67,10 @@ def test_pictures_are_few_whatever_the_images(monkeypatch):
     """Refused ones first, one a reason, then the worst doubtful ones."""
     monkeypatch.setattr("cpcal.vision.batch.study_images.refusal", lambda *given: b"x" * 1000)
     monkeypatch.setattr("cpcal.vision.batch.study_images.overlay", lambda *given: b"x" * 200_000)
-    monkeypatch.setattr("cpcal.vision.batch.study_images.measure_pose", lambda *given: None)
+    monkeypatch.setattr("cpcal.vision.batch.study_images.measure_pose", lambda *given: object())
     monkeypatch.setattr("cpcal.vision.batch.study_images.residuals_of", lambda *given: Residuals.joined([]))
 
     class Grey:
-        stage = "reading"
-
         def read(self, name):
             return np.zeros((768, 1024), np.uint8)
 

@@ -24,11 +24,6 @@ def log_and_gradient(four):
     return log, np.linalg.norm([(plus - minus) / 2e-5 for plus, minus in sides])
 
 
-def apart(one, other):
-    (x, gx), (y, gy) = log_and_gradient(one), log_and_gradient(other)
-    return abs(x - y) / np.hypot(gx, gy)
-
-
 def fours(row):
     for start in range(len(row) - 3):
         yield row[start : start + 4]
@@ -48,7 +43,11 @@ def least_separation(target):
         for value in np.unique(np.round(plane[:, 1 - axis], 3)):
             line = np.sort(plane[np.round(plane[:, 1 - axis], 3) == value, axis])
             others += list(fours(line))
-    return min(apart(one, other) for one in signatures for other in others if not np.array_equal(one, other))
+    logs = np.array([log_and_gradient(four) for four in others])
+    own = np.array([log_and_gradient(four) for four in signatures])
+    apart = np.abs(own[:, None, 0] - logs[:, 0]) / np.hypot(own[:, None, 1], logs[:, 1])
+    same = [[np.array_equal(one, other) for other in others] for one in signatures]
+    return np.where(same, np.inf, apart).min()
 
 
 def problems(**changed):

@@ -35,12 +35,12 @@ from cpcal.common.values import Bools, Floats, Indices, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.interval.arithmetic import in_arithmetic
-from cpcal.solver.interval.kernels import add, factor, meet, mul, sub
+from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub
 from cpcal.solver.interval.operations import CONTINUOUS, quality
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, sweeps
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.rows import Extremes
-from cpcal.solver.network.sweeps import all_partials, forward, gradients
+from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
 
 # ------------------------------------------------------------------------------------------------------------------
 # How compiled functions hear of a deadline: they cannot read the clock, and hold no lock while they run.
@@ -164,16 +164,15 @@ class Equalities:
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
         bounds = np.stack([box.lo, box.hi], axis=1)
         kernels = square_of(engine)
-        if not kernels.linearized(*self.program, bounds, np.array(center, np.float64), value, jacobian):
+        if not kernels.linearized(self.program, bounds, np.array(center, np.float64), value, jacobian):
             return None
         return Linearization(_array(value), _array(jacobian), center)
 
     @cached_property
-    def program(self) -> tuple[Any, ...]:
+    def program(self) -> Equations:
         """The tape as the compiled functions take it."""
-        tape, paths, leaves = self.tape, self.tape.reach, self.tape.leaves()
-        both = np.stack([leaves.lo, leaves.hi], axis=1)
-        return (*tape.program, tape.given, tape.root_slots, paths.start, paths.order, both)
+        leaves = self.tape.leaves()
+        return self.tape.program, self.tape.reach, (leaves.lo, leaves.hi)
 
     def estimate(self, point: Floats) -> tuple[Floats, Floats]:
         """F (m,) and its Jacobian (m, n) at a point, without proof."""
@@ -225,52 +224,54 @@ def _part(expr: Expr, constraint: Constraint, elements: Bools) -> Expr:
 # Interval Newton on a square part of m equations in n components, compiled.
 
 
+Equations = tuple[Program, Reach, Arrays]  # a tape and the bounds of its constants and readings
+
+
 @compiled
-def linearized(
-    code: Ints,
-    arg: Ints,
-    par: Ints,
-    first: int,
-    given: int,
-    roots: Ints,
-    start: Ints,
-    order: Ints,
-    leaves: Floats,
-    box: Floats,
-    center: Floats,
-    value: Floats,
-    jacobian: Floats,
-) -> bool:
+def linearized(equations: Equations, box: Floats, center: Floats, value: Floats, jacobian: Floats) -> bool:
     """`value` at the centre and `jacobian` over the box (n, 2) of a tape's roots.
 
     False where one of them is not bounded or some operation is not continuous.
     """
-    n, size = len(box), first + len(code)
-    lo, hi = np.empty(size), np.empty(size)
-    lo[n:first], hi[n:first] = leaves[:, 0], leaves[:, 1]
-    lo[:n], hi[:n] = box[:, 0], box[:, 1]
-    forward(code, arg, par, first, lo, hi)
-    for k in range(len(code)):
-        a, b = arg[k, 0], arg[k, 1]
-        if quality(code[k], par[k], lo[a], hi[a], lo[b], hi[b]) != CONTINUOUS:
+    p, reach, leaves = equations
+    n, size = len(box), p.first + len(p.code)
+    x = np.empty(size), np.empty(size)
+    x[0][n : p.first], x[1][n : p.first] = leaves
+    x[0][:n], x[1][:n] = box[:, 0], box[:, 1]
+    forward(p, x)
+    for k in range(len(p.code)):
+        if quality(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1])) != CONTINUOUS:
             return False
-    factors, g_lo, g_hi = np.empty((len(code), 4)), np.zeros(len(order)), np.zeros(len(order))
-    all_partials(code, arg, par, first, lo, hi, factors)
-    gradients(arg, first, n, given, roots, start, order, factors, g_lo, g_hi)
+    factors, g = np.empty((len(p.code), 4)), (np.zeros(len(reach.order)), np.zeros(len(reach.order)))
+    all_partials(p, x, factors)
+    gradients(p, reach, factors, g)
     jacobian[:] = 0.0
-    for r in range(len(roots)):
-        for p in range(start[r], start[r + 1]):
-            if order[p] < n:
-                jacobian[r, order[p], 0], jacobian[r, order[p], 1] = g_lo[p], g_hi[p]
-                if not (math.isfinite(g_lo[p]) and math.isfinite(g_hi[p])):
+    for r in range(len(p.roots)):
+        for e in range(reach.start[r], reach.start[r + 1]):
+            if reach.order[e] < n:
+                low, high = at(g, e)
+                jacobian[r, reach.order[e], 0], jacobian[r, reach.order[e], 1] = low, high
+                if not (math.isfinite(low) and math.isfinite(high)):
                     return False
-    lo[:n], hi[:n] = center, center
-    forward(code, arg, par, first, lo, hi)
-    for r in range(len(roots)):
-        value[r, 0], value[r, 1] = lo[roots[r]], hi[roots[r]]
+    x[0][:n], x[1][:n] = center, center
+    forward(p, x)
+    for r in range(len(p.roots)):
+        value[r, 0], value[r, 1] = at(x, p.roots[r])
         if not (math.isfinite(value[r, 0]) and math.isfinite(value[r, 1])):
             return False
     return True
+
+
+@compiled
+def pair(x: Floats, k: int) -> Bounds:
+    """One interval of (n, 2)."""
+    return x[k, 0], x[k, 1]
+
+
+@compiled
+def entry(x: Floats, i: int, j: int) -> Bounds:
+    """One interval of (m, n, 2)."""
+    return x[i, j, 0], x[i, j, 1]
 
 
 @compiled
@@ -375,11 +376,9 @@ def precondition(
             c, row = inverse[i, r], rows[r]
             if c == 0.0:
                 continue
-            low, high = mul(c, c, value[row, 0], value[row, 1])
-            y[i, 0], y[i, 1] = add(y[i, 0], y[i, 1], low, high)
+            y[i, 0], y[i, 1] = add(pair(y, i), mul((c, c), pair(value, row)))
             for j in where[r, : entries[r]]:
-                low, high = mul(c, c, jacobian[row, j, 0], jacobian[row, j, 1])
-                matrix[i, j, 0], matrix[i, j, 1] = add(matrix[i, j, 0], matrix[i, j, 1], low, high)
+                matrix[i, j, 0], matrix[i, j, 1] = add(entry(matrix, i, j), mul((c, c), entry(jacobian, row, j)))
     return True
 
 
@@ -388,12 +387,11 @@ def gauss_seidel(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool
     """Narrows `away` = X - c (n, 2), one unknown after the other; False where X holds no zero."""
     for i in range(len(y)):
         k = columns[i]
-        low, high = y[i, 0], y[i, 1]
+        total = pair(y, i)
         for j in range(len(away)):
             if j != k and (matrix[i, j, 0] != 0.0 or matrix[i, j, 1] != 0.0):
-                t_lo, t_hi = mul(matrix[i, j, 0], matrix[i, j, 1], away[j, 0], away[j, 1])
-                low, high = add(low, high, t_lo, t_hi)
-        low, high = factor(-high, -low, matrix[i, k, 0], matrix[i, k, 1], away[k, 0], away[k, 1])
+                total = add(total, mul(entry(matrix, i, j), pair(away, j)))
+        low, high = factor(neg(total), entry(matrix, i, k), pair(away, k))
         if not low <= high:
             return False
         away[k, 0], away[k, 1] = low, high
@@ -406,13 +404,11 @@ def centred_image(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> boo
     before = away.copy()
     for i in range(len(y)):
         k = columns[i]
-        low, high = -y[i, 1], -y[i, 0]
+        total = neg(pair(y, i))
         for j in range(len(away)):
             one = 1.0 if j == k else 0.0
-            a_lo, a_hi = sub(one, one, matrix[i, j, 0], matrix[i, j, 1])
-            t_lo, t_hi = mul(a_lo, a_hi, before[j, 0], before[j, 1])
-            low, high = add(low, high, t_lo, t_hi)
-        away[k, 0], away[k, 1] = low, high
+            total = add(total, mul(sub((one, one), entry(matrix, i, j)), pair(before, j)))
+        away[k, 0], away[k, 1] = total
     return True
 
 
@@ -439,13 +435,13 @@ def newton_image(
     if not precondition(inverse, rows, value, jacobian, stop, y, matrix):
         return -1
     for j in range(n):
-        away[j, 0], away[j, 1] = sub(box[j, 0], box[j, 1], center[j], center[j])
+        away[j, 0], away[j, 1] = sub(pair(box, j), (center[j], center[j]))
     some = centred_image(y, matrix, columns, away) if operator else gauss_seidel(y, matrix, columns, away)
     if not some:
         return 0
     out[:] = box
     for k in columns:
-        out[k, 0], out[k, 1] = add(center[k], center[k], away[k, 0], away[k, 1])
+        out[k, 0], out[k, 1] = add((center[k], center[k]), pair(away, k))
     return 1
 
 
@@ -456,26 +452,12 @@ def middle(lo: float, hi: float) -> float:
 
 
 @compiled
-def newton_all(
-    code: Ints,
-    arg: Ints,
-    par: Ints,
-    first: int,
-    given: int,
-    roots: Ints,
-    start: Ints,
-    order: Ints,
-    leaves: Floats,
-    operator: int,
-    most: int,
-    stop: Ints,
-    boxes: Floats,
-) -> None:
+def newton_all(equations: Equations, operator: int, most: int, stop: Ints, boxes: Floats) -> None:
     """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero.
 
     Boxes that are left when `stop` (1,) is not 0 stay as they are.
     """
-    m, n = len(roots), boxes.shape[1]
+    m, n = len(equations[0].roots), boxes.shape[1]
     value, jacobian, image, center = np.empty((m, 2)), np.empty((m, n, 2)), np.empty((n, 2)), np.empty(n)
     rows, columns = np.empty(m, np.int64), np.empty(n, np.int64)
     for r in range(len(boxes)):
@@ -485,7 +467,7 @@ def newton_all(
         for _ in range(most):
             for j in range(n):
                 center[j] = middle(box[j, 0], box[j, 1])
-            known = linearized(code, arg, par, first, given, roots, start, order, leaves, box, center, value, jacobian)
+            known = linearized(equations, box, center, value, jacobian)
             size = square_part(jacobian, box, stop, rows, columns) if known else 0
             if size == 0:
                 break
@@ -495,7 +477,7 @@ def newton_all(
                 break
             halved = False
             for j in columns[:size]:
-                low, high = meet(image[j, 0], image[j, 1], box[j, 0], box[j, 1])
+                low, high = meet(pair(image, j), pair(box, j))
                 if found == 0 or not low <= high:
                     box[:] = np.nan
                     break

@@ -85,16 +85,13 @@ def in_arb(function: Callable[..., T]) -> Callable[..., T]:
 
 
 def _directed(
-    exact: Callable[..., arb], beyond: Callable[..., float], operands: int = 2
+    exact: Callable[..., arb], beyond: Callable[..., float]
 ) -> tuple[Callable[..., float], Callable[..., float]]:
-    """A bound below and one above of an operation on numbers, then perhaps an integer; `beyond`: where one of them is
-    infinite or NaN."""
+    """A bound below and one above of an operation on numbers; `beyond`: where one of them is infinite or NaN."""
 
     def value(given: tuple[float, ...]) -> arb | float:
-        numbers = [float(number) for number in given[:operands]]
-        if all(map(isfinite, numbers)):
-            return exact(*map(arb, numbers), *map(int, given[operands:]))
-        return beyond(*numbers)
+        numbers = [float(number) for number in given]
+        return exact(*map(arb, numbers)) if all(map(isfinite, numbers)) else beyond(*numbers)
 
     def below(*given: float) -> float:
         found = value(given)
@@ -128,6 +125,17 @@ _HALF_PI = float_below(arb.pi() / 2), float_above(arb.pi() / 2)
 _FAR = 1000.0  # exp of it is beyond all floats
 _LEAST, _MOST = (-inf, -_MAX), (_MAX, inf)
 
+
+def _with_exponent(exact: Callable[[arb, int], arb], beyond: Callable[[float, int], float]) -> Callable[..., float]:
+    """A bound of an operation on a number and an integer, above it if so asked; `beyond` as in `_directed`."""
+
+    def bound(number: float, n: int, up: bool) -> float:
+        sides = _directed(lambda a: exact(a, int(n)), lambda a: beyond(a, int(n)))
+        return sides[bool(up)](number)
+
+    return bound
+
+
 # By the names in `kernels` and `functions`, which compose intervals of them.
 PRIMITIVES: dict[str, Callable[..., Any]] = {
     **{
@@ -136,13 +144,12 @@ PRIMITIVES: dict[str, Callable[..., Any]] = {
             "sum": _directed(lambda a, b: a + b, lambda a, b: a + b),
             "product": _directed(lambda a, b: a * b, _infinite_product),
             "quotient": _directed(lambda a, b: a / b, lambda a, b: abs(a) * 0.0 if isinf(b) else a / b),
-            "root": _directed(lambda a: a.sqrt(), lambda a: a, 1),
-            "power": _directed(lambda a, n: a**n, lambda a: a, 1),
-            "reciprocal_power": _directed(lambda a, n: a**-n, lambda a: a if isnan(a) else 0.0, 1),
-            "nth_root": _directed(lambda a, n: a.root(n) if a != 0 else a, lambda a: a, 1),
+            "root": _directed(lambda a: a.sqrt(), lambda a: a),
         }.items()
         for side, function in zip(("below", "above"), both, strict=True)
     },
+    "rounded_power": _with_exponent(lambda a, n: a**n, lambda a, n: a if n > 0 or isnan(a) else 0.0),
+    "rounded_root": _with_exponent(lambda a, n: a.root(n) if a != 0 else a, lambda a, n: a),
     "total_below": _total_below,
     "exp_at": _at(lambda x: x.exp(), far=_FAR),
     "expm1_at": _at(lambda x: x.expm1(), far=_FAR),

@@ -6,6 +6,7 @@ runs the same source on arb's primitives, each computed at 128 bits and rounded 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from types import ModuleType, SimpleNamespace
@@ -14,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, RoundingError
-from cpcal.common.values import Floats
 from cpcal.solver.compiled import ready, rebound
 from cpcal.solver.interval import functions, kernels, operations
 from cpcal.solver.interval.numbers import IntervalArray
@@ -60,34 +60,31 @@ class Arithmetic:
         """Sum along one axis, which disappears."""
         lo, hi = (np.array(np.moveaxis(bound, axis, -1), np.float64, order="C") for bound in (x.lo, x.hi))
         shape, count = lo.shape[:-1], lo.shape[-1]
-        out = _room(shape)
-        flat = (bound.reshape(-1, count) if count else np.zeros((out.lo.size, 0)) for bound in (lo, hi))
-        in_arithmetic(self.name).totals(*flat, out.lo.reshape(-1), out.hi.reshape(-1))
-        return out
+        size = math.prod(shape)
+        out = np.zeros(size), np.zeros(size)
+        in_arithmetic(self.name).totals((lo.reshape(size, count), hi.reshape(size, count)), out)
+        return IntervalArray(*out).reshape(shape)
 
     def dot(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
         """Matrix product of shapes (..., k) and (k, n)."""
-        out = _room((*x.shape[:-1], y.shape[1]))
+        shape, count = (*x.shape[:-1], y.shape[1]), math.prod(x.shape[:-1])
+        lo, hi = np.zeros((2, count, y.shape[1]))
         if x.lo.size:
-            given = (np.array(bound, np.float64, order="C") for bound in (x.lo, x.hi, y.lo, y.hi))
-            rows = (bound.reshape(-1, bound.shape[-1]) for bound in (*given, out.lo, out.hi))
-            in_arithmetic(self.name).products(*rows)
-        return out
+            rows = x.reshape((count, x.shape[-1]))
+            given = [tuple(np.array(bound, np.float64, order="C") for bound in (v.lo, v.hi)) for v in (rows, y)]
+            in_arithmetic(self.name).products(*given, (lo, hi))
+        return IntervalArray(lo, hi).reshape(shape)
 
     def _looped(self, loop: str, first: tuple[int, ...], *operands: IntervalArray) -> IntervalArray:
         shape = operands[0].shape
         if any(x.shape != shape for x in operands):
             shape = np.broadcast_shapes(*(x.shape for x in operands))
-        out, given = _room(shape), list[Floats]()
-        for x in operands:
-            for bound in (x.lo, x.hi):  # in arrays of its own: loops are compiled for those that may be written
-                given.append((bound if bound.shape == shape else np.broadcast_to(bound, shape)).flatten())
-        getattr(in_arithmetic(self.name), loop)(*first, *given, out.lo.reshape(-1), out.hi.reshape(-1))
-        return out
-
-
-def _room(shape: tuple[int, ...]) -> IntervalArray:
-    return IntervalArray(np.zeros(shape), np.zeros(shape))
+        size = math.prod(shape)
+        out = np.zeros(size), np.zeros(size)
+        # in arrays of their own: loops are compiled for those that may be written
+        given = [(x.lo.flatten(), x.hi.flatten()) for x in (operand.broadcast_to(shape) for operand in operands)]
+        getattr(in_arithmetic(self.name), loop)(*first, *given, out)
+        return IntervalArray(*out).reshape(shape)
 
 
 def get_arithmetic(name: str) -> Arithmetic:
@@ -106,10 +103,7 @@ _TABLE = (kernels, functions, operations)
 
 @cache
 def in_arithmetic(name: str, *sources: ModuleType) -> Any:
-    """The table's functions and those of modules of kernels, by name, in the arithmetic of that name.
-
-    Each module calls only what stands before it.
-    """
+    """The table's functions and those of modules of kernels, by name, in the arithmetic of that name."""
     found = [function for module in (*_TABLE, *sources) for function in _defined_in(module)]
     if name == "float64":
         made = {function.__name__: ready(function) for function in found}

@@ -11,15 +11,24 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.kernels import ETA, MAX, quotient_above, quotient_below, sum_above, sum_below
-
-Bounds = tuple[float, float]
+from cpcal.solver.interval.kernels import (
+    ETA,
+    MAX,
+    Bounds,
+    add,
+    neg,
+    quotient_above,
+    quotient_below,
+    sub,
+    sum_above,
+    sum_below,
+)
 
 _x = float.fromhex
 LN2_HI, LN2_LO = _x("0x1.62e42feep-1"), _x("0x1.a39ef35793c76p-33")  # 32 bits: times an exponent it is exact
 PIO2_1, PIO2_2, PIO2_3 = _x("0x1.921fb544p+0"), _x("0x1.0b4611a6p-34"), _x("0x1.3198a2e037073p-69")  # 33, 33 bits
-PI_LO, PI_HI = _x("0x1.921fb54442d18p+1"), _x("0x1.921fb54442d19p+1")
-PIO2_LO, PIO2_HI, PIO4_LO, PIO4_HI = 0.5 * PI_LO, 0.5 * PI_HI, 0.25 * PI_LO, 0.25 * PI_HI
+PI = _x("0x1.921fb54442d18p+1"), _x("0x1.921fb54442d19p+1")
+PIO2, PIO4 = (0.5 * PI[0], 0.5 * PI[1]), (0.25 * PI[0], 0.25 * PI[1])
 
 ERROR = 2.0**-49  # a bound of every relative error below
 REDUCTION = 2.0**-90  # a bound of the absolute error of an argument reduced by multiples of pi/2
@@ -184,11 +193,12 @@ def reduced(x: float) -> tuple[int, float, float]:
 
 
 @compiled
-def sin_at(x: float) -> Bounds:
+def _wave_at(x: float, shift: int) -> Bounds:
+    """The sine of x plus so many quarters of a turn."""
     if not abs(x) <= FARTHEST:
         return -1.0, 1.0
     k, r, tail = reduced(x)
-    quarter = k % 4
+    quarter = (k + shift) % 4
     v = cos_core(r, tail) if quarter % 2 else sin_core(r, tail)
     low, high = widened(-v if quarter >= 2 else v)
     if k != 0:
@@ -198,25 +208,18 @@ def sin_at(x: float) -> Bounds:
 
 
 @compiled
+def sin_at(x: float) -> Bounds:
+    return _wave_at(x, 0)
+
+
+@compiled
 def cos_at(x: float) -> Bounds:
-    if not abs(x) <= FARTHEST:
-        return -1.0, 1.0
-    k, r, tail = reduced(x)
-    quarter = k % 4
-    v = sin_core(r, tail) if quarter % 2 else cos_core(r, tail)
-    low, high = widened(-v if quarter == 1 or quarter == 2 else v)
-    if k != 0:
-        low, high = low - REDUCTION, high + REDUCTION
-        low, high = low - abs(low) * 2.0**-52, high + abs(high) * 2.0**-52
-    return max(low, -1.0), min(high, 1.0)
+    return _wave_at(x, 1)
 
 
 @compiled
 def atan_at(x: float) -> Bounds:
-    if x < 0.0:
-        low, high = _atan_positive(-x)
-        return -high, -low
-    return _atan_positive(x)
+    return neg(_atan_positive(-x)) if x < 0.0 else _atan_positive(x)
 
 
 @compiled
@@ -228,9 +231,9 @@ def _atan_positive(x: float) -> Bounds:
         less, more = sum_below(x, 1.0), sum_above(x, 1.0)
         low, _ = widened(atan_core(quotient_below(sum_below(x, -1.0), more if x >= 1.0 else less)))
         _, high = widened(atan_core(quotient_above(sum_above(x, -1.0), less if x >= 1.0 else more)))
-        return sum_below(PIO4_LO, low), sum_above(PIO4_HI, high)
+        return add(PIO4, (low, high))
     if x == math.inf:
-        return PIO2_LO, PIO2_HI
+        return PIO2
     low, _ = widened(atan_core(quotient_below(1.0, x)))
     _, high = widened(atan_core(quotient_above(1.0, x)))
-    return sum_below(PIO2_LO, -high), sum_above(PIO2_HI, -low)
+    return sub(PIO2, (low, high))

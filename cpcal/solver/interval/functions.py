@@ -1,4 +1,4 @@
-"""Elementary functions of intervals, as compiled functions. What undoes them stands in `inverse_functions`.
+"""Elementary functions of intervals and what undoes them, as compiled functions.
 
 Each means the hull of the function's values at those points of the interval where it is defined; NaN where there is
 none. They are composed of bounds at points (`elementary`) and of interval operations, so that they are as rigorous.
@@ -11,10 +11,8 @@ import math
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.elementary import (
     FARTHEST,
-    PI_HI,
-    PI_LO,
-    PIO2_HI,
-    PIO2_LO,
+    PI,
+    PIO2,
     atan_at,
     cos_at,
     exp_at,
@@ -24,6 +22,9 @@ from cpcal.solver.interval.elementary import (
     sin_at,
 )
 from cpcal.solver.interval.kernels import (
+    EMPTY,
+    LINE,
+    ONE,
     Bounds,
     add,
     div,
@@ -38,371 +39,307 @@ from cpcal.solver.interval.kernels import (
     sub,
 )
 
-
-@compiled
-def exp(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return exp_at(lo)[0], exp_at(hi)[1]
+ANGLES = (-PIO2[1], PIO2[1])  # of asin and atan
+SINES = (-1.0, 1.0)
+LN2 = (0.6931471805599452, 0.6931471805599454)
 
 
 @compiled
-def expm1(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return expm1_at(lo)[0], expm1_at(hi)[1]
+def exp(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    return exp_at(x[0])[0], exp_at(x[1])[1]
 
 
 @compiled
-def log(lo: float, hi: float) -> Bounds:
-    if not (lo <= hi and hi > 0.0):
-        return math.nan, math.nan
-    return log_at(max(lo, 0.0))[0], log_at(hi)[1]
+def expm1(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    return expm1_at(x[0])[0], expm1_at(x[1])[1]
 
 
 @compiled
-def log1p(lo: float, hi: float) -> Bounds:
-    if not (lo <= hi and hi > -1.0):
-        return math.nan, math.nan
-    return log1p_at(max(lo, -1.0))[0], log1p_at(hi)[1]
+def log(x: Bounds) -> Bounds:
+    if not (x[0] <= x[1] and x[1] > 0.0):
+        return EMPTY
+    return log_at(max(x[0], 0.0))[0], log_at(x[1])[1]
 
 
 @compiled
-def atan(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return atan_at(lo)[0], atan_at(hi)[1]
+def log1p(x: Bounds) -> Bounds:
+    if not (x[0] <= x[1] and x[1] > -1.0):
+        return EMPTY
+    return log1p_at(max(x[0], -1.0))[0], log1p_at(x[1])[1]
 
 
 @compiled
-def _multiples(lo: float, hi: float, offset: float) -> tuple[float, float]:
-    """The first and the last integer m for which (m + offset) pi may lie in [lo, hi]."""
-    least = quotient_below(lo, PI_LO if lo < 0.0 else PI_HI)
-    most = quotient_above(hi, PI_HI if hi < 0.0 else PI_LO)
+def atan(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    return atan_at(x[0])[0], atan_at(x[1])[1]
+
+
+@compiled
+def far(x: Bounds) -> bool:
+    """Whether sines and cosines are not known there."""
+    return not (abs(x[0]) <= FARTHEST and abs(x[1]) <= FARTHEST)
+
+
+@compiled
+def _multiples(x: Bounds, offset: float) -> tuple[float, float]:
+    """The first and the last integer m for which (m + offset) pi may lie in x."""
+    least = quotient_below(x[0], PI[0] if x[0] < 0.0 else PI[1])
+    most = quotient_above(x[1], PI[1] if x[1] < 0.0 else PI[0])
     return math.ceil(least - offset - 1e-9), math.floor(most - offset + 1e-9)
 
 
 @compiled
-def _wave(first: float, last: float, low: float, high: float) -> Bounds:
-    """Bounds between two ends, where they are `low` and `high`, with the one extremum inside if `first` is `last`."""
+def _wave(x: Bounds, cosine: bool) -> Bounds:
+    """Maxima are at m pi (of a cosine) or (m + 1/2) pi (of a sine) for even m, minima for odd m."""
+    if not x[0] <= x[1]:
+        return EMPTY
+    if far(x):
+        return SINES
+    first, last = _multiples(x, 0.0 if cosine else 0.5)
+    if last > first:
+        return SINES
+    a, b = (cos_at(x[0]), cos_at(x[1])) if cosine else (sin_at(x[0]), sin_at(x[1]))
+    low, high = min(a[0], b[0]), max(a[1], b[1])
     if first == last:
-        if int(first) % 2 == 0:
-            return low, 1.0
-        return -1.0, high
+        return (low, 1.0) if int(first) % 2 == 0 else (-1.0, high)
     return low, high
 
 
 @compiled
-def sin(lo: float, hi: float) -> Bounds:
-    """Maxima are at (m + 1/2) pi for even m, minima for odd m."""
-    if not lo <= hi:
-        return math.nan, math.nan
-    if not (abs(lo) <= FARTHEST and abs(hi) <= FARTHEST):
-        return -1.0, 1.0
-    first, last = _multiples(lo, hi, 0.5)
-    if last > first:
-        return -1.0, 1.0
-    a_lo, a_hi = sin_at(lo)
-    b_lo, b_hi = sin_at(hi)
-    return _wave(first, last, min(a_lo, b_lo), max(a_hi, b_hi))
+def sin(x: Bounds) -> Bounds:
+    return _wave(x, False)
 
 
 @compiled
-def cos(lo: float, hi: float) -> Bounds:
-    """Maxima are at m pi for even m, minima for odd m."""
-    if not lo <= hi:
-        return math.nan, math.nan
-    if not (abs(lo) <= FARTHEST and abs(hi) <= FARTHEST):
-        return -1.0, 1.0
-    first, last = _multiples(lo, hi, 0.0)
-    if last > first:
-        return -1.0, 1.0
-    a_lo, a_hi = cos_at(lo)
-    b_lo, b_hi = cos_at(hi)
-    return _wave(first, last, min(a_lo, b_lo), max(a_hi, b_hi))
+def cos(x: Bounds) -> Bounds:
+    return _wave(x, True)
 
 
 @compiled
-def has_pole(lo: float, hi: float) -> bool:
+def has_pole(x: Bounds) -> bool:
     """Whether tan may have a pole in an interval."""
-    if not (abs(lo) <= FARTHEST and abs(hi) <= FARTHEST):
+    if far(x):
         return True
-    first, last = _multiples(lo, hi, 0.5)
+    first, last = _multiples(x, 0.5)
     return first <= last
 
 
 @compiled
-def _tan_at(x: float) -> Bounds:
-    s_lo, s_hi = sin_at(x)
-    c_lo, c_hi = cos_at(x)
-    return div(s_lo, s_hi, c_lo, c_hi)
-
-
-@compiled
-def tan(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    if has_pole(lo, hi):
-        return -math.inf, math.inf
-    return _tan_at(lo)[0], _tan_at(hi)[1]
+def tan(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    if has_pole(x):
+        return LINE
+    return div(sin_at(x[0]), cos_at(x[0]))[0], div(sin_at(x[1]), cos_at(x[1]))[1]
 
 
 @compiled
 def _acos_at(x: float) -> Bounds:
     """2 atan sqrt((1 - x) / (1 + x))"""
-    n_lo, n_hi = sub(1.0, 1.0, x, x)
-    d_lo, d_hi = add(1.0, 1.0, x, x)
-    if d_lo <= 0.0:
-        return PI_LO, PI_HI
-    q_lo, q_hi = div(n_lo, n_hi, d_lo, d_hi)
-    q_lo, q_hi = sqrt(q_lo, q_hi)
-    low, high = atan(q_lo, q_hi)
+    below = add(ONE, (x, x))
+    if below[0] <= 0.0:
+        return PI
+    low, high = atan(sqrt(div(sub(ONE, (x, x)), below)))
     return 2.0 * low, 2.0 * high
 
 
 @compiled
-def acos(lo: float, hi: float) -> Bounds:
-    lo, hi = meet(lo, hi, -1.0, 1.0)
+def acos(x: Bounds) -> Bounds:
+    lo, hi = meet(x, SINES)
     if not lo <= hi:
-        return math.nan, math.nan
+        return EMPTY
     return max(_acos_at(hi)[0], 0.0), _acos_at(lo)[1]
 
 
 @compiled
 def _asin_at(x: float) -> Bounds:
     """atan(x / sqrt((1 - x) (1 + x)))"""
-    n_lo, n_hi = sub(1.0, 1.0, x, x)
-    d_lo, d_hi = add(1.0, 1.0, x, x)
-    p_lo, p_hi = mul(n_lo, n_hi, d_lo, d_hi)
-    if not p_lo > 0.0:
-        return (PIO2_LO, PIO2_HI) if x > 0.0 else (-PIO2_HI, -PIO2_LO)
-    p_lo, p_hi = sqrt(p_lo, p_hi)
-    p_lo, p_hi = div(x, x, p_lo, p_hi)
-    return atan(p_lo, p_hi)
+    square = mul(sub(ONE, (x, x)), add(ONE, (x, x)))
+    if not square[0] > 0.0:
+        return PIO2 if x > 0.0 else neg(PIO2)
+    return atan(div((x, x), sqrt(square)))
 
 
 @compiled
-def asin(lo: float, hi: float) -> Bounds:
-    lo, hi = meet(lo, hi, -1.0, 1.0)
+def asin(x: Bounds) -> Bounds:
+    lo, hi = meet(x, SINES)
     if not lo <= hi:
-        return math.nan, math.nan
+        return EMPTY
     return _asin_at(lo)[0], _asin_at(hi)[1]
 
 
 @compiled
-def _sinh_positive(x: float) -> Bounds:
-    """(E + E / (E + 1)) / 2 with E = expm1 x, for x >= 0."""
-    low, high = expm1_at(x)
-    low = max(low, 0.0)
-    if high == math.inf:
-        return 0.499 * low, math.inf
-    d_lo, d_hi = add(low, high, 1.0, 1.0)
-    low = add(low, low, quotient_below(low, d_hi), math.inf)[0]
-    high = add(-math.inf, high, -math.inf, quotient_above(high, d_lo))[1]
-    return 0.5 * low, 0.5 * high
-
-
-@compiled
-def odd(lo: float, hi: float, negative: bool) -> Bounds:
-    return (-hi, -lo) if negative else (lo, hi)
+def odd(positive: Bounds, x: float) -> Bounds:
+    """An odd function at x, from its bounds at |x|."""
+    return neg(positive) if x < 0.0 else positive
 
 
 @compiled
 def _sinh_at(x: float) -> Bounds:
-    low, high = _sinh_positive(abs(x))
-    return odd(low, high, x < 0.0)
+    """(E + E / (E + 1)) / 2 with E = expm1 |x|"""
+    low, high = expm1_at(abs(x))
+    low = max(low, 0.0)
+    if high == math.inf:
+        return odd((0.499 * low, math.inf), x)
+    below = add((low, high), ONE)
+    low = add((low, low), (quotient_below(low, below[1]), math.inf))[0]
+    high = add((-math.inf, high), (-math.inf, quotient_above(high, below[0])))[1]
+    return odd((0.5 * low, 0.5 * high), x)
 
 
 @compiled
-def sinh(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return _sinh_at(lo)[0], _sinh_at(hi)[1]
+def sinh(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    return _sinh_at(x[0])[0], _sinh_at(x[1])[1]
 
 
 @compiled
 def _cosh_at(x: float) -> Bounds:
-    low, high = exp_at(abs(x))
-    i_lo, i_hi = exp_at(-abs(x))
-    low, high = add(low, high, i_lo, i_hi)
+    low, high = add(exp_at(abs(x)), exp_at(-abs(x)))
     return max(0.5 * low, 1.0), 0.5 * high
 
 
 @compiled
-def cosh(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    a_lo, a_hi = _cosh_at(lo)
-    b_lo, b_hi = _cosh_at(hi)
-    low = 1.0 if lo <= 0.0 <= hi else min(a_lo, b_lo)
-    return low, max(a_hi, b_hi)
-
-
-@compiled
-def _tanh_positive(x: float) -> Bounds:
-    """E / (E + 2) with E = expm1 2x, for x >= 0: it grows with E."""
-    if x > 300.0:
-        return 1.0 - 2.0**-53, 1.0
-    low, high = expm1_at(2.0 * x)
-    low = max(low, 0.0)
-    d_lo, d_hi = add(low, low, 2.0, 2.0)
-    low = div(low, low, d_lo, d_hi)[0]
-    d_lo, d_hi = add(high, high, 2.0, 2.0)
-    return low, min(div(high, high, d_lo, d_hi)[1], 1.0)
+def cosh(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    a, b = _cosh_at(x[0]), _cosh_at(x[1])
+    return 1.0 if x[0] <= 0.0 <= x[1] else min(a[0], b[0]), max(a[1], b[1])
 
 
 @compiled
 def _tanh_at(x: float) -> Bounds:
-    low, high = _tanh_positive(abs(x))
-    return odd(low, high, x < 0.0)
+    """E / (E + 2) with E = expm1 2|x|: it grows with E."""
+    if abs(x) > 300.0:
+        return odd((1.0 - 2.0**-53, 1.0), x)
+    low, high = expm1_at(2.0 * abs(x))
+    least, most = (max(low, 0.0), max(low, 0.0)), (high, high)
+    low = div(least, add(least, (2.0, 2.0)))[0]
+    return odd((low, min(div(most, add(most, (2.0, 2.0)))[1], 1.0)), x)
 
 
 @compiled
-def tanh(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return _tanh_at(lo)[0], _tanh_at(hi)[1]
+def tanh(x: Bounds) -> Bounds:
+    if not x[0] <= x[1]:
+        return EMPTY
+    return _tanh_at(x[0])[0], _tanh_at(x[1])[1]
 
 
 @compiled
-def pow_real(x_lo: float, x_hi: float, p_lo: float, p_hi: float) -> Bounds:
+def pow_real(x: Bounds, p: Bounds) -> Bounds:
     """x^p = exp(p log x) for x > 0, and 0^p = 0 for p > 0."""
-    if not (x_lo <= x_hi and p_lo <= p_hi and x_hi >= 0.0):
-        return math.nan, math.nan
-    if x_hi == 0.0:
-        return (0.0, 0.0) if p_hi > 0.0 else (math.nan, math.nan)
-    low, high = log(x_lo, x_hi)
-    low, high = mul(low, high, p_lo, p_hi)
-    return exp(low, high)
+    if not (x[0] <= x[1] and p[0] <= p[1] and x[1] >= 0.0):
+        return EMPTY
+    if x[1] == 0.0:
+        return (0.0, 0.0) if p[1] > 0.0 else EMPTY
+    return exp(mul(log(x), p))
 
 
 @compiled
-def atan2(y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Bounds:
+def atan2(y: Bounds, x: Bounds) -> Bounds:
     """The angle of the point (x, y), in (-pi, pi]."""
-    if not (y_lo <= y_hi and x_lo <= x_hi):
-        return math.nan, math.nan
-    if x_lo > 0.0:
-        low, high = div(y_lo, y_hi, x_lo, x_hi)
-        return atan(low, high)
-    if y_lo > 0.0 or y_hi < 0.0:
-        low, high = div(x_lo, x_hi, y_lo, y_hi)
-        low, high = atan(low, high)
-        if y_lo > 0.0:
-            return sub(PIO2_LO, PIO2_HI, low, high)
-        return sub(-PIO2_HI, -PIO2_LO, low, high)
-    return -PI_HI, PI_HI
+    if not (y[0] <= y[1] and x[0] <= x[1]):
+        return EMPTY
+    if x[0] > 0.0:
+        return atan(div(y, x))
+    if y[0] > 0.0:
+        return sub(PIO2, atan(div(x, y)))
+    if y[1] < 0.0:
+        return sub(neg(PIO2), atan(div(x, y)))
+    return -PI[1], PI[1]
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What undoes elementary functions, as compiled functions on intervals: for the backward sweep.
+# What undoes elementary functions: for the backward sweep.
 
 
 @compiled
 def _asinh_at(z: float) -> Bounds:
     """log1p(z + z^2 / (1 + sqrt(z^2 + 1)))"""
-    a = abs(z)
-    if a > 1e150:
-        low, high = log(a, a)
-        low, high = add(low, high, 0.6931471805599452, 0.6931471805599454)
-        return odd(low, high, z < 0.0)
-    s_lo, s_hi = sqr(a, a)
-    r_lo, r_hi = add(s_lo, s_hi, 1.0, 1.0)
-    r_lo, r_hi = sqrt(r_lo, r_hi)
-    r_lo, r_hi = add(r_lo, r_hi, 1.0, 1.0)
-    r_lo, r_hi = div(s_lo, s_hi, r_lo, r_hi)
-    r_lo, r_hi = add(r_lo, r_hi, a, a)
-    low, high = log1p(r_lo, r_hi)
-    return odd(low, high, z < 0.0)
+    a = (abs(z), abs(z))
+    if a[0] > 1e150:
+        return odd(add(log(a), LN2), z)
+    square = sqr(a)
+    return odd(log1p(add(div(square, add(sqrt(add(square, ONE)), ONE)), a)), z)
 
 
 @compiled
-def asinh(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return (lo if math.isinf(lo) else _asinh_at(lo)[0]), (hi if math.isinf(hi) else _asinh_at(hi)[1])
+def asinh(z: Bounds) -> Bounds:
+    if not z[0] <= z[1]:
+        return EMPTY
+    return (z[0] if math.isinf(z[0]) else _asinh_at(z[0])[0]), (z[1] if math.isinf(z[1]) else _asinh_at(z[1])[1])
 
 
 @compiled
-def acosh(lo: float, hi: float) -> Bounds:
+def acosh(z: Bounds) -> Bounds:
     """Not negative: log1p(t + sqrt(t (t + 2))), t = z - 1."""
-    lo, hi = meet(lo, hi, 1.0, math.inf)
-    t_lo, t_hi = sub(lo, hi, 1.0, 1.0)
-    s_lo, s_hi = add(t_lo, t_hi, 2.0, 2.0)
-    s_lo, s_hi = mul(t_lo, t_hi, s_lo, s_hi)
-    s_lo, s_hi = sqrt(s_lo, s_hi)
-    t_lo, t_hi = add(t_lo, t_hi, s_lo, s_hi)
-    return log1p(t_lo, t_hi)
-
-
-@compiled
-def atanh(lo: float, hi: float) -> Bounds:
-    """log((1 + z) / (1 - z)) / 2, by ends: log1p(2 z / (1 - z)) / 2."""
-    lo, hi = meet(lo, hi, -1.0, 1.0)
-    if not lo <= hi:
-        return math.nan, math.nan
-    return _atanh_at(lo)[0], _atanh_at(hi)[1]
+    t = sub(meet(z, (1.0, math.inf)), ONE)
+    return log1p(add(t, sqrt(mul(t, add(t, (2.0, 2.0))))))
 
 
 @compiled
 def _atanh_at(z: float) -> Bounds:
+    """log((1 + z) / (1 - z)) / 2 = log1p(2 z / (1 - z)) / 2"""
     a = abs(z)
     if a == 1.0:
-        return odd(18.0, math.inf, z < 0.0)
-    d_lo, d_hi = sub(1.0, 1.0, a, a)
-    d_lo, d_hi = div(2.0 * a, 2.0 * a, d_lo, d_hi)
-    low, high = log1p(d_lo, d_hi)
-    return odd(0.5 * low, 0.5 * high, z < 0.0)
+        return odd((18.0, math.inf), z)
+    low, high = log1p(div((2.0 * a, 2.0 * a), sub(ONE, (a, a))))
+    return odd((0.5 * low, 0.5 * high), z)
 
 
 @compiled
-def _piece(m: int, b_lo: float, b_hi: float, x_lo: float, x_hi: float) -> Bounds:
-    """The part of x in m pi + (-1)^m b."""
-    p_lo, p_hi = mul(float(m), float(m), PI_LO, PI_HI)
-    if m % 2:
-        b_lo, b_hi = neg(b_lo, b_hi)
-    low, high = add(p_lo, p_hi, b_lo, b_hi)
-    return meet(low, high, x_lo, x_hi)
+def atanh(z: Bounds) -> Bounds:
+    lo, hi = meet(z, SINES)
+    if not lo <= hi:
+        return EMPTY
+    return _atanh_at(lo)[0], _atanh_at(hi)[1]
 
 
 @compiled
-def of_sine(z_lo: float, z_hi: float, x_lo: float, x_hi: float) -> Bounds:
+def _half_turns(m: int, b: Bounds, x: Bounds) -> Bounds:
+    """The part of x in m pi + b."""
+    return meet(add(mul((float(m), float(m)), PI), b), x)
+
+
+@compiled
+def of_sine(z: Bounds, x: Bounds) -> Bounds:
     """Hull of the part of x whose sine lies in z: m pi + (-1)^m asin(z)."""
-    b_lo, b_hi = asin(z_lo, z_hi)
-    if not b_lo <= b_hi:
-        return math.nan, math.nan
-    if not (abs(x_lo) <= FARTHEST and abs(x_hi) <= FARTHEST):
-        return x_lo, x_hi
-    first, last = math.floor(x_lo / PI_LO) - 1, math.ceil(x_hi / PI_LO) + 1
+    b = asin(z)
+    if not b[0] <= b[1]:
+        return EMPTY
+    if far(x):
+        return x
+    first, last = math.floor(x[0] / PI[0]) - 1, math.ceil(x[1] / PI[0]) + 1
     for m in range(first, last + 1):
-        low, high = _piece(m, b_lo, b_hi, x_lo, x_hi)
-        if low <= high:
+        start = _half_turns(m, neg(b) if m % 2 else b, x)
+        if start[0] <= start[1]:
             for n in range(last, m - 1, -1):
-                end_lo, end_hi = _piece(n, b_lo, b_hi, x_lo, x_hi)
-                if end_lo <= end_hi:
-                    return hull(low, high, end_lo, end_hi)
-    return math.nan, math.nan
+                end = _half_turns(n, neg(b) if n % 2 else b, x)
+                if end[0] <= end[1]:
+                    return hull(start, end)
+    return EMPTY
 
 
 @compiled
-def of_cosine(z_lo: float, z_hi: float, x_lo: float, x_hi: float) -> Bounds:
+def of_cosine(z: Bounds, x: Bounds) -> Bounds:
     """cos x = sin(x + pi/2)"""
-    low, high = add(x_lo, x_hi, PIO2_LO, PIO2_HI)
-    low, high = of_sine(z_lo, z_hi, low, high)
-    return sub(low, high, PIO2_LO, PIO2_HI)
+    return sub(of_sine(z, add(x, PIO2)), PIO2)
 
 
 @compiled
-def of_tangent(z_lo: float, z_hi: float, x_lo: float, x_hi: float) -> Bounds:
+def of_tangent(z: Bounds, x: Bounds) -> Bounds:
     """Hull of the part of x whose tangent lies in z: m pi + atan(z)."""
-    b_lo, b_hi = atan(z_lo, z_hi)
-    if not (abs(x_lo) <= FARTHEST and abs(x_hi) <= FARTHEST):
-        return x_lo, x_hi
-    first, last = math.floor(x_lo / PI_LO) - 1, math.ceil(x_hi / PI_LO) + 1
-    low, high = math.nan, math.nan
+    if far(x):
+        return x
+    b, out = atan(z), EMPTY
+    first, last = math.floor(x[0] / PI[0]) - 1, math.ceil(x[1] / PI[0]) + 1
     for m in (first, first + 1, first + 2, first + 3, last - 3, last - 2, last - 1, last):
         if first <= m <= last:
-            p_lo, p_hi = mul(float(m), float(m), PI_LO, PI_HI)
-            p_lo, p_hi = add(p_lo, p_hi, b_lo, b_hi)
-            p_lo, p_hi = meet(p_lo, p_hi, x_lo, x_hi)
-            low, high = hull(low, high, p_lo, p_hi)
-    return low, high
+            out = hull(out, _half_turns(m, b, x))
+    return out

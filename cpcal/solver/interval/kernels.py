@@ -1,4 +1,4 @@
-"""Interval operations on bounds, as compiled functions: `add(a_lo, a_hi, b_lo, b_hi) -> (lo, hi)`.
+"""Interval operations as compiled functions on pairs of bounds: `add(a, b)`, an interval being `(lo, hi)`.
 
 They mean what `Arithmetic` says of arrays. The empty interval is NaN in both bounds and gives the empty interval;
 a lower bound is never +inf, an upper one never -inf.
@@ -14,11 +14,11 @@ from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
-# Directed rounding of single operations on float64 numbers, as compiled functions: a bound below, a bound above.
+# Directed rounding of single operations on float64 numbers: a bound below, a bound above.
 #
 # The processor rounds to nearest; the result is then moved one float outward (two at some of the smallest normal
-# numbers) as in `rounding`, which does the same for arrays. A `below` is never +inf and an `above` never -inf: overflow
-# becomes the largest float on its safe side. NaN goes through.
+# numbers). A `below` is never +inf and an `above` never -inf: overflow becomes the largest float on its safe side.
+# NaN goes through.
 #
 # What makes them bounds: `v - |v| PHI` is at least one float below a normal v, since |v| PHI is at least 0.75 units in
 # its last place; sums that are subnormal are exact; other subnormal results are moved by ETA, the least float.
@@ -115,104 +115,79 @@ def root_above(a: float) -> float:
 
 
 @compiled
-def power_below(m: float, n: int) -> float:
-    """A bound of m ** n for m >= 0 and n >= 1."""
+def rounded_power(m: float, n: int, up: bool) -> float:
+    """A bound of m ** n for n != 0 and m >= 0, m > 0 where n < 0.
+
+    A reciprocal comes first: it loses no digits to underflow unless the power underflows as well.
+    """
+    if n < 0:
+        m, n = quotient_above(1.0, m) if up else quotient_below(1.0, m), -n
     result, known = 1.0, False
     while True:
         if n & 1:
-            result = max(product_below(result, m), 0.0) if known else m
-            known = True
+            if known:
+                result = product_above(result, m) if up else max(product_below(result, m), 0.0)
+            else:
+                result, known = m, True
         n >>= 1
         if n == 0:
-            return min(result, MAX)
-        m = max(product_below(m, m), 0.0)
+            return result if up else min(result, MAX)
+        m = product_above(m, m) if up else max(product_below(m, m), 0.0)
 
 
 @compiled
-def power_above(m: float, n: int) -> float:
-    result, known = 1.0, False
-    while True:
-        if n & 1:
-            result = product_above(result, m) if known else m
-            known = True
-        n >>= 1
-        if n == 0:
-            return result
-        m = product_above(m, m)
-
-
-@compiled
-def reciprocal_power_below(m: float, n: int) -> float:
-    """A bound of m ** -n for m > 0 and n >= 1. The reciprocal comes first: it loses no digits to underflow unless the
-    power underflows as well."""
-    return power_below(quotient_below(1.0, m), n)
-
-
-@compiled
-def reciprocal_power_above(m: float, n: int) -> float:
-    return power_above(quotient_above(1.0, m), n)
-
-
-@compiled
-def _near_one(m: float, n: int) -> tuple[float, int]:
-    """s and q with m = s 2^(n q) exactly, where powers of s neither underflow nor overflow."""
+def rounded_root(m: float, n: int, up: bool) -> float:
+    """A bound of the n-th root of m >= 0 for n >= 1: a floating-point guess, moved until its n-th power proves it."""
+    if m == 0.0 or n == 1 or m == math.inf:
+        return m if up else min(m, MAX)
     mantissa, exponent = math.frexp(m)
     q = int(exponent / n)
-    return math.ldexp(mantissa, exponent - n * q), q
-
-
-@compiled
-def nth_root_below(m: float, n: int) -> float:
-    """A bound of the n-th root of m >= 0 for n >= 1: a floating-point guess, lowered until its n-th power proves it."""
-    if m == 0.0 or n == 1:
-        return min(m, MAX)
-    if m == math.inf:
-        return MAX
-    m, q = _near_one(m, n)
+    m = math.ldexp(mantissa, exponent - n * q)  # times 2^(n q) exactly; its powers neither underflow nor overflow
     bound, step = math.exp(math.log(m) / n), 2.0 * PHI
     while step < 1.0:
-        bound = bound - bound * step
-        if power_above(bound, n) <= m:
+        bound = bound + bound * step if up else bound - bound * step
+        if rounded_power(bound, n, True) <= m if not up else rounded_power(bound, n, False) >= m:
             return math.ldexp(bound, q)
         step *= 2.0
-    return 0.0
+    return math.inf if up else 0.0
 
 
-@compiled
-def nth_root_above(m: float, n: int) -> float:
-    if m == 0.0 or n == 1 or m == math.inf:
-        return m
-    m, q = _near_one(m, n)
-    bound, step = math.exp(math.log(m) / n), 2.0 * PHI
-    while step < 1.0:
-        bound = bound + bound * step
-        if power_below(bound, n) >= m:
-            return math.ldexp(bound, q)
-        step *= 2.0
-    return math.inf
-
+# ------------------------------------------------------------------------------------------------------------------
+# Intervals.
 
 Bounds = tuple[float, float]
 
+Arrays = tuple[Floats, Floats]  # the bounds of many
 
-@compiled
-def neg(lo: float, hi: float) -> Bounds:
-    return -hi, -lo
-
-
-@compiled
-def add(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
-    return sum_below(a_lo, b_lo), sum_above(a_hi, b_hi)
+EMPTY, LINE, ONE = (math.nan, math.nan), (-math.inf, math.inf), (1.0, 1.0)
 
 
 @compiled
-def sub(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
-    return sum_below(a_lo, -b_hi), sum_above(a_hi, -b_lo)
+def at(x: Arrays, k: int | tuple[int, ...]) -> Bounds:
+    """One of many."""
+    return x[0][k], x[1][k]
 
 
 @compiled
-def mul(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def neg(a: Bounds) -> Bounds:
+    return -a[1], -a[0]
+
+
+@compiled
+def add(a: Bounds, b: Bounds) -> Bounds:
+    return sum_below(a[0], b[0]), sum_above(a[1], b[1])
+
+
+@compiled
+def sub(a: Bounds, b: Bounds) -> Bounds:
+    return sum_below(a[0], -b[1]), sum_above(a[1], -b[0])
+
+
+@compiled
+def mul(a: Bounds, b: Bounds) -> Bounds:
     """By the signs of the bounds; an empty operand falls through to the last branch, whose products are NaN."""
+    a_lo, a_hi = a
+    b_lo, b_hi = b
     if b_lo >= 0.0:
         if a_lo >= 0.0:
             return product_below(a_lo, b_lo), product_above(a_hi, b_hi)
@@ -234,25 +209,21 @@ def mul(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
 
 
 @compiled
-def _over_positive(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
-    """a / b for b > 0."""
-    low = quotient_below(a_lo, b_hi if a_lo >= 0.0 else b_lo)
-    return low, quotient_above(a_hi, b_lo if a_hi >= 0.0 else b_hi)
-
-
-@compiled
-def div(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def div(a: Bounds, b: Bounds) -> Bounds:
     """Hull of the quotients by the divisor's nonzero points."""
+    if b[1] < 0.0:
+        a, b = neg(a), neg(b)
+    a_lo, a_hi = a
+    b_lo, b_hi = b
     if b_lo > 0.0:
-        return _over_positive(a_lo, a_hi, b_lo, b_hi)
-    if b_hi < 0.0:
-        return _over_positive(-a_hi, -a_lo, -b_hi, -b_lo)
+        low = quotient_below(a_lo, b_hi if a_lo >= 0.0 else b_lo)
+        return low, quotient_above(a_hi, b_lo if a_hi >= 0.0 else b_hi)
     if not (a_lo <= a_hi and b_lo <= b_hi) or (b_lo == 0.0 and b_hi == 0.0):
-        return math.nan, math.nan
+        return EMPTY
     if a_lo == 0.0 and a_hi == 0.0:
         return 0.0, 0.0
     if b_lo < 0.0 and b_hi > 0.0:
-        return -math.inf, math.inf
+        return LINE
     if b_hi == 0.0:
         a_lo, a_hi, b_hi = -a_hi, -a_lo, -b_lo
     low = -math.inf if a_lo < 0.0 else quotient_below(a_lo, b_hi)
@@ -260,158 +231,140 @@ def div(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
 
 
 @compiled
-def meet(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def meet(a: Bounds, b: Bounds) -> Bounds:
     """The points of both."""
-    low = a_lo if a_lo > b_lo else b_lo
-    high = a_hi if a_hi < b_hi else b_hi
-    if low <= high and a_lo == a_lo:
+    low = a[0] if a[0] > b[0] else b[0]
+    high = a[1] if a[1] < b[1] else b[1]
+    if low <= high and a[0] == a[0]:
         return low, high
-    return math.nan, math.nan
+    return EMPTY
 
 
 @compiled
-def hull(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def hull(a: Bounds, b: Bounds) -> Bounds:
     """The points between; the empty interval is neutral."""
-    if not a_lo <= a_hi:
-        return b_lo, b_hi
-    if not b_lo <= b_hi:
-        return a_lo, a_hi
-    return (a_lo if a_lo < b_lo else b_lo), (a_hi if a_hi > b_hi else b_hi)
+    if not a[0] <= a[1]:
+        return b
+    if not b[0] <= b[1]:
+        return a
+    return (a[0] if a[0] < b[0] else b[0]), (a[1] if a[1] > b[1] else b[1])
 
 
 @compiled
-def factor(z_lo: float, z_hi: float, y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Bounds:
+def factor(z: Bounds, y: Bounds, x: Bounds) -> Bounds:
     """Hull of `{a in x : a b in z for some b in y}`."""
-    if y_lo > 0.0 or y_hi < 0.0:
-        low, high = div(z_lo, z_hi, y_lo, y_hi)
-        return meet(low, high, x_lo, x_hi)
-    if not (z_lo <= z_hi and y_lo <= y_hi):
-        return math.nan, math.nan
-    if z_lo <= 0.0 <= z_hi:
-        return x_lo, x_hi
-    low, high = div(z_lo, z_hi, y_lo, 0.0)
-    one_lo, one_hi = meet(low, high, x_lo, x_hi)
-    low, high = div(z_lo, z_hi, 0.0, y_hi)
-    two_lo, two_hi = meet(low, high, x_lo, x_hi)
-    return hull(one_lo, one_hi, two_lo, two_hi)
+    if y[0] > 0.0 or y[1] < 0.0:
+        return meet(div(z, y), x)
+    if not (z[0] <= z[1] and y[0] <= y[1]):
+        return EMPTY
+    if z[0] <= 0.0 <= z[1]:
+        return x
+    return hull(meet(div(z, (y[0], 0.0)), x), meet(div(z, (0.0, y[1])), x))
 
 
 @compiled
-def mig(lo: float, hi: float) -> float:
+def mig(a: Bounds) -> float:
     """The smallest absolute value."""
-    if lo > 0.0:
-        return lo
-    return -hi if hi < 0.0 else 0.0
+    if a[0] > 0.0:
+        return a[0]
+    return -a[1] if a[1] < 0.0 else 0.0
 
 
 @compiled
-def mag(lo: float, hi: float) -> float:
+def mag(a: Bounds) -> float:
     """The largest absolute value."""
-    return hi if hi > -lo else -lo
+    return a[1] if a[1] > -a[0] else -a[0]
 
 
 @compiled
-def absolute(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return mig(lo, hi), mag(lo, hi)
+def absolute(a: Bounds) -> Bounds:
+    if not a[0] <= a[1]:
+        return EMPTY
+    return mig(a), mag(a)
 
 
 @compiled
-def sqr(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    least, most = mig(lo, hi), mag(lo, hi)
+def sqr(a: Bounds) -> Bounds:
+    least, most = absolute(a)
     return product_below(least, least), product_above(most, most)
 
 
 @compiled
-def sqrt(lo: float, hi: float) -> Bounds:
+def sqrt(a: Bounds) -> Bounds:
     """Of the part that is not negative."""
-    if not (lo <= hi and hi >= 0.0):
-        return math.nan, math.nan
-    return root_below(lo) if lo > 0.0 else 0.0, root_above(hi)
+    if not (a[0] <= a[1] and a[1] >= 0.0):
+        return EMPTY
+    return root_below(a[0]) if a[0] > 0.0 else 0.0, root_above(a[1])
 
 
 @compiled
-def _positive_power(lo: float, hi: float, n: int) -> Bounds:
-    if n % 2 == 0:
-        return power_below(mig(lo, hi), n), power_above(mag(lo, hi), n)
-    low = power_below(lo, n) if lo >= 0.0 else -power_above(-lo, n)
-    return low, power_above(hi, n) if hi >= 0.0 else -power_below(-hi, n)
-
-
-@compiled
-def _reciprocal_power(lo: float, hi: float, n: int) -> Bounds:
-    if n % 2 == 0:
-        lo, hi = absolute(lo, hi)
-    if lo == 0.0 == hi:
-        return math.nan, math.nan
-    if lo >= 0.0:
-        return reciprocal_power_below(hi, n), reciprocal_power_above(lo, n) if lo > 0.0 else math.inf
-    if hi <= 0.0:
-        return -reciprocal_power_above(-hi, n) if hi < 0.0 else -math.inf, -reciprocal_power_below(-lo, n)
-    return -math.inf, math.inf
-
-
-@compiled
-def power(lo: float, hi: float, n: int) -> Bounds:
+def power(a: Bounds, n: int) -> Bounds:
     """x ** n for an integer n of any sign."""
-    if not lo <= hi:
-        return math.nan, math.nan
+    if not a[0] <= a[1]:
+        return EMPTY
     if n == 0:
-        return 1.0, 1.0
-    if n < 0:
-        return _reciprocal_power(lo, hi, -n)
-    return (lo, hi) if n == 1 else _positive_power(lo, hi, n)
+        return ONE
+    if n == 1:
+        return a
+    lo, hi = absolute(a) if n % 2 == 0 else a
+    if n > 0:
+        low = rounded_power(lo, n, False) if lo >= 0.0 else -rounded_power(-lo, n, True)
+        return low, rounded_power(hi, n, True) if hi >= 0.0 else -rounded_power(-hi, n, False)
+    if lo == 0.0 == hi:
+        return EMPTY
+    if lo >= 0.0:
+        return rounded_power(hi, n, False), rounded_power(lo, n, True) if lo > 0.0 else math.inf
+    if hi <= 0.0:
+        return -rounded_power(-hi, n, True) if hi < 0.0 else -math.inf, -rounded_power(-lo, n, False)
+    return LINE
 
 
 @compiled
-def root(lo: float, hi: float, n: int) -> Bounds:
+def root(a: Bounds, n: int) -> Bounds:
     """n-th root, n >= 1: for even n of the part that is not negative, for odd n with its sign."""
+    lo, hi = a
     if not lo <= hi or (n % 2 == 0 and hi < 0.0):
-        return math.nan, math.nan
+        return EMPTY
     if n == 2:
-        return sqrt(lo, hi)
+        return sqrt(a)
     if n % 2 == 0:
-        return nth_root_below(max(lo, 0.0), n), nth_root_above(hi, n)
-    low = nth_root_below(lo, n) if lo >= 0.0 else -nth_root_above(-lo, n)
-    return low, nth_root_above(hi, n) if hi >= 0.0 else -nth_root_below(-hi, n)
+        lo = max(lo, 0.0)
+    low = rounded_root(lo, n, False) if lo >= 0.0 else -rounded_root(-lo, n, True)
+    return low, rounded_root(hi, n, True) if hi >= 0.0 else -rounded_root(-hi, n, False)
 
 
 @compiled
-def smaller(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def smaller(a: Bounds, b: Bounds) -> Bounds:
     """The minimum."""
-    if not (a_lo <= a_hi and b_lo <= b_hi):
-        return math.nan, math.nan
-    return (a_lo if a_lo < b_lo else b_lo), (a_hi if a_hi < b_hi else b_hi)
+    if not (a[0] <= a[1] and b[0] <= b[1]):
+        return EMPTY
+    return (a[0] if a[0] < b[0] else b[0]), (a[1] if a[1] < b[1] else b[1])
 
 
 @compiled
-def larger(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def larger(a: Bounds, b: Bounds) -> Bounds:
     """The maximum."""
-    if not (a_lo <= a_hi and b_lo <= b_hi):
-        return math.nan, math.nan
-    return (a_lo if a_lo > b_lo else b_lo), (a_hi if a_hi > b_hi else b_hi)
-
-
-@compiled
-def floor(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return float(np.floor(lo)), float(np.floor(hi))
-
-
-@compiled
-def ceil(lo: float, hi: float) -> Bounds:
-    low, high = floor(-hi, -lo)
+    low, high = smaller(neg(a), neg(b))
     return -high, -low
 
 
 @compiled
-def sign(lo: float, hi: float) -> Bounds:
+def floor(a: Bounds) -> Bounds:
+    if not a[0] <= a[1]:
+        return EMPTY
+    return float(np.floor(a[0])), float(np.floor(a[1]))
+
+
+@compiled
+def ceil(a: Bounds) -> Bounds:
+    return neg(floor(neg(a)))
+
+
+@compiled
+def sign(a: Bounds) -> Bounds:
+    lo, hi = a
     if not lo <= hi:
-        return math.nan, math.nan
+        return EMPTY
     return (1.0 if lo > 0.0 else (0.0 if lo == 0.0 else -1.0)), (-1.0 if hi < 0.0 else (0.0 if hi == 0.0 else 1.0))
 
 
@@ -435,5 +388,6 @@ def total_below(terms: Floats) -> float:
 
 
 @compiled
-def total_above(terms: Floats) -> float:
-    return -total_below(-terms)
+def total(terms: Arrays) -> Bounds:
+    """The sum of intervals."""
+    return total_below(terms[0]), -total_below(-terms[1])

@@ -2,7 +2,7 @@
 
 Every operation on scalars has a code. `value` is its interval extension and `quality` says where it is defined and
 continuous; `first_argument` and `second_argument` undo it, and `partials` and `slopes` are its derivatives. All are
-compiled functions on bounds; `in_arithmetic` lets the same definitions compute with other primitives.
+compiled functions on pairs of bounds; `in_arithmetic` lets the same definitions compute with other primitives.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 import re
 
-from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.elementary import PI_HI, PIO2_HI
+from cpcal.solver.interval.elementary import PI
 from cpcal.solver.interval.functions import (
+    ANGLES,
     acos,
     acosh,
     asin,
@@ -37,11 +37,15 @@ from cpcal.solver.interval.functions import (
     tan,
     tanh,
 )  # fmt: skip
-from cpcal.solver.interval.kernels import MAX as LARGEST
 from cpcal.solver.interval.kernels import (
+    EMPTY,
+    LINE,
+    ONE,
+    Arrays,
     Bounds,
     absolute,
     add,
+    at,
     ceil,
     div,
     factor,
@@ -59,9 +63,9 @@ from cpcal.solver.interval.kernels import (
     sqrt,
     sub,
     sum_above,
-    total_above,
-    total_below,
+    total,
 )  # fmt: skip
+from cpcal.solver.interval.kernels import MAX as LARGEST
 
 NEG, ADD, SUB, MUL, DIV, SQR, SQRT, POWER, ABS, MIN, MAX = range(11)
 EXP, EXPM1, LOG, LOG1P, SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, POW, ATAN2, FLOOR, CEIL, SIGN = range(11, 29)
@@ -77,110 +81,104 @@ BINARY = frozenset(("add", "sub", "mul", "div", "min", "max", "pow", "atan2"))
 
 
 @compiled
-def _function(code: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def _function(code: int, a: Bounds, b: Bounds) -> Bounds:
     if code == EXP:
-        return exp(a_lo, a_hi)
+        return exp(a)
     if code == EXPM1:
-        return expm1(a_lo, a_hi)
+        return expm1(a)
     if code == LOG:
-        return log(a_lo, a_hi)
+        return log(a)
     if code == LOG1P:
-        return log1p(a_lo, a_hi)
+        return log1p(a)
     if code == SIN:
-        return sin(a_lo, a_hi)
+        return sin(a)
     if code == COS:
-        return cos(a_lo, a_hi)
+        return cos(a)
     if code == TAN:
-        return tan(a_lo, a_hi)
+        return tan(a)
     if code == ASIN:
-        return asin(a_lo, a_hi)
+        return asin(a)
     if code == ACOS:
-        return acos(a_lo, a_hi)
+        return acos(a)
     if code == ATAN:
-        return atan(a_lo, a_hi)
+        return atan(a)
     if code == SINH:
-        return sinh(a_lo, a_hi)
+        return sinh(a)
     if code == COSH:
-        return cosh(a_lo, a_hi)
+        return cosh(a)
     if code == TANH:
-        return tanh(a_lo, a_hi)
+        return tanh(a)
     if code == FLOOR:
-        return floor(a_lo, a_hi)
+        return floor(a)
     if code == CEIL:
-        return ceil(a_lo, a_hi)
+        return ceil(a)
     if code == SIGN:
-        return sign(a_lo, a_hi)
+        return sign(a)
     if code == POW:
-        return pow_real(a_lo, a_hi, b_lo, b_hi)
+        return pow_real(a, b)
     if code == ATAN2:
-        return atan2(a_lo, a_hi, b_lo, b_hi)
-    return math.nan, math.nan
+        return atan2(a, b)
+    return EMPTY
 
 
 @compiled
-def value(code: int, n: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def value(code: int, n: int, a: Bounds, b: Bounds) -> Bounds:
     """Enclosure of the operation over its arguments (b: the second, if there is one); n is a power's exponent."""
     if code == MUL:
-        return mul(a_lo, a_hi, b_lo, b_hi)
+        return mul(a, b)
     if code == ADD:
-        return add(a_lo, a_hi, b_lo, b_hi)
+        return add(a, b)
     if code == SUB:
-        return sub(a_lo, a_hi, b_lo, b_hi)
+        return sub(a, b)
     if code == SQR:
-        return sqr(a_lo, a_hi)
+        return sqr(a)
     if code == NEG:
-        return neg(a_lo, a_hi)
+        return neg(a)
     if code == SQRT:
-        return sqrt(a_lo, a_hi)
+        return sqrt(a)
     if code == DIV:
-        return div(a_lo, a_hi, b_lo, b_hi)
+        return div(a, b)
     if code == POWER:
-        return power(a_lo, a_hi, n)
+        return power(a, n)
     if code == ABS:
-        return absolute(a_lo, a_hi)
+        return absolute(a)
     if code == MIN:
-        return smaller(a_lo, a_hi, b_lo, b_hi)
+        return smaller(a, b)
     if code == MAX:
-        return larger(a_lo, a_hi, b_lo, b_hi)
-    return _function(code, a_lo, a_hi, b_lo, b_hi)
+        return larger(a, b)
+    return _function(code, a, b)
 
 
 @compiled
-def _function_quality(code: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> int:
-    if code == LOG:
-        return CONTINUOUS if a_lo > 0.0 else ANYTHING
-    if code == LOG1P:
-        return CONTINUOUS if a_lo > -1.0 else ANYTHING
-    if code in (ASIN, ACOS):
-        return CONTINUOUS if a_lo >= -1.0 and a_hi <= 1.0 else ANYTHING
-    if code == TAN:
-        return ANYTHING if has_pole(a_lo, a_hi) else CONTINUOUS
-    if code == POW:
-        return CONTINUOUS if a_lo > 0.0 or (a_lo == 0.0 and b_lo > 0.0) else ANYTHING
-    if code == ATAN2:
-        if b_lo > 0.0 or a_lo > 0.0 or a_hi < 0.0:
-            return CONTINUOUS
-        return DEFINED if b_hi < 0.0 else ANYTHING
-    if code in (FLOOR, CEIL, SIGN):
-        low, high = _function(code, a_lo, a_hi, b_lo, b_hi)
-        return CONTINUOUS if low == high and a_lo < a_hi else DEFINED
-    return CONTINUOUS
-
-
-@compiled
-def quality(code: int, n: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> int:
+def quality(code: int, n: int, a: Bounds, b: Bounds) -> int:
     """Whether the operation is CONTINUOUS at all points of its arguments, or at least DEFINED there, or ANYTHING."""
-    if not (a_lo <= a_hi and b_lo <= b_hi):
+    if not (a[0] <= a[1] and b[0] <= b[1]):
         return ANYTHING
+    known = True
     if code == SQRT:
-        return CONTINUOUS if a_lo >= 0.0 else ANYTHING
-    if code == DIV:
-        return CONTINUOUS if b_lo > 0.0 or b_hi < 0.0 else ANYTHING
-    if code == POWER:
-        return CONTINUOUS if n >= 0 or a_lo > 0.0 or a_hi < 0.0 else ANYTHING
-    if code > MAX:
-        return _function_quality(code, a_lo, a_hi, b_lo, b_hi)
-    return CONTINUOUS
+        known = a[0] >= 0.0
+    elif code == DIV:
+        known = b[0] > 0.0 or b[1] < 0.0
+    elif code == POWER:
+        known = n >= 0 or a[0] > 0.0 or a[1] < 0.0
+    elif code == LOG:
+        known = a[0] > 0.0
+    elif code == LOG1P:
+        known = a[0] > -1.0
+    elif code in (ASIN, ACOS):
+        known = a[0] >= -1.0 and a[1] <= 1.0
+    elif code == TAN:
+        known = not has_pole(a)
+    elif code == POW:
+        known = a[0] > 0.0 or (a[0] == 0.0 and b[0] > 0.0)
+    elif code == ATAN2:
+        if b[1] < 0.0 and a[0] <= 0.0 <= a[1]:
+            return DEFINED
+        known = b[0] > 0.0 or a[0] > 0.0 or a[1] < 0.0
+    elif code in (FLOOR, CEIL, SIGN):
+        low, high = _function(code, a, b)
+        return CONTINUOUS if low == high and a[0] < a[1] else DEFINED
+    return CONTINUOUS if known else ANYTHING
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -188,77 +186,74 @@ def quality(code: int, n: int, a_lo: float, a_hi: float, b_lo: float, b_hi: floa
 
 
 @compiled
-def either_sign(x_lo: float, x_hi: float, r_lo: float, r_hi: float) -> Bounds:
+def either_sign(x: Bounds, r: Bounds) -> Bounds:
     """The part of x in r or in -r, as a hull (r >= 0)."""
-    one_lo, one_hi = meet(x_lo, x_hi, r_lo, r_hi)
-    two_lo, two_hi = meet(x_lo, x_hi, -r_hi, -r_lo)
-    return hull(one_lo, one_hi, two_lo, two_hi)
+    return hull(meet(x, r), meet(x, neg(r)))
 
 
 @compiled
-def _power_argument(n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float) -> Bounds:
+def _power_argument(n: int, z: Bounds, a: Bounds) -> Bounds:
     if n == 0:
-        return a_lo, a_hi
-    if n < 0:
-        z_lo, z_hi = div(1.0, 1.0, z_lo, z_hi)
-        n = -n
-    r_lo, r_hi = root(z_lo, z_hi, n)
-    return (r_lo, r_hi) if n % 2 else either_sign(a_lo, a_hi, r_lo, r_hi)
+        return a
+    r = root(div(ONE, z) if n < 0 else z, abs(n))
+    return r if n % 2 else either_sign(a, r)
 
 
 @compiled
-def _at_least(z_lo: float, z_hi: float, other_lo: float) -> Bounds:
+def _at_least(z: Bounds, other: Bounds) -> Bounds:
     """An argument of a minimum in z: at least z, and in z where the other argument can not be the minimum."""
-    return z_lo, z_hi if other_lo > z_hi else math.inf
+    return z[0], z[1] if other[0] > z[1] else math.inf
 
 
 @compiled
-def _of_function(code: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+def _of_atan(z: Bounds) -> Bounds:
+    low, high = meet(z, ANGLES)
+    if not low <= high:
+        return EMPTY
+    least, most = min(low, 1.57079), max(high, -1.57079)
+    low = -math.inf if least < -1.57079 else tan((least, least))[0]
+    return low, math.inf if most > 1.57079 else tan((most, most))[1]
+
+
+@compiled
+def _of_function(code: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
     """The first argument of an elementary function; of atan2 nothing is concluded."""
     if code == EXP:
-        return log(z_lo, z_hi)
+        return log(z)
     if code == EXPM1:
-        return log1p(z_lo, z_hi)
+        return log1p(z)
     if code == LOG:
-        return exp(z_lo, z_hi)
+        return exp(z)
     if code == LOG1P:
-        return expm1(z_lo, z_hi)
+        return expm1(z)
     if code == SIN:
-        return of_sine(z_lo, z_hi, a_lo, a_hi)
+        return of_sine(z, a)
     if code == COS:
-        return of_cosine(z_lo, z_hi, a_lo, a_hi)
+        return of_cosine(z, a)
     if code == TAN:
-        return of_tangent(z_lo, z_hi, a_lo, a_hi)
+        return of_tangent(z, a)
     if code == ASIN:
-        z_lo, z_hi = meet(z_lo, z_hi, -PIO2_HI, PIO2_HI)
-        return sin(z_lo, z_hi)
+        return sin(meet(z, ANGLES))
     if code == ACOS:
-        z_lo, z_hi = meet(z_lo, z_hi, 0.0, PI_HI)
-        return cos(z_lo, z_hi)
+        return cos(meet(z, (0.0, PI[1])))
     if code == ATAN:
-        z_lo, z_hi = meet(z_lo, z_hi, -PIO2_HI, PIO2_HI)
-        if not z_lo <= z_hi:
-            return math.nan, math.nan
-        least, most = min(z_lo, 1.57079), max(z_hi, -1.57079)
-        return -math.inf if least < -1.57079 else tan(least, least)[0], math.inf if most > 1.57079 else tan(most, most)[
-            1
-        ]
+        return _of_atan(z)
     if code == SINH:
-        return asinh(z_lo, z_hi)
+        return asinh(z)
     if code == COSH:
-        r_lo, r_hi = acosh(z_lo, z_hi)
-        return either_sign(a_lo, a_hi, max(r_lo, 0.0), r_hi) if r_lo <= r_hi else (math.nan, math.nan)
+        r = acosh(z)
+        return either_sign(a, (max(r[0], 0.0), r[1])) if r[0] <= r[1] else EMPTY
     if code == TANH:
-        return atanh(z_lo, z_hi)
+        return atanh(z)
     if code == POW:
-        return _base(z_lo, z_hi, b_lo, b_hi)
+        return _base(z, b)
     if code == FLOOR:
-        return ceil(z_lo, z_hi)[0], _next_whole(floor(z_lo, z_hi)[1])
+        return ceil(z)[0], _next_whole(floor(z)[1])
     if code == CEIL:
-        return -_next_whole(-ceil(z_lo, z_hi)[0]), floor(z_lo, z_hi)[1]
+        return -_next_whole(-ceil(z)[0]), floor(z)[1]
     if code == SIGN:
-        return (0.0 if z_lo > -1.0 else -math.inf), (0.0 if z_hi < 1.0 else math.inf)
-    return a_lo, a_hi
+        return (0.0 if z[0] > -1.0 else -math.inf), (0.0 if z[1] < 1.0 else math.inf)
+    return a
 
 
 @compiled
@@ -268,65 +263,55 @@ def _next_whole(n: float) -> float:
 
 
 @compiled
-def _base(z_lo: float, z_hi: float, p_lo: float, p_hi: float) -> Bounds:
+def _base(z: Bounds, p: Bounds) -> Bounds:
     """x >= 0 with x^p in z: exp(log z / p), where p has a sign."""
-    if z_hi < 0.0:
-        return math.nan, math.nan
-    if p_lo <= 0.0 <= p_hi or z_hi == 0.0:
+    if z[1] < 0.0:
+        return EMPTY
+    if p[0] <= 0.0 <= p[1] or z[1] == 0.0:
         return 0.0, math.inf
-    low, high = log(max(z_lo, 0.0), z_hi)
-    low, high = div(low, high, p_lo, p_hi)
-    return exp(low, high)
+    return exp(div(log((max(z[0], 0.0), z[1])), p))
 
 
 @compiled
-def first_argument(
-    code: int, n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float
-) -> Bounds:
+def first_argument(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
     """A set that holds all points of a for which some point of b gives a result in z (to be intersected with a)."""
     if code == MUL:
-        return factor(z_lo, z_hi, b_lo, b_hi, a_lo, a_hi)
+        return factor(z, b, a)
     if code == ADD:
-        return sub(z_lo, z_hi, b_lo, b_hi)
+        return sub(z, b)
     if code == SUB:
-        return add(z_lo, z_hi, b_lo, b_hi)
+        return add(z, b)
     if code == SQR:
-        r_lo, r_hi = sqrt(z_lo, z_hi)
-        return either_sign(a_lo, a_hi, r_lo, r_hi)
+        return either_sign(a, sqrt(z))
     if code == NEG:
-        return neg(z_lo, z_hi)
+        return neg(z)
     if code == SQRT:
-        return sqr(max(z_lo, 0.0), z_hi)
+        return sqr((max(z[0], 0.0), z[1]))
     if code == DIV:
-        return mul(z_lo, z_hi, b_lo, b_hi)
+        return mul(z, b)
     if code == POWER:
-        return _power_argument(n, z_lo, z_hi, a_lo, a_hi)
+        return _power_argument(n, z, a)
     if code == ABS:
-        return either_sign(a_lo, a_hi, max(z_lo, 0.0), z_hi)
+        return either_sign(a, (max(z[0], 0.0), z[1]))
     if code == MIN:
-        return _at_least(z_lo, z_hi, b_lo)
+        return _at_least(z, b)
     if code == MAX:
-        low, high = _at_least(-z_hi, -z_lo, -b_hi)
-        return -high, -low
-    return _of_function(code, z_lo, z_hi, a_lo, a_hi, b_lo, b_hi)
+        return neg(_at_least(neg(z), neg(b)))
+    return _of_function(code, z, a, b)
 
 
 @compiled
-def second_argument(
-    code: int, n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float
-) -> Bounds:
+def second_argument(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
     """The same for b."""
     if code in (MUL, ADD, MIN, MAX):  # neither argument is the first
-        return first_argument(code, n, z_lo, z_hi, b_lo, b_hi, a_lo, a_hi)
+        return first_argument(code, n, z, b, a)
     if code == SUB:
-        return sub(a_lo, a_hi, z_lo, z_hi)
+        return sub(a, z)
     if code == DIV:
-        return factor(a_lo, a_hi, z_lo, z_hi, b_lo, b_hi)
-    if code == POW and z_lo > 0.0 and (a_lo > 1.0 or 0.0 < a_hi < 1.0):
-        low, high = log(z_lo, z_hi)
-        u_lo, u_hi = log(a_lo, a_hi)
-        return div(low, high, u_lo, u_hi)
-    return b_lo, b_hi
+        return factor(a, z, b)
+    if code == POW and z[0] > 0.0 and (a[0] > 1.0 or 0.0 < a[1] < 1.0):
+        return div(log(z), log(a))
+    return b
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -341,196 +326,144 @@ def second_argument(
 # the enclosure is about half as wide as that of the derivative. Operations without a slope of their own use their
 # derivative over the hull of both values: it holds all such slopes.
 
-Partials = tuple[float, float, float, float]  # bounds of the derivatives by the first and the second argument
+Partials = tuple[Bounds, Bounds]  # the derivatives by the first and the second argument
+Values = tuple[Bounds, Bounds, Bounds]  # of an operation and its arguments
 
 
 @compiled
-def _share_of_smaller(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
-    """Derivative of min(a, b) with respect to a: 1 where a is smaller, 0 where b is, else [0, 1]."""
-    return 1.0 if a_hi <= b_lo else 0.0, 0.0 if a_lo > b_hi else 1.0
+def _share_of_smaller(a: Bounds, b: Bounds) -> Partials:
+    """Derivatives of min(a, b): of the smaller 1, of the other 0; [0, 1] for both where they overlap."""
+    low, high = 1.0 if a[1] <= b[0] else 0.0, 0.0 if a[0] > b[1] else 1.0
+    return (low, high), (1.0 - high, 1.0 - low)
 
 
 @compiled
-def _times_power(n: int, a_lo: float, a_hi: float) -> Bounds:
+def _times_power(n: int, a: Bounds) -> Bounds:
     """n a^(n-1)"""
     if n == 0:
         return 0.0, 0.0
-    low, high = power(a_lo, a_hi, n - 1)
-    return mul(float(n), float(n), low, high)
+    return mul((float(n), float(n)), power(a, n - 1))
 
 
 @compiled
-def _of_angle(y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Partials:
+def _of_angle(y: Bounds, x: Bounds) -> Partials:
     """x / (x^2 + y^2) and -y / (x^2 + y^2); nothing is known across the cut."""
-    if not (x_lo > 0.0 or y_lo > 0.0 or y_hi < 0.0):
-        return -math.inf, math.inf, -math.inf, math.inf
-    s_lo, s_hi = sqr(x_lo, x_hi)
-    t_lo, t_hi = sqr(y_lo, y_hi)
-    s_lo, s_hi = add(s_lo, s_hi, t_lo, t_hi)
-    low, high = div(x_lo, x_hi, s_lo, s_hi)
-    t_lo, t_hi = div(-y_hi, -y_lo, s_lo, s_hi)
-    return low, high, t_lo, t_hi
+    if not (x[0] > 0.0 or y[0] > 0.0 or y[1] < 0.0):
+        return LINE, LINE
+    square = add(sqr(x), sqr(y))
+    return div(x, square), div(neg(y), square)
 
 
 @compiled
-def _derivative(code: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float) -> Bounds:
-    """Of an elementary function of one argument; the whole line where it jumps or has a pole."""
+def _derivative(code: int, n: int, z: Bounds, a: Bounds) -> Bounds:
+    """Of an operation of one argument; the whole line where it jumps or has a pole."""
+    if code == SQR:
+        return min(2.0 * a[0], LARGEST), max(2.0 * a[1], -LARGEST)
+    if code == NEG:
+        return -1.0, -1.0
+    if code == SQRT:
+        return div((0.5, 0.5), z)
+    if code == POWER:
+        return _times_power(n, a)
+    if code == ABS:
+        return 1.0 if a[0] >= 0.0 and a[1] > 0.0 else -1.0, -1.0 if a[1] <= 0.0 and a[0] < 0.0 else 1.0
     if code == EXP:
-        return z_lo, z_hi
+        return z
     if code == EXPM1:
-        return add(z_lo, z_hi, 1.0, 1.0)
-    if code == SIN:
-        return cos(a_lo, a_hi)
-    if code == COS:
-        low, high = sin(a_lo, a_hi)
-        return -high, -low
-    if code == SINH:
-        return cosh(a_lo, a_hi)
-    if code == COSH:
-        return sinh(a_lo, a_hi)
-    if code == TAN:
-        if has_pole(a_lo, a_hi):
-            return -math.inf, math.inf
-        low, high = sqr(z_lo, z_hi)
-        return add(low, high, 1.0, 1.0)
-    if code == TANH:
-        low, high = sqr(z_lo, z_hi)
-        return sub(1.0, 1.0, low, high)
-    if code in (FLOOR, CEIL, SIGN):
-        return (0.0, 0.0) if z_lo == z_hi else (-math.inf, math.inf)
-    low, high = a_lo, a_hi  # the others are 1 over something
+        return add(z, ONE)
     if code == LOG:
-        low = max(low, 0.0)
-    elif code == LOG1P:
-        low, high = add(max(low, -1.0), high, 1.0, 1.0)
-    elif code == ATAN:
-        low, high = sqr(low, high)
-        low, high = add(low, high, 1.0, 1.0)
-    else:
-        low, high = sqr(low, high)
-        low, high = sub(1.0, 1.0, low, high)
-        low, high = sqrt(low, high)
-        if code == ACOS:
-            low, high = -high, -low
-    return div(1.0, 1.0, low, high)
+        return div(ONE, (max(a[0], 0.0), a[1]))
+    if code == LOG1P:
+        return div(ONE, add((max(a[0], -1.0), a[1]), ONE))
+    if code == SIN:
+        return cos(a)
+    if code == COS:
+        return neg(sin(a))
+    if code == TAN:
+        return LINE if has_pole(a) else add(sqr(z), ONE)
+    if code == ASIN:
+        return div(ONE, sqrt(sub(ONE, sqr(a))))
+    if code == ACOS:
+        return div(ONE, neg(sqrt(sub(ONE, sqr(a)))))
+    if code == ATAN:
+        return div(ONE, add(sqr(a), ONE))
+    if code == SINH:
+        return cosh(a)
+    if code == COSH:
+        return sinh(a)
+    if code == TANH:
+        return sub(ONE, sqr(z))
+    return (0.0, 0.0) if z[0] == z[1] else LINE  # floor, ceil and sign
 
 
 @compiled
-def partials(
-    code: int, n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float
-) -> Partials:
+def partials(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Partials:
     """Enclosures of the partial derivatives; of abs, min and max generalised ones. z is the operation's value."""
     if code == MUL:
-        return b_lo, b_hi, a_lo, a_hi
+        return b, a
     if code == ADD:
-        return 1.0, 1.0, 1.0, 1.0
+        return ONE, ONE
     if code == SUB:
-        return 1.0, 1.0, -1.0, -1.0
-    low, high, b_low, b_high = 0.0, 0.0, 0.0, 0.0
-    if code == SQR:
-        low, high = min(2.0 * a_lo, LARGEST), max(2.0 * a_hi, -LARGEST)
-    elif code == NEG:
-        low, high = -1.0, -1.0
-    elif code == SQRT:
-        low, high = div(0.5, 0.5, z_lo, z_hi)
-    elif code == DIV:
-        low, high = div(1.0, 1.0, b_lo, b_hi)
-        q_lo, q_hi = div(z_lo, z_hi, b_lo, b_hi)
-        b_low, b_high = neg(q_lo, q_hi)
-    elif code == POWER:
-        low, high = _times_power(n, a_lo, a_hi)
-    elif code == ABS:
-        low, high = 1.0 if a_lo >= 0.0 and a_hi > 0.0 else -1.0, -1.0 if a_hi <= 0.0 and a_lo < 0.0 else 1.0
-    elif code == MIN:
-        low, high = _share_of_smaller(a_lo, a_hi, b_lo, b_hi)
-        b_low, b_high = 1.0 - high, 1.0 - low
-    elif code == MAX:
-        low, high = _share_of_smaller(-a_hi, -a_lo, -b_hi, -b_lo)
-        b_low, b_high = 1.0 - high, 1.0 - low
-    elif code == POW:
-        low, high = sub(b_lo, b_hi, 1.0, 1.0)
-        low, high = pow_real(a_lo, a_hi, low, high)
-        low, high = mul(b_lo, b_hi, low, high)
-        b_low, b_high = log(a_lo, a_hi)
-        b_low, b_high = mul(z_lo, z_hi, b_low, b_high)
-    elif code == ATAN2:
-        return _of_angle(a_lo, a_hi, b_lo, b_hi)
-    else:
-        low, high = _derivative(code, z_lo, z_hi, a_lo, a_hi)
-    return low, high, b_low, b_high
+        return ONE, (-1.0, -1.0)
+    if code == DIV:
+        return div(ONE, b), neg(div(z, b))
+    if code == MIN:
+        return _share_of_smaller(a, b)
+    if code == MAX:
+        return _share_of_smaller(neg(a), neg(b))
+    if code == POW:
+        return mul(b, pow_real(a, sub(b, ONE))), mul(z, log(a))
+    if code == ATAN2:
+        return _of_angle(a, b)
+    return _derivative(code, n, z, a), (0.0, 0.0)
 
 
 @compiled
-def _power_slope(n: int, c_lo: float, c_hi: float, u_lo: float, u_hi: float) -> Bounds:
+def _power_slope(n: int, c: Bounds, u: Bounds) -> Bounds:
     """u^n - c^n = (u - c) sum_k u^k c^(n-1-k); for n < 0 that of -n, divided by -(u c)^-n."""
     if n == 0:
         return 0.0, 0.0
     m = abs(n)
-    low, high = power(c_lo, c_hi, m - 1)
+    out = power(c, m - 1)
     for k in range(1, m):
-        p_lo, p_hi = power(u_lo, u_hi, k)
-        q_lo, q_hi = power(c_lo, c_hi, m - 1 - k)
-        t_lo, t_hi = mul(p_lo, p_hi, q_lo, q_hi)
-        low, high = add(low, high, t_lo, t_hi)
+        out = add(out, mul(power(u, k), power(c, m - 1 - k)))
     if n > 0:
-        h_lo, h_hi = hull(u_lo, u_hi, c_lo, c_hi)
-        d_lo, d_hi = _times_power(n, h_lo, h_hi)
-        return meet(low, high, d_lo, d_hi)
-    p_lo, p_hi = power(u_lo, u_hi, m)
-    q_lo, q_hi = power(c_lo, c_hi, m)
-    t_lo, t_hi = mul(p_lo, p_hi, q_lo, q_hi)
-    low, high = div(low, high, t_lo, t_hi)
-    return -high, -low
+        return meet(out, _times_power(n, hull(u, c)))
+    return neg(div(out, mul(power(u, m), power(c, m))))
 
 
 @compiled
-def _abs_slope(c_lo: float, c_hi: float, u_lo: float, u_hi: float) -> Bounds:
+def _abs_slope(c: Bounds, u: Bounds) -> Bounds:
     """1 or -1 where u and c have one sign; else, for c > 0 > u, from (c - |u|) / (c + |u|) to 1: it grows in both."""
-    if u_lo >= 0.0 and c_lo >= 0.0:
-        return 1.0, 1.0
-    if u_hi <= 0.0 and c_hi <= 0.0:
+    if u[0] >= 0.0 and c[0] >= 0.0:
+        return ONE
+    if u[1] <= 0.0 and c[1] <= 0.0:
         return -1.0, -1.0
-    flipped = c_hi < 0.0  # the slope of |.| between -u and -c is the opposite of that between u and c
-    near = -c_hi if flipped else c_lo
-    far = max(u_hi if flipped else -u_lo, 0.0)
+    flipped = c[1] < 0.0  # the slope of |.| between -u and -c is the opposite of that between u and c
+    near = -c[1] if flipped else c[0]
+    far = max(u[1] if flipped else -u[0], 0.0)
     least = -1.0
     if 0.0 < near < math.inf and far < math.inf:
-        over_lo, over_hi = sub(near, near, far, far)
-        under_lo, under_hi = add(near, near, far, far)
-        low, _ = div(over_lo, over_hi, under_lo, under_hi)
-        least = max(low, -1.0)
+        least = max(div(sub((near, near), (far, far)), add((near, near), (far, far)))[0], -1.0)
     return (-1.0, -least) if flipped else (least, 1.0)
 
 
 @compiled
-def slopes(
-    code: int,
-    n: int,
-    c: tuple[float, float, float, float, float, float],
-    u: tuple[float, float, float, float, float, float],
-) -> Partials:
-    """Enclosures of the slopes from the centre to anywhere; c and u hold the bounds of value and arguments there."""
+def slopes(code: int, n: int, c: Values, u: Values) -> Partials:
+    """Enclosures of the slopes from the centre to anywhere; c and u hold value and arguments there."""
     if code == MUL:  # u v - u_c v_c = v (u - u_c) + u_c (v - v_c)
-        return u[4], u[5], c[2], c[3]
+        return u[2], c[1]
+    if code == DIV:  # u/v - q_c = ((u - u_c) - q_c (v - v_c)) / v with q_c = u_c/v_c
+        return div(ONE, u[2]), neg(div(c[0], u[2]))
     if code == SQR:
-        low, high = add(u[2], u[3], c[2], c[3])
-    elif code == SQRT:
-        low, high = add(u[0], u[1], c[0], c[1])
-        low, high = div(1.0, 1.0, low, high)
-    elif code == DIV:  # u/v - q_c = ((u - u_c) - q_c (v - v_c)) / v with q_c = u_c/v_c
-        low, high = div(1.0, 1.0, u[4], u[5])
-        q_lo, q_hi = div(c[0], c[1], u[4], u[5])
-        return low, high, -q_hi, -q_lo
-    elif code == POWER:
-        low, high = _power_slope(n, c[2], c[3], u[2], u[3])
-    elif code == ABS:
-        low, high = _abs_slope(c[2], c[3], u[2], u[3])
-    else:
-        z_lo, z_hi = hull(u[0], u[1], c[0], c[1])
-        a_lo, a_hi = hull(u[2], u[3], c[2], c[3])
-        b_lo, b_hi = hull(u[4], u[5], c[4], c[5])
-        return partials(code, n, z_lo, z_hi, a_lo, a_hi, b_lo, b_hi)
-    return low, high, 0.0, 0.0
+        return add(u[1], c[1]), (0.0, 0.0)
+    if code == SQRT:
+        return div(ONE, add(u[0], c[0])), (0.0, 0.0)
+    if code == POWER:
+        return _power_slope(n, c[1], u[1]), (0.0, 0.0)
+    if code == ABS:
+        return _abs_slope(c[1], u[1]), (0.0, 0.0)
+    return partials(code, n, hull(u[0], c[0]), hull(u[1], c[1]), hull(u[2], c[2]))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -538,34 +471,30 @@ def slopes(
 
 
 @compiled
-def elementwise(
-    code: int, n: int, a_lo: Floats, a_hi: Floats, b_lo: Floats, b_hi: Floats, lo: Floats, hi: Floats
-) -> None:
-    for k in range(lo.size):
-        lo[k], hi[k] = value(code, n, a_lo[k], a_hi[k], b_lo[k], b_hi[k])
+def elementwise(code: int, n: int, a: Arrays, b: Arrays, out: Arrays) -> None:
+    for k in range(out[0].size):
+        out[0][k], out[1][k] = value(code, n, at(a, k), at(b, k))
 
 
 @compiled
-def factors(
-    z_lo: Floats, z_hi: Floats, y_lo: Floats, y_hi: Floats, x_lo: Floats, x_hi: Floats, lo: Floats, hi: Floats
-) -> None:
-    for k in range(lo.size):
-        lo[k], hi[k] = factor(z_lo[k], z_hi[k], y_lo[k], y_hi[k], x_lo[k], x_hi[k])
+def factors(z: Arrays, y: Arrays, x: Arrays, out: Arrays) -> None:
+    for k in range(out[0].size):
+        out[0][k], out[1][k] = factor(at(z, k), at(y, k), at(x, k))
 
 
 @compiled
-def totals(x_lo: Floats, x_hi: Floats, lo: Floats, hi: Floats) -> None:
+def totals(x: Arrays, out: Arrays) -> None:
     """Sums of the rows (m, n)."""
-    for k in range(lo.size):
-        lo[k], hi[k] = total_below(x_lo[k]), total_above(x_hi[k])
+    for k in range(out[0].size):
+        out[0][k], out[1][k] = total((x[0][k], x[1][k]))
 
 
 @compiled
-def products(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, lo: Floats, hi: Floats) -> None:
+def products(x: Arrays, y: Arrays, out: Arrays) -> None:
     """A product of matrices (m, k) and (k, n)."""
-    low, high = x_lo[0].copy(), x_lo[0].copy()
-    for i in range(lo.shape[0]):
-        for j in range(lo.shape[1]):
+    low, high = x[0][0].copy(), x[0][0].copy()
+    for i in range(out[0].shape[0]):
+        for j in range(out[0].shape[1]):
             for t in range(low.size):
-                low[t], high[t] = mul(x_lo[i, t], x_hi[i, t], y_lo[t, j], y_hi[t, j])
-            lo[i, j], hi[i, j] = total_below(low), total_above(high)
+                low[t], high[t] = mul(at(x, (i, t)), at(y, (t, j)))
+            out[0][i, j], out[1][i, j] = total((low, high))

@@ -180,7 +180,7 @@ class Interval:
 
 def _computed(kernel: str, *operands: Interval, n: tuple[int, ...] = ()) -> Interval:
     """By a kernel in plain Python, without numba."""
-    bounds = [np.float64(bound) for x in operands for bound in (x.lo, x.hi)]
+    bounds = [(np.float64(x.lo), np.float64(x.hi)) for x in operands]
     with np.errstate(all="ignore"):
         lo, hi = _KERNELS[kernel](*bounds, *n)
     return Interval._raw(float(lo), float(hi))

@@ -748,14 +748,6 @@ class BoxProgram:
         bound, rows = self._bound(np.zeros(len(self._radius)), solution, 1.0)
         return bound > 0.0, rows
 
-    def least(self, k: int, sign: float) -> tuple[float, Indices]:
-        """Solve, and prove what comes of it: infinite when there is no such x, -inf when nothing is proved."""
-        solution = self.minimize(k, sign)
-        if solution.status is not LinearStatus.INFEASIBLE:
-            return self.proved(k, sign, solution)
-        empty, rows = self.proved_empty(solution)
-        return (np.inf if empty else -np.inf), rows
-
     def _unit(self, k: int, sign: float) -> Floats:
         objective = np.zeros(len(self._radius))
         objective[k] = sign
@@ -813,15 +805,21 @@ def tightened(programs: Programs, box: Box, first: int | None, deadline: float =
     `point` is the optimum of the first program. A bound that a vertex shows to move by next to nothing is left alone.
     """
     lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
-    point, met = None, _Met(len(box))
-    steps: list[Step] = []
-    for variable, side in _order(programs.variables, first):
-        sign = 1.0 if side == "lo" else -1.0
-        if radius[variable] == 0.0 or met(variable, sign):
+    point, steps = None, list[Step]()
+    lowest, highest = np.full(len(box), np.inf), np.full(len(box), -np.inf)  # of the vertices
+
+    def met(variable: int, side: str) -> bool:
+        return bool((lowest if side == "lo" else -highest)[variable] < -1.0 + _WORTHWHILE)
+
+    order = [(v, side) for v in sorted(programs.variables) for side in ("lo", "hi") if v != first]
+    if first is not None and first in programs.variables:  # its upper bound last, which the vertices before mostly meet
+        order = [(first, "lo"), *order, (first, "hi")]
+    for variable, side in order:
+        if radius[variable] == 0.0 or met(variable, side):
             continue
         if time.monotonic() > deadline:
             break
-        solution = programs.minimize(variable, sign)
+        solution = programs.minimize(variable, 1.0 if side == "lo" else -1.0)
         proof = programs.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
         if proof is not None:
             return Contraction(Box.empty(box.names), (*steps, proof), None, programs.count)
@@ -829,8 +827,9 @@ def tightened(programs: Programs, box: Box, first: int | None, deadline: float =
             continue
         vertex = programs.coordinates(solution)
         point = vertex if point is None else point
-        met.add(vertex)
-        step = None if met(variable, sign) else programs.bound(variable, side, solution)
+        np.minimum(lowest, vertex, out=lowest)
+        np.maximum(highest, vertex, out=highest)
+        step = None if met(variable, side) else programs.bound(variable, side, solution)
         if step is None:
             continue
         steps.append(step)
@@ -841,24 +840,3 @@ def tightened(programs: Programs, box: Box, first: int | None, deadline: float =
     if point is not None:
         point = np.clip(box.mid + radius * point, left.lo, left.hi)
     return Contraction(left, tuple(steps), point, programs.count)
-
-
-def _order(variables: Collection[int], first: int | None) -> list[tuple[int, str]]:
-    """The objective's lower bound first; its upper one last, which the vertices before mostly meet."""
-    others = [(v, side) for v in sorted(variables) for side in ("lo", "hi") if v != first]
-    return others if first is None or first not in variables else [(first, "lo"), *others, (first, "hi")]
-
-
-class _Met:
-    """Which bounds some vertex of a program shows not to move by much."""
-
-    def __init__(self, count: int) -> None:
-        self._lowest, self._highest = np.full(count, np.inf), np.full(count, -np.inf)
-
-    def add(self, vertex: Floats) -> None:
-        np.minimum(self._lowest, vertex, out=self._lowest)
-        np.maximum(self._highest, vertex, out=self._highest)
-
-    def __call__(self, variable: int, sign: float) -> bool:
-        end = self._lowest[variable] if sign > 0.0 else -self._highest[variable]
-        return bool(end < -1.0 + _WORTHWHILE)

@@ -17,10 +17,7 @@ from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.interval.arithmetic import in_arithmetic
-from cpcal.solver.interval.kernels import add, mul, sqr
-
-_MAX = 1.7976931348623157e308
-_ETA = 5e-324
+from cpcal.solver.interval.kernels import ETA, MAX, Arrays, Bounds, add, at, mul, sqr
 
 
 def _over(terms: int) -> float:
@@ -30,21 +27,15 @@ def _over(terms: int) -> float:
 
 def occurring_terms(c: IntervalArray) -> Bools:
     """Which terms of a polynomial's coefficients (1 + J, T, *S) are not zero everywhere."""
-    size = (*c.shape[:2], math.prod(c.shape[2:]))
-    return np.asarray(occurring(*_contiguous(c, size)))
-
-
-def _contiguous(c: IntervalArray, size: tuple[int, ...]) -> tuple[Floats, Floats]:
-    lo = np.ascontiguousarray(c.lo).reshape(size)
-    return lo, lo if c.hi is c.lo else np.ascontiguousarray(c.hi).reshape(size)
+    return np.asarray(nonzero(_shaped(c, (*c.shape[:2], math.prod(c.shape[2:])))).any(axis=0))
 
 
 def combined_terms(
     e: Arithmetic, x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float
 ) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
-    shape, count = _common(x, y)
-    lo, hi = _kernels(e).combined(*_terms(x, shape, count), *_terms(y, shape, count), of_x, of_y, sign, count)
+    shape = np.broadcast_shapes(x.shape[2:], y.shape[2:])
+    lo, hi = _kernels(e).combined(_terms(x, shape), _terms(y, shape), of_x, of_y, sign, math.prod(shape))
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
@@ -55,9 +46,9 @@ def term_products(
 
     `square`: x is y, and a pair of two different terms stands for both orders.
     """
-    shape, count = _common(x, y)
+    shape = np.broadcast_shapes(x.shape[2:], y.shape[2:])
     product = _kernels(e).products if e.name == "float64" else _kernels(e).interval_products
-    lo, hi = product(*_terms(x, shape, count), *_terms(y, shape, count), pairs, size, count, square)
+    lo, hi = product(_terms(x, shape), _terms(y, shape), pairs, size, math.prod(shape), square)
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
@@ -65,18 +56,16 @@ def _kernels(e: Arithmetic) -> Any:
     return in_arithmetic(e.name, sys.modules[__name__])
 
 
-def _common(x: IntervalArray, y: IntervalArray) -> tuple[tuple[int, ...], int]:
-    """The shape of the elements of both, and their number."""
-    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    return shape, math.prod(shape)
+def _shaped(c: IntervalArray, size: tuple[int, ...]) -> Arrays:
+    lo = np.ascontiguousarray(c.lo).reshape(size)
+    return lo, lo if c.hi is c.lo else np.ascontiguousarray(c.hi).reshape(size)
 
 
-def _terms(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
-    """Bounds (1 + J, T, count), or (1 + J, T, 1) where all elements are the same."""
-    alike = math.prod(x.shape[2:]) == 1
-    if x.shape[2:] == shape:
-        return _contiguous(x, (*x.shape[:2], count))
-    return _contiguous(x if alike else x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], 1 if alike else count))
+def _terms(x: IntervalArray, shape: tuple[int, ...]) -> Arrays:
+    """Bounds (1 + J, T, E) of elements of a shape, or (1 + J, T, 1) where all are the same."""
+    if math.prod(x.shape[2:]) == 1 and x.shape[2:] != shape:
+        return _shaped(x, (*x.shape[:2], 1))
+    return _shaped(x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], math.prod(shape)))
 
 
 def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
@@ -89,11 +78,9 @@ def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
         ends = shape[2 : axis + 1], shape[axis + 2 :]
         size = (*shape[:2], math.prod(ends[0]), shape[axis + 1], math.prod(ends[1]))
         of_slots = (size[0], size[1] * size[2], *size[3:])
-        lo, hi = centred_sums(*_contiguous(x, of_slots))
-        return IntervalArray(lo, hi).reshape(left)
+        return IntervalArray(*centred_sums(_shaped(x, of_slots))).reshape(left)
     flat = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
-    lo, hi = summed(*_contiguous(x, flat))
-    return IntervalArray(lo, hi).reshape(left)
+    return IntervalArray(*summed(_shaped(x, flat))).reshape(left)
 
 
 def reciprocal(e: Arithmetic, x: IntervalArray) -> IntervalArray:
@@ -154,18 +141,18 @@ def _gamma(count: int) -> float:
 
 
 @compiled
-def centred(lo: Floats, hi: Floats, count: int) -> Centred:
+def centred(x: Arrays, count: int) -> Centred:
     """Of intervals (1 + J, T, E), E being `count`, or 1 for elements that are all the same."""
-    slots, terms = lo.shape[0], lo.shape[1]
+    slots, terms = x[0].shape[0], x[0].shape[1]
     mid, moves, wide = np.empty((slots, terms, count)), np.zeros((slots, terms), np.bool_), np.zeros(terms, np.bool_)
     error, slopes, total = np.zeros((terms, count)), np.zeros((terms, count)), np.zeros((terms, count))
-    alike = lo.shape[2] == 1
+    alike = x[0].shape[2] == 1
     up = 1.0 + _gamma(slots)
     for s in range(slots):
         for t in range(terms):
             size = 0.0
             for k in range(count):
-                low, high = lo[s, t, 0 if alike else k], hi[s, t, 0 if alike else k]
+                low, high = at(x, (s, t, 0 if alike else k))
                 middle = 0.5 * low + 0.5 * high
                 mid[s, t, k] = middle
                 error[t, k] += max(high - middle, middle - low) * up
@@ -183,7 +170,7 @@ def centred(lo: Floats, hi: Floats, count: int) -> Centred:
 
 
 @compiled
-def centred_products(x: Centred, y: Centred, pairs: Indices, size: int, square: bool) -> tuple[Floats, Floats]:
+def centred_products(x: Centred, y: Centred, pairs: Indices, size: int, square: bool) -> Arrays:
     """Bounds (slots, size, E) of the terms of a product; `pairs` and `square` as in `products`."""
     p, q, count = x.mid.shape[0], y.mid.shape[0], x.mid.shape[2]
     value = np.zeros((max(p, q), size, count))
@@ -246,7 +233,7 @@ def _second_order(
 
 
 @compiled
-def _bounds(value: Floats, extent: Floats, error: Floats, counts: Indices) -> tuple[Floats, Floats]:
+def _bounds(value: Floats, extent: Floats, error: Floats, counts: Indices) -> Arrays:
     """Intervals: the error is that of the value; slopes are numbers. What overflowed may be anything."""
     slots, size, count = value.shape
     hi = value.copy()
@@ -265,9 +252,9 @@ def _bounds(value: Floats, extent: Floats, error: Floats, counts: Indices) -> tu
 
 
 @compiled
-def centred_sums(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+def centred_sums(x: Arrays) -> Arrays:
     """Sums over the last axis but one of (1 + J, T, count, after)."""
-    slots, terms, count, after = lo.shape
+    slots, terms, count, after = x[0].shape
     value = np.zeros((slots, terms, after))
     extent, error = np.zeros((terms, after)), np.zeros((terms, after))
     for s in range(slots):
@@ -275,7 +262,7 @@ def centred_sums(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
             for k in range(after):
                 total, size, radius = 0.0, 0.0, 0.0
                 for i in range(count):
-                    low, high = lo[s, t, i, k], hi[s, t, i, k]
+                    low, high = at(x, (s, t, i, k))
                     middle = 0.5 * low + 0.5 * high
                     total, size, radius = total + middle, size + abs(middle), radius + max(high - middle, middle - low)
                 value[s, t, k] = total
@@ -285,87 +272,81 @@ def centred_sums(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled
-def combined(
-    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, of_x: Indices, of_y: Indices, sign: float, count: int
-) -> tuple[Floats, Floats]:
+def combined(x: Arrays, y: Arrays, of_x: Indices, of_y: Indices, sign: float, count: int) -> Arrays:
     """Terms of x + sign y, (slots, T, count), of polynomials (1 + J, terms, E): `of_x` and `of_y` (T,), -1 for none."""
-    p, q = x_lo.shape[0], y_lo.shape[0]
-    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
+    p, q = x[0].shape[0], y[0].shape[0]
+    at_x, at_y = int(x[0].shape[2] > 1), int(y[0].shape[2] > 1)
     lo, hi = np.zeros((max(p, q), of_x.size, count)), np.zeros((max(p, q), of_x.size, count))
     for s in range(max(p, q)):
         for t in range(of_x.size):
             if of_x[t] >= 0 and s < p:
                 for k in range(count):
-                    lo[s, t, k], hi[s, t, k] = x_lo[s, of_x[t], k * at_x], x_hi[s, of_x[t], k * at_x]
+                    lo[s, t, k], hi[s, t, k] = at(x, (s, of_x[t], k * at_x))
             if of_y[t] >= 0 and s < q:
-                low, high = (y_lo, y_hi) if sign > 0.0 else (y_hi, y_lo)
                 for k in range(count):
-                    a, b = sign * low[s, of_y[t], k * at_y], sign * high[s, of_y[t], k * at_y]
-                    lo[s, t, k], hi[s, t, k] = add(lo[s, t, k], hi[s, t, k], a, b)
+                    a, b = at(y, (s, of_y[t], k * at_y))
+                    other = (a, b) if sign > 0.0 else (-b, -a)
+                    lo[s, t, k], hi[s, t, k] = add((lo[s, t, k], hi[s, t, k]), other)
     return lo, hi
 
 
 @compiled
-def _add(lo: Floats, hi: Floats, s: int, m: int, k: int, low: float, high: float, twice: bool) -> None:
-    if twice:
-        low, high = min(2.0 * low, _MAX), max(2.0 * high, -_MAX)
-    lo[s, m, k], hi[s, m, k] = add(lo[s, m, k], hi[s, m, k], low, high)
-
-
-@compiled
-def _moving(lo: Floats, hi: Floats) -> Bools:
-    """Which slots of which terms of (1 + J, T, E) are not zero everywhere; the first is not asked for."""
-    out = np.zeros(lo.shape[:2], np.bool_)
-    for s in range(1, lo.shape[0]):
-        for t in range(lo.shape[1]):
-            for k in range(lo.shape[2]):
-                if lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0:
+def nonzero(x: Arrays) -> Bools:
+    """Which slots of which terms of (1 + J, T, E) are not zero everywhere."""
+    slots, terms, count = x[0].shape
+    out = np.zeros((slots, terms), np.bool_)
+    for s in range(slots):
+        for t in range(terms):
+            for k in range(count):
+                if x[0][s, t, k] != 0.0 or x[1][s, t, k] != 0.0:
                     out[s, t] = True
                     break
     return out
 
 
 @compiled
-def interval_products(
-    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
-) -> tuple[Floats, Floats]:
+def _add(out: Arrays, k: tuple[int, int, int], term: Bounds, twice: bool) -> None:
+    if twice:
+        term = min(2.0 * term[0], MAX), max(2.0 * term[1], -MAX)
+    out[0][k], out[1][k] = add(at(out, k), term)
+
+
+@compiled
+def interval_products(x: Arrays, y: Arrays, pairs: Indices, size: int, count: int, square: bool) -> Arrays:
     """`products` by products of intervals: tight for wide ones, too."""
-    p, q = x_lo.shape[0], y_lo.shape[0]
-    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
-    lo, hi = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
-    moves_x, moves_y = _moving(x_lo, x_hi), _moving(y_lo, y_hi)
+    p, q = x[0].shape[0], y[0].shape[0]
+    at_x, at_y = int(x[0].shape[2] > 1), int(y[0].shape[2] > 1)
+    out = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
+    moves_x, moves_y = nonzero(x), nonzero(y)
     for t in range(len(pairs)):
         i, j, m = pairs[t]
-        both = moves_x[1:, i].any() and moves_y[1:, j].any()
+        both, twice = moves_x[1:, i].any() and moves_y[1:, j].any(), square and i != j
         for k in range(count):
             a, b = k * at_x, k * at_y
             if square and i == j and p == 1:
-                low, high = sqr(x_lo[0, i, a], x_hi[0, i, a])
+                term = sqr(at(x, (0, i, a)))
             else:
-                low, high = mul(x_lo[0, i, a], x_hi[0, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                term = mul(at(x, (0, i, a)), at(y, (0, j, b)))
                 if both:
-                    more = _second_order_of_sums(x_lo[:, i, a], x_hi[:, i, a], y_lo[:, j, b], y_hi[:, j, b])
-                    low, high = add(low, high, more[0], more[1])
-            _add(lo, hi, 0, m, k, low, high, square and i != j)
+                    of_x, of_y = (x[0][:, i, a], x[1][:, i, a]), (y[0][:, j, b], y[1][:, j, b])
+                    term = add(term, _second_order_of_sums(of_x, of_y))
+            _add(out, (0, m, k), term, twice)
         for s in range(1, max(p, q)):
             by_x, by_y = s < p and moves_x[s, i], s < q and moves_y[s, j]
             if not (by_x or by_y):
                 continue
             for k in range(count):
-                a, b, low, high = k * at_x, k * at_y, 0.0, 0.0
+                a, b, term = k * at_x, k * at_y, (0.0, 0.0)
                 if by_x:
-                    low, high = mul(x_lo[s, i, a], x_hi[s, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                    term = mul(at(x, (s, i, a)), at(y, (0, j, b)))
                 if by_y:
-                    other = mul(x_lo[0, i, a], x_hi[0, i, a], y_lo[s, j, b], y_hi[s, j, b])
-                    low, high = add(low, high, other[0], other[1])
-                _add(lo, hi, s, m, k, low, high, square and i != j)
-    return lo, hi
+                    term = add(term, mul(at(x, (0, i, a)), at(y, (s, j, b))))
+                _add(out, (s, m, k), term, twice)
+    return out
 
 
 @compiled
-def products(
-    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
-) -> tuple[Floats, Floats]:
+def products(x: Arrays, y: Arrays, pairs: Indices, size: int, count: int, square: bool) -> Arrays:
     """Terms (slots, size, count) of a product of polynomials (1 + J, terms, E).
 
     Of two coefficients it is `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`.
@@ -375,53 +356,41 @@ def products(
 
     Where no two wide intervals meet, midpoints are multiplied and errors bounded: many times faster.
     """
-    x, y = centred(x_lo, x_hi, count), centred(y_lo, y_hi, count)
+    u, v = centred(x, count), centred(y, count)
     for t in range(len(pairs)):
-        if x.wide[pairs[t, 0]] and y.wide[pairs[t, 1]]:
-            return interval_products(x_lo, x_hi, y_lo, y_hi, pairs, size, count, square)
-    return centred_products(x, y, pairs, size, square)
+        if u.wide[pairs[t, 0]] and v.wide[pairs[t, 1]]:
+            return interval_products(x, y, pairs, size, count, square)
+    return centred_products(u, v, pairs, size, square)
 
 
 @compiled
-def occurring(lo: Floats, hi: Floats) -> Bools:
-    """Which terms of (1 + J, T, E) are not zero everywhere."""
-    out = np.zeros(lo.shape[1], np.bool_)
-    for s in range(lo.shape[0]):
-        for t in range(lo.shape[1]):
-            for k in range(lo.shape[2]):
-                if out[t]:
-                    break
-                out[t] = lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0
-    return out
-
-
-@compiled
-def summed(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+def summed(x: Arrays) -> Arrays:
     """Sums over the middle axis of arrays of three."""
-    before, count, after = lo.shape
+    before, count, after = x[0].shape
     low, high = np.zeros((before, after)), np.zeros((before, after))
     for i in range(before):
         for k in range(count):
             for j in range(after):
-                low[i, j], high[i, j] = add(low[i, j], high[i, j], lo[i, k, j], hi[i, k, j])
+                low[i, j], high[i, j] = add((low[i, j], high[i, j]), at(x, (i, k, j)))
     return low, high
 
 
 @compiled
-def _second_order_of_sums(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats) -> tuple[float, float]:
+def _second_order_of_sums(x: Arrays, y: Arrays) -> Bounds:
     """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, entries from 1 on: d_i^2 is in [0, 1].
 
-    The terms of each sum have one sign: `over` covers its rounding, and a few _ETA what underflows.
+    The terms of each sum have one sign: `over` covers its rounding, and a few ETA what underflows.
     """
+    p, q = len(x[0]), len(y[0])
     low, high, both, of_x, of_y = 0.0, 0.0, 0.0, 0.0, 0.0
-    over = (len(x_lo) + len(y_lo) + 64) * 2.0**-52
-    for j in range(1, max(len(x_lo), len(y_lo))):
-        a = max(abs(x_lo[j]), abs(x_hi[j])) if j < len(x_lo) else 0.0
-        b = max(abs(y_lo[j]), abs(y_hi[j])) if j < len(y_lo) else 0.0
+    over = (p + q + 64) * 2.0**-52
+    for j in range(1, max(p, q)):
+        a = max(abs(x[0][j]), abs(x[1][j])) if j < p else 0.0
+        b = max(abs(y[0][j]), abs(y[1][j])) if j < q else 0.0
         of_x, of_y, both = of_x + a, of_y + b, both + a * b
-        if j < len(x_lo) and j < len(y_lo):
-            square = mul(x_lo[j], x_hi[j], y_lo[j], y_hi[j])
+        if j < p and j < q:
+            square = mul(at(x, j), at(y, j))
             low, high = low + min(square[0], 0.0), high + max(square[1], 0.0)
     mixed = max(of_x * of_y * (1.0 + over) - both * (1.0 - over), 0.0)
-    mixed += (len(x_lo) + 2) * _ETA if of_x > 0.0 and of_y > 0.0 else 0.0
+    mixed += (p + 2) * ETA if of_x > 0.0 and of_y > 0.0 else 0.0
     return (low - mixed) * (1.0 + over), (high + mixed) * (1.0 + over)

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import reprlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, NoReturn, Union
+from typing import Any, NoReturn, TypeAlias, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,54 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import fill
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.network.data import broadcasts, checked, enclosed, freeze, is_thick, own, pair, positions
+from cpcal.solver.interval.numbers import float_bounds
+from cpcal.solver.interval.scalar import format_bound
+
+# ------------------------------------------------------------------------------------------------------------------
+# What leaves of expressions hold: numbers from users, enclosed, copied and frozen where they come in.
+
+Data: TypeAlias = IntervalArray | npt.NDArray[np.intp]
+
+
+def enclosed(value: object) -> IntervalArray:
+    """Numbers as degenerate intervals; those that no float64 equals as the narrowest around them. ModelError."""
+    return IntervalArray(*float_bounds(value))
+
+
+def pair(value: Any, where: str) -> tuple[Any, Any]:
+    """The two members of a pair of bounds. Raises ModelError for anything else, and for what may be two intervals."""
+    listed = isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+    if not listed or len(value) != 2:
+        raise ModelError(f"{where} takes an Interval or a pair (lower, upper), not {reprlib.repr(value)}")
+    two_intervals = isinstance(value, list) and all(isinstance(bound, tuple) for bound in value)
+    if two_intervals or (isinstance(value, np.ndarray) and value.ndim > 1):
+        raise ModelError(
+            f"{where} takes all lower bounds first: write ([lower, ...], [upper, ...]), not {reprlib.repr(value)}"
+        )
+    return value[0], value[1]
+
+
+def own(data: Data | None) -> Data | None:
+    """A read-only copy, so that nothing that the caller does to an array changes what was proved about it."""
+    if isinstance(data, IntervalArray):
+        lo = np.array(data.lo, order="C")
+        data = IntervalArray(lo, lo if data.hi is data.lo else np.array(data.hi, order="C"))
+    elif data is not None:
+        data = np.array(data, dtype=np.intp, order="C")
+    freeze(data)
+    return data
+
+
+def freeze(data: Data | None) -> None:
+    if data is not None:
+        for array in (data.lo, data.hi) if isinstance(data, IntervalArray) else (data,):
+            array.flags.writeable = False
+
+
+def positions(shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
+    """The flat index of every element."""
+    return np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)
+
 
 # ------------------------------------------------------------------------------------------------------------------
 # Walks over the DAG of expressions, without recursion: a sum of thousands of terms is thousands of levels deep.
@@ -96,7 +144,8 @@ class Expr:
             hasher.update(self.data.hi.tobytes())
         elif self.data is not None:
             hasher.update(self.data.tobytes())
-        if self.op in ("variable", "reading") or (self.op == "constant" and is_thick(self.data)):
+        thick = isinstance(self.data, IntervalArray) and bool(np.any(self.data.lo != self.data.hi))
+        if self.op in ("variable", "reading") or (self.op == "constant" and thick):
             hasher.update(os.urandom(16))
         for arg in self.args:
             hasher.update(arg.digest)
@@ -232,8 +281,6 @@ class Expr:
         return f"<Expr {self} of shape {self.shape}>"
 
     def __str__(self) -> str:
-        from cpcal.solver.network.printing import text
-
         return text(self)
 
 
@@ -247,8 +294,11 @@ class Constraint:
 
     def __post_init__(self) -> None:
         for bound in (self.lower, self.upper):
-            if not broadcasts(bound.shape, self.body.shape):
-                raise ModelError(f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}")
+            try:
+                np.broadcast_to(np.empty(bound.shape), self.body.shape)
+            except ValueError:
+                wrong = f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}"
+                raise ModelError(wrong) from None
         lower, upper = self.lower.data, self.upper.data
         if self.lower.op == self.upper.op == "constant":
             assert isinstance(lower, IntervalArray)
@@ -261,9 +311,15 @@ class Constraint:
         return f"<Constraint {self}>"
 
     def __str__(self) -> str:
-        from cpcal.solver.network.printing import constraint_text
-
-        return constraint_text(self)
+        """Without the bounds that say nothing; `body = number` for equal ones."""
+        if self.lower.digest == self.upper.digest:
+            return f"{self.body} = {self.lower}"
+        left, right = (
+            isinstance(bound.data, IntervalArray)
+            and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
+            for bound in (self.lower, self.upper)
+        )
+        return ("" if left else f"{self.lower} <= ") + str(self.body) + ("" if right else f" <= {self.upper}")
 
     def __bool__(self) -> bool:
         raise ModelError(
@@ -296,7 +352,11 @@ def _constant(value: Operand) -> Expr:
     """A constant leaf, where infinity may stand for a bound that is not there."""
     if isinstance(value, Interval):
         value = IntervalArray(np.asarray(value.lo), np.asarray(value.hi))
-    values = checked(value if isinstance(value, IntervalArray) else enclosed(value))
+    values = value if isinstance(value, IntervalArray) else enclosed(value)
+    if values.lo.dtype != np.float64 or values.hi.dtype != np.float64 or values.lo.shape != values.hi.shape:
+        raise ModelError("an IntervalArray has two float64 arrays of one shape")
+    if not bool(np.all(values.lo <= values.hi)):
+        raise ModelError("a constant is NaN or an empty interval")
     return Expr("constant", shape=values.shape, data=values)
 
 
@@ -318,3 +378,67 @@ def _matmul(x: Expr, y: Expr) -> Expr:
     if x.ndim == 1:
         return (x[:, None] * y).sum(-2)
     return (x[..., :, :, None] * y[..., None, :, :]).sum(-2)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Expressions, constraints and networks as mathematics: `sqrt(x[0]^2 + x[1]^2) - 5 = 0`.
+
+_LONGEST = 400  # characters of one expression: what is longer is cut in its middle
+_SIGNS = {"add": " + ", "sub": " - ", "mul": " * ", "div": " / ", "pow": "^"}
+_RANK = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 2, "sqr": 4, "power": 4, "pow": 4}
+_TIGHT = 5
+
+
+def text(expr: Expr) -> str:
+    """As mathematics; arrays of numbers by their shape."""
+    done: dict[bytes, tuple[str, int]] = {}
+    for node in topological((expr,)):
+        written, rank = _written(node, [done[arg.digest] for arg in node.args])
+        if len(written) > _LONGEST:
+            half = _LONGEST // 2
+            written = f"{written[:half]} ... {written[-half:]}"
+        done[node.digest] = written, rank
+    return done[expr.digest][0]
+
+
+def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
+    rank = _RANK.get(node.op, _TIGHT)
+    if not node.args:
+        return _leaf(node), _TIGHT
+    first = args[0][0] if args[0][1] >= rank else f"({args[0][0]})"
+    if node.op in _SIGNS:
+        loose = args[1][1] <= rank if node.op in ("sub", "div", "pow") else args[1][1] < rank
+        return first + _SIGNS[node.op] + (f"({args[1][0]})" if loose else args[1][0]), rank
+    if node.op == "neg":
+        return f"-{first}", rank
+    if node.op in ("sqr", "power"):
+        base = first if args[0][1] > rank else f"({args[0][0]})"
+        return f"{base}^{2 if node.op == 'sqr' else node.parameter}", rank
+    if node.op == "index":
+        return _indexed(node, args[0][0]), _TIGHT
+    if node.op == "sum":
+        return f"sum({args[0][0]}, axis={node.parameter})", _TIGHT
+    return f"{node.op}({', '.join(arg for arg, _ in args)})", _TIGHT
+
+
+def _indexed(node: Expr, inner: str) -> str:
+    assert isinstance(node.data, np.ndarray)
+    if not node.args[0].shape:
+        return inner
+    if node.data.size != 1:
+        return f"{inner}[...]"
+    place = np.unravel_index(int(node.data.ravel()[0]), node.args[0].shape)
+    return f"{inner}[{','.join(str(int(k)) for k in place)}]"
+
+
+def _leaf(node: Expr) -> str:
+    if node.op == "variable":
+        return node.name
+    data = node.data
+    assert isinstance(data, IntervalArray)
+    if data.lo.size != 1:
+        return f"{node.op}{node.shape}"
+    lo, hi = float(data.lo.ravel()[0]), float(data.hi.ravel()[0])
+    if lo == hi:
+        return format_bound(lo) if lo >= 0 else f"({format_bound(lo)})"
+    return f"[{format_bound(lo)}, {format_bound(hi)}]"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -115,73 +116,30 @@ def _spread(expr: Expr, shape: Shape) -> Expr:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Rotation matrices (3, 3) as expressions: building blocks of networks, from quaternions, axes, vectors and angles.
-#
-# A point p of the turned frame is `matrix @ p` in the fixed one. Angles in radians, quaternions scalar first.
-
-_CROSS = np.zeros((3, 3, 3))  # (i, j, k): the part of v_k in row i and column j of the matrix of `v x`
-_CROSS[0, 1, 2] = _CROSS[1, 2, 0] = _CROSS[2, 0, 1] = -1.0
-_CROSS[0, 2, 1] = _CROSS[1, 0, 2] = _CROSS[2, 1, 0] = 1.0
-
-
-def rotation_from_quaternion(q: Operand) -> Expr:
-    """Of a quaternion (4,), w first, of any length but 0: its rational matrix divided by |q|^2."""
-    q = _vector(q, 4)
-    w, v = q[0], q[1:]
-    size = sqr(q).sum()
-    square = sqr(w) - sqr(v).sum()
-    return (_scaled_identity(square) + 2.0 * _outer(v) + 2.0 * w * _cross(v)) / size
-
-
-def rotation_from_axis(axis: Operand, angle: Operand) -> Expr:
-    """About a unit vector (3,) by an angle (Rodrigues). That the axis has length 1 is for the network to say."""
-    n, t = _vector(axis, 3), as_expr(angle)
-    return _scaled_identity(cos(t)) + sin(t) * _cross(n) + (1.0 - cos(t)) * _outer(n)
-
-
-def rotation_from_vector(vector: Operand) -> Expr:
-    """Of a rotation vector (3,), axis times angle; defined where it is not 0."""
-    v = _vector(vector, 3)
-    angle = norm(v)
-    return rotation_from_axis(v / angle, angle)
-
-
-def rotation_from_euler(sequence: str, angles: Operand) -> Expr:
-    """Of three angles (3,) in the order of the letters: small ones turn about the fixed axes, capitals about the
-    turned ones, as in scipy. Raises ModelError for other letters.
-    """
-    a = _vector(angles, 3)
-    if len(sequence) != 3 or sequence not in (sequence.lower(), sequence.upper()) or set(sequence.lower()) - set("xyz"):
-        raise ModelError(f"{sequence!r} is no sequence of axes: give three of x, y, z, all small or all capitals")
-    one, two, three = (rotation_from_axis(np.eye(3)["xyz".index(s)], a[k]) for k, s in enumerate(sequence.lower()))
-    return one @ two @ three if sequence.isupper() else three @ two @ one
-
-
-def _vector(value: Operand, size: int) -> Expr:
-    found = as_expr(value)
-    if found.shape != (size,):
-        raise ModelError(f"{size} numbers are needed here, not an array of shape {found.shape}")
-    return found
-
-
-def _scaled_identity(factor: Expr) -> Expr:
-    return factor * as_expr(np.eye(3))
-
-
-def _outer(v: Expr) -> Expr:
-    return v[:, None] * v[None, :]
-
-
-def _cross(v: Expr) -> Expr:
-    """The matrix of `v x`."""
-    return (v * _CROSS).sum(-1)
-
-
-# ------------------------------------------------------------------------------------------------------------------
 # numpy's functions on expressions: `np.sin(x)`, `np.linalg.norm(x)`, `np.stack([x, y])` give expressions again.
 
 _Function = Callable[..., Any]
 
+
+def _operated(operate: _Function, x: Operand, y: Operand) -> Any:
+    return operate(as_expr(x), y)
+
+
+_OPERATORS: dict[str, _Function] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "power": operator.pow,
+    "float_power": operator.pow,
+    "matmul": operator.matmul,
+    "equal": operator.eq,
+    "less_equal": operator.le,
+    "greater_equal": operator.ge,
+    "not_equal": operator.ne,
+    "less": operator.lt,
+    "greater": operator.gt,
+}
 _UFUNCS: dict[str, _Function] = {
     **{
         op: globals()[op]
@@ -201,19 +159,7 @@ _UFUNCS: dict[str, _Function] = {
     "negative": lambda x: -as_expr(x),
     "positive": as_expr,
     "reciprocal": lambda x: 1.0 / as_expr(x),
-    "add": lambda x, y: binary("add", x, y),
-    "subtract": lambda x, y: binary("sub", x, y),
-    "multiply": lambda x, y: binary("mul", x, y),
-    "divide": lambda x, y: binary("div", x, y),
-    "power": lambda x, y: as_expr(x) ** y,
-    "float_power": lambda x, y: as_expr(x) ** y,
-    "matmul": lambda x, y: as_expr(x) @ y,
-    "equal": lambda x, y: as_expr(x) == y,
-    "less_equal": lambda x, y: as_expr(x) <= y,
-    "greater_equal": lambda x, y: as_expr(x) >= y,
-    "not_equal": lambda x, y: as_expr(x) != y,
-    "less": lambda x, y: as_expr(x) < y,
-    "greater": lambda x, y: as_expr(x) > y,
+    **{name: partial(_operated, operate) for name, operate in _OPERATORS.items()},
 }
 
 
@@ -270,18 +216,14 @@ def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
     """
     exprs = [as_expr(part) for part in parts]
     axis %= exprs[0].ndim
-    sizes = [expr.shape[axis] for expr in exprs]
-    whole: Expr | None = None
-    for k, expr in enumerate(exprs):
-        before, length = sum(sizes[:k]), sum(sizes)
-        place = np.clip(np.arange(length) - before, 0, sizes[k] - 1)
-        mine = ((np.arange(length) >= before) & (np.arange(length) < before + sizes[k])).astype(np.float64)
-        spread = expr[(slice(None),) * axis + (place,)]
-        mask = as_expr(mine.reshape((length,) + (1,) * (expr.ndim - axis - 1)))
-        part = Expr("mul", (spread, mask), spread.shape, parameter=SELECTS)
-        whole = part if whole is None else whole + part
-    assert whole is not None
-    return whole
+    ends = np.cumsum([0, *(expr.shape[axis] for expr in exprs)])
+    place, spread = np.arange(ends[-1]), list[Expr]()
+    for expr, begin, end in zip(exprs, ends, ends[1:], strict=False):
+        whole = expr[(slice(None),) * axis + (np.clip(place - begin, 0, end - begin - 1),)]
+        mine = ((place >= begin) & (place < end)).astype(np.float64)
+        mask = as_expr(mine.reshape((-1,) + (1,) * (expr.ndim - axis - 1)))
+        spread.append(Expr("mul", (whole, mask), whole.shape, parameter=SELECTS))
+    return reduce(lambda one, two: one + two, spread)
 
 
 _FUNCTIONS: dict[Any, _Function] = {

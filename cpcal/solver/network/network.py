@@ -22,9 +22,17 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name
-from cpcal.solver.network.data import enclosed, pair
-from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr, leaves, topological
-from cpcal.solver.network.printing import network_text
+from cpcal.solver.network.expression import (
+    Constraint,
+    Expr,
+    Operand,
+    Shape,
+    as_expr,
+    enclosed,
+    leaves,
+    pair,
+    topological,
+)
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
@@ -170,7 +178,8 @@ class ConstraintNetwork:
         return tuple(self._variables.values())
 
     def __str__(self) -> str:
-        return network_text(self)
+        lines = [f"{name} in {self.domain[name]}" for name in self.names]
+        return "\n".join([f"{self.name}:", *lines, *map(str, self._constraints)])
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -22,95 +22,9 @@ from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.expression import Expr, topological
 from cpcal.solver.network.network import ConstraintNetwork
 
-# ------------------------------------------------------------------------------------------------------------------
-# What operations do to polynomials: to their monomials once, to their coefficients as often as readings change.
-#
-# Each function takes the monomials of its operands and gives those of the result, and the `Operation` that makes the
-# result's coefficients (1 + J, T, *B) of the operands'.
-
 Monomial = tuple[int, ...]
 Monomials = tuple[Monomial, ...]
-Operation = Callable[[Sequence[IntervalArray]], IntervalArray]
-Terms = tuple[Monomials, Operation]
-
-
-def structural(e: Arithmetic, node: Expr, x: Monomials) -> Terms:
-    """Minus, elements of an array, the sum along one of its axes."""
-    shape = node.args[0].shape
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        if node.op == "neg":
-            return e.neg(args[0])
-        full = args[0].broadcast_to((*args[0].shape[:2], *shape))
-        if node.op == "sum":
-            return coef.total_over(e, full, node.parameter + 1)
-        assert isinstance(node.data, np.ndarray)
-        return full.reshape((*full.shape[:2], -1))[:, :, node.data]
-
-    return x, made
-
-
-def sum_of(e: Arithmetic, rank: int, x: Monomials, y: Monomials, sign: float) -> Terms:
-    """x + sign y, for arrays of a common rank."""
-    monomials, of_x, of_y = _union(x, y)
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        return coef.combined_terms(e, _aligned(args[0], rank), _aligned(args[1], rank), of_x, of_y, sign)
-
-    return monomials, made
-
-
-def product_of(e: Arithmetic, rank: int, x: Monomials, y: Monomials) -> Terms:
-    """x y, for arrays of a common rank."""
-    monomials, table = _products(x, y, False)
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        return coef.term_products(e, _aligned(args[0], rank), _aligned(args[1], rank), table, len(monomials), False)
-
-    return monomials, made
-
-
-def square_of(e: Arithmetic, rank: int, x: Monomials) -> Terms:
-    monomials, table = _products(x, x, True)
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        own = _aligned(args[0], rank)
-        return coef.term_products(e, own, own, table, len(monomials), True)
-
-    return monomials, made
-
-
-def quotient_of(e: Arithmetic, rank: int, x: Monomials, y: Monomials) -> Terms:
-    """x / y for a constant y."""
-    monomials, product = product_of(e, rank, x, ((),))
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        return product([args[0], coef.reciprocal(e, constant_term(args[1], y))[:, None]])
-
-    return monomials, made
-
-
-def power_of(rank: int, products: Sequence[Operation]) -> Operation:
-    """One factor after the other, by the products with each."""
-
-    def made(args: Sequence[IntervalArray]) -> IntervalArray:
-        out = IntervalArray.point(np.ones((1, 1) + (1,) * rank))
-        for product in products:
-            out = product([out, args[0]])
-        return out
-
-    return made
-
-
-def value_of(e: Arithmetic, node: Expr, args: Sequence[Monomials]) -> Terms:
-    """Any operation on constants: a constant, over all readings in their sets."""
-
-    def made(values: Sequence[IntervalArray]) -> IntervalArray:
-        known = [coef.total(e, constant_term(c, m)) for c, m in zip(values, args, strict=True)]
-        own = [x.reshape(x.shape[1:]).broadcast_to(node.shape) for x in known]
-        return e.apply(CODES[node.op], own[0], own[-1], node.parameter)[None, None]
-
-    return ((),), made
+Polynomial = tuple[Monomials, IntervalArray]  # with coefficients (1 + J, T, *B)
 
 
 def constant_term(c: IntervalArray, monomials: Monomials) -> IntervalArray:
@@ -119,11 +33,9 @@ def constant_term(c: IntervalArray, monomials: Monomials) -> IntervalArray:
 
 
 def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
+    """Coefficients of an array of `rank`."""
     missing = rank + 2 - c.ndim
     return c if missing == 0 else c.reshape((*c.shape[:2], *(1,) * missing, *c.shape[2:]))
-
-
-# What follows depends on the monomials alone, which networks of one kind share.
 
 
 @lru_cache(maxsize=256)
@@ -177,24 +89,11 @@ class PolynomialArray:
         return constant_term(self.coefficients, self.monomials)
 
 
-Found = PolynomialArray | NotPolynomial
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    """How a node's coefficients follow from those of its arguments: `keep` are the monomials that do not vanish."""
-
-    digest: bytes
-    args: tuple[bytes, ...]
-    operation: Operation
-    keep: Bools | None
-
-
 class Expander:
     """Expands expressions of one network over all of their reading sets; every node once.
 
-    `again` repeats that over parts of the sets, for the price of the arithmetic. What is not expanded at `deadline` (of
-    time.monotonic()), or would have very many terms, counts as not polynomial.
+    `again` repeats that over parts of the sets. What is not expanded at `deadline` (of time.monotonic()), or would have
+    very many terms, counts as not polynomial.
     """
 
     def __init__(
@@ -209,85 +108,73 @@ class Expander:
         start = 0
         for leaf in network.variables:
             self._start[leaf.digest] = start
-            start += int(np.prod(leaf.shape))
+            start += math.prod(leaf.shape)
         self._leaves = {node.digest: node for node in topological(roots) if node.op == "reading"}
         self._whole = self._allotted({})
-        self._done: dict[bytes, Found] = {}
-        self._recorded: dict[bytes, _Recorded] = {}  # of the nodes that depend on readings
-        self._orders: dict[bytes, list[_Recorded]] = {}
+        self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
+        self._keep: dict[bytes, Bools] = {}  # of a node's monomials, those that do not vanish for all readings
+        self._orders: dict[bytes, list[Expr]] = {}
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
         for node in topological((root,)) if root.digest not in self._done else ():
             if node.digest not in self._done:
                 try:
-                    self._done[node.digest] = self._node(node)
+                    args = [self._found(arg) for arg in node.args]
+                    _check_rows(node, args)
+                    if node.op in ("mul", "sqr", "power") and time.monotonic() > self._deadline:
+                        raise NotPolynomial("the time limit came first")
+                    self._done[node.digest] = self._node(node, args, self._whole)
                 except NotPolynomial as reason:
                     self._done[node.digest] = reason
-        found = self._done[root.digest]
-        if isinstance(found, NotPolynomial):
-            raise found
-        return found
+        return self._found(root)
 
     def again(self, roots: Sequence[Expr], sets: Mapping[bytes, IntervalArray]) -> list[PolynomialArray]:
         """The forms of some `roots`, which `expand` has found, for readings in other `sets`, parts of theirs.
 
         A coefficient that is zero for all readings of the whole sets is zero for these: monomials stay away.
         """
-        known, out = self._allotted(sets), []
+        readings, known = self._allotted(sets), dict[bytes, PolynomialArray]()
         for root in roots:
-            whole = self.expand(root)
-            for step in self._steps(root):
-                if step.digest not in known:
-                    value = step.operation([known.get(arg) or self._coefficients(arg) for arg in step.args])
-                    known[step.digest] = value if step.keep is None else value[:, step.keep]
-            if root.digest in known:
-                whole = replace(whole, coefficients=known[root.digest])
-            out.append(whole)
-        return out
+            for node in self._reading_nodes(root):
+                if node.digest not in known:
+                    args = [known.get(arg.digest) or self._found(arg) for arg in node.args]
+                    known[node.digest] = self._node(node, args, readings)
+        return [known.get(root.digest) or self._found(root) for root in roots]
 
-    def _steps(self, root: Expr) -> list[_Recorded]:
-        """Of the nodes under a root that depend on readings, arguments first."""
+    def _reading_nodes(self, root: Expr) -> list[Expr]:
+        """The nodes under a root that depend on readings, arguments first."""
         if root.digest not in self._orders:
-            under = (self._recorded.get(node.digest) for node in topological((root,)))
-            self._orders[root.digest] = [step for step in under if step is not None]
+            self._orders[root.digest] = [node for node in topological((root,)) if "reading" in node.ops]
         return self._orders[root.digest]
 
-    def _coefficients(self, digest: bytes) -> IntervalArray:
-        found = self._done[digest]
-        assert isinstance(found, PolynomialArray)
-        return found.coefficients
+    def _found(self, node: Expr) -> PolynomialArray:
+        found = self._done[node.digest]
+        if isinstance(found, NotPolynomial):
+            raise found
+        return found
 
-    def _node(self, node: Expr) -> PolynomialArray:
+    def _node(
+        self, node: Expr, args: list[PolynomialArray], readings: Mapping[bytes, IntervalArray]
+    ) -> PolynomialArray:
         if node.op == "variable":
-            return self._variable(node)
+            count, start = math.prod(node.shape), self._start[node.digest]
+            unit = IntervalArray.point(np.eye(count).reshape((1, count, *node.shape)))
+            return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), unit)
         if node.op == "constant":
             assert isinstance(node.data, IntervalArray)
             return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
-            return PolynomialArray(node.shape, ((),), self._whole[node.digest], reads=bool(node.shape))
-        args = []
-        for arg in node.args:
-            found = self._done[arg.digest]
-            if isinstance(found, NotPolynomial):
-                raise found
-            args.append(found)
-        _check_rows(node, args)
-        monomials, operation = self._operation(node, args)
-        coefficients = operation([arg.coefficients for arg in args])
-        keep = _occurring(monomials, coefficients)
-        if keep is not None:
+            return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
+        monomials, coefficients = self._operation(node, args)
+        if node.digest not in self._keep:
+            constant = np.array([m == () for m in monomials], np.bool_)
+            self._keep[node.digest] = coef.occurring_terms(coefficients) | constant
+        keep = self._keep[node.digest]
+        if not keep.all():
             monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
             coefficients = coefficients[:, keep]
-        if "reading" in node.ops:
-            digests = tuple(arg.digest for arg in node.args)
-            self._recorded[node.digest] = _Recorded(node.digest, digests, operation, keep)
         return PolynomialArray(node.shape, monomials, coefficients, any(arg.reads for arg in args))
-
-    def _variable(self, node: Expr) -> PolynomialArray:
-        count, start = int(np.prod(node.shape)), self._start[node.digest]
-        unit = np.eye(count).reshape((1, count, *node.shape))
-        return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), IntervalArray.point(unit))
 
     def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, IntervalArray]:
         """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
@@ -312,56 +199,47 @@ class Expander:
             out[node.digest] = IntervalArray(slopes[:, None], slopes[:, None])
         return out
 
-    def _operation(self, node: Expr, args: list[PolynomialArray]) -> Terms:
-        e, rank, own = self._engine, node.ndim, [arg.monomials for arg in args]
-        if node.op in ("neg", "index", "sum"):
-            return structural(e, node, own[0])
-        if node.op in ("add", "sub"):
-            return sum_of(e, rank, own[0], own[1], 1.0 if node.op == "add" else -1.0)
-        if node.op == "mul":
-            self._check_size(len(own[0]) * len(own[1]))
-            return product_of(e, rank, own[0], own[1])
-        if node.op == "sqr":
-            self._check_size(len(own[0]) ** 2)
-            return square_of(e, rank, own[0])
-        if node.op == "power" and node.parameter >= 0:
-            return self._power(rank, own[0], node.parameter)
-        if node.op == "div" and args[1].is_constant:
-            return quotient_of(e, rank, own[0], own[1])
-        if all(arg.is_constant for arg in args):
-            return value_of(e, node, own)
-        raise NotPolynomial(f"{node.op!r} of an expression with variables")
+    def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
+        e, x, op = self._engine, args[0], node.op
+        if op == "neg":
+            return x.monomials, e.neg(x.coefficients)
+        if op in ("index", "sum"):
+            full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
+            if op == "sum":
+                return x.monomials, coef.total_over(e, full, node.parameter + 1)
+            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.data]
+        one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
+        if op in ("add", "sub"):
+            monomials, of_x, of_y = _union(one[0], other[0][0])
+            return monomials, coef.combined_terms(e, one[1], other[0][1], of_x, of_y, 1.0 if op == "add" else -1.0)
+        if op == "mul":
+            return self._product(one, other[0])
+        if op == "sqr":
+            return self._product(one, one, square=True)
+        if op == "power" and node.parameter >= 0:
+            out: Polynomial = ((),), IntervalArray.point(np.ones((1, 1) + (1,) * node.ndim))
+            for _ in range(node.parameter):
+                out = self._product(out, one)
+            return out
+        if op == "div" and args[1].is_constant:
+            return self._product(one, (((),), _aligned(coef.reciprocal(e, args[1].constant)[:, None], node.ndim)))
+        if all(arg.is_constant for arg in args):  # any operation, over all readings in their sets
+            known = [coef.total(e, arg.constant) for arg in args]
+            own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
+            return ((),), e.apply(CODES[op], own[0], own[-1], node.parameter)[None, None]
+        raise NotPolynomial(f"{op!r} of an expression with variables")
 
-    def _power(self, rank: int, x: Monomials, exponent: int) -> Terms:
-        """A whole power, one factor after the other."""
-        monomials: Monomials = ((),)
-        products: list[Operation] = []
-        for _ in range(exponent):
-            self._check_size(len(monomials) * len(x))
-            monomials, product = product_of(self._engine, rank, monomials, x)
-            products.append(product)
-        return monomials, power_of(rank, products)
-
-    def _check_size(self, products: int) -> None:
-        if products > _MOST_PRODUCTS:
-            raise NotPolynomial(f"a product of {products} terms")
-        if time.monotonic() > self._deadline:
-            raise NotPolynomial("the time limit came first")
+    def _product(self, x: Polynomial, y: Polynomial, square: bool = False) -> Polynomial:
+        if len(x[0]) * len(y[0]) > _MOST_PRODUCTS:
+            raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
+        monomials, table = _products(x[0], y[0], square)
+        return monomials, coef.term_products(self._engine, x[1], y[1], table, len(monomials), square)
 
 
 def _owned(data: IntervalArray) -> IntervalArray:
     """A copy that may be written: kernels are compiled for such arrays."""
     lo = data.lo.copy()
     return IntervalArray(lo, lo if data.hi is data.lo else data.hi.copy())
-
-
-def _occurring(monomials: Monomials, coefficients: IntervalArray) -> Bools | None:
-    """The monomials whose coefficients are not all zero, and the constant; None for all of them."""
-    keep = coef.occurring_terms(coefficients)
-    if keep.all():
-        return None
-    keep |= np.array([m == () for m in monomials], np.bool_)
-    return keep
 
 
 def pairs(monomials: Iterable[Monomial]) -> int:

@@ -1,14 +1,15 @@
-"""From constraints to polynomial inequalities `q <= 0`, by small passes.
+"""From constraints to polynomial inequalities `q <= 0`.
 
-Every pass takes a row `expr <= 0` and returns rows whose conjunction it implies (for some reading, the
-row's own): square roots are isolated and squared, absolute values and maxima split. A row that no pass
-can make polynomial is left to the other contractors and listed in `PolynomialSystem.leftover`.
+A row `expr <= 0` is replaced by rows whose conjunction it implies (for some reading, the row's own): square roots are
+isolated and squared, absolute values and maxima split. A row that does not become polynomial is left to the other
+contractors and listed in `PolynomialSystem.leftover`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,16 +28,14 @@ from cpcal.solver.network.polynomial import (
     PolynomialArray,
     pairs,
 )
-
-# For the readings of one row, by the digest of their leaf: a part of the set that decides the row.
-ReadingSets = dict[bytes, IntervalArray]
+from cpcal.solver.network.tape import ReadingSets
 
 
 @dataclass(frozen=True)
 class Row:
     """`expr <= 0`, elementwise, wherever `guard >= 0` (everywhere when there is no guard).
 
-    Where the guard v is only known to be >= -t, `expr <= t^2` still holds: see `_square_root`.
+    Where the guard v is only known to be >= -t, `expr <= t^2` still holds: see `split`.
     """
 
     expr: Expr
@@ -72,9 +71,6 @@ def one_sided_rows(network: ConstraintNetwork) -> list[Row]:
     return [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
 
 
-# passes: each returns the rows that replace the given one, or None where it has nothing to do -------------
-
-Pass = Callable[[Row], list[Row] | None]
 Term = tuple[Expr, Expr]  # constant factor, expression
 
 
@@ -126,70 +122,52 @@ def _isolated(row: Row, op: str) -> tuple[Expr, Expr, Expr] | None:
     return None
 
 
-def square_root(row: Row, engine: Arithmetic) -> list[Row] | None:
-    """`c sqrt(u) + r <= 0`: r <= 0 and c^2 u <= r^2 for c > 0; for c < 0, r^2 <= c^2 u where r >= 0.
+def split(row: Row, engine: Arithmetic) -> list[Row] | None:
+    """The rows that say the same without the first extremum, absolute value or square root; None where there is none.
 
-    Where r >= -t only, sqrt(c^2 u) >= r gives c^2 u >= r^2 - t^2: either r >= 0, or r^2 <= t^2.
+    For `c f + r <= 0` with a constant c of one sign:
+    max, c > 0, and min, c < 0    a row for each argument
+    |u|, c > 0                    a row for u and one for -u; for c < 0 it is the square root of u^2
+    sqrt(u), c > 0                r <= 0 and c^2 u <= r^2
+    sqrt(u), c < 0                r^2 <= c^2 u where r >= 0. Where r >= -t only, sqrt(c^2 u) >= r gives
+                                  c^2 u >= r^2 - t^2: either r >= 0, or r^2 <= t^2
     """
-    found = _isolated(row, "sqrt")
-    if found is None or row.guard is not None:
-        return None
-    factor, node, rest = found
-    squared = sqr(factor) * node.args[0]
-    sign = _sign(factor, engine)
-    if sign > 0:
-        return [replace(row, expr=rest), replace(row, expr=squared - sqr(rest))]
-    if sign < 0:
-        return [replace(row, expr=sqr(rest) - squared, guard=rest)]
-    return None
-
-
-def absolute_value(row: Row, engine: Arithmetic) -> list[Row] | None:
-    """`c |u| + r <= 0` for c > 0 is two rows; for c < 0 it is a square root of u^2."""
-    found = _isolated(row, "abs")
-    if found is None or row.guard is not None:
-        return None
-    factor, node, rest = found
-    sign = _sign(factor, engine)
-    if sign > 0:
-        return [replace(row, expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
-    if sign < 0:
-        return [replace(row, expr=sqr(rest) - sqr(factor * node.args[0]), guard=rest)]
-    return None
-
-
-def extremum(row: Row, engine: Arithmetic) -> list[Row] | None:
-    """`c max(u, v) + r <= 0` for c > 0, or `c min(u, v) + r <= 0` for c < 0, is two rows."""
-    for op, wanted in (("max", 1), ("min", -1)):
+    for op in ("max", "min", "abs", "sqrt") if row.guard is None else ():
         found = _isolated(row, op)
-        if found is not None and row.guard is None and _sign(found[0], engine) == wanted:
-            factor, node, rest = found
+        if found is None:
+            continue
+        factor, node, rest = found
+        sign = _sign(factor, engine)
+        if (op, sign) in (("max", 1), ("min", -1)):
             return [replace(row, expr=rest + factor * arg) for arg in node.args]
+        if (op, sign) == ("abs", 1):
+            return [replace(row, expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
+        if op in ("abs", "sqrt") and sign:
+            squared = sqr(factor * node.args[0]) if op == "abs" else sqr(factor) * node.args[0]
+            if sign < 0:
+                return [replace(row, expr=sqr(rest) - squared, guard=rest)]
+            return [replace(row, expr=rest), replace(row, expr=squared - sqr(rest))]
     return None
 
 
 _MOST = 512  # rows made of one
 
-PASSES = (extremum, absolute_value, square_root)
-
 
 def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
-    """The rows that the passes make of one row; the row itself where they would be more than `_MOST`.
+    """The rows that are made of one row; the row itself where they would be more than `_MOST`.
 
     A sum of n absolute values stands for 2^n rows.
     """
-    todo, done, given = [row], list[Row](), row
+    todo, done = [row], list[Row]()
     while todo:
         if len(todo) + len(done) > _MOST:
-            return [given]
-        row = todo.pop(0)
-        for rewrite in PASSES:
-            result = rewrite(row, engine)
-            if result is not None:
-                todo = result + todo
-                break
+            return [row]
+        first, *todo = todo
+        found = split(first, engine)
+        if found is None:
+            done.append(first)
         else:
-            done.append(row)
+            todo = found + todo
     return done
 
 
@@ -234,7 +212,7 @@ class PolynomialForms:
         self._expander: Expander | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        """Without the expander: its operations do not pickle, and it is made again where it is wanted."""
+        """Without the expander, which holds all coefficients: it is made again where it is wanted."""
         return self.__dict__ | {"_expander": None}
 
     def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
@@ -290,7 +268,7 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     slots = max((p.coefficients.shape[0] for p in polynomials), default=1)
     column = {m: k for k, m in enumerate(monomials)}
     guard_columns = sorted({column[m] for _, _, g in rows if g is not None for m in g.monomials})
-    blocks, guards, origins, guarded = [], [], [], []
+    blocks, guards, origins, guarded, parts, before = [], [], [], [], [], Counter[int]()
     for row, q, g in rows:
         count = int(np.prod(q.shape))
         blocks.append(_dense(q, monomials, count, slots))
@@ -298,6 +276,8 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
         elements = np.arange(count) if row.elements is None else row.elements
         origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))
         guarded.append(np.full(count, g is not None))
+        parts.append(np.full(count, before[row.constraint], dtype=np.intp))
+        before[row.constraint] += 1
     return PolynomialSystem(
         names=network.names,
         monomials=monomials,
@@ -306,19 +286,9 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
         guard_monomials=np.array(guard_columns, dtype=np.intp),
         guards=_joined(guards, slots, len(guard_columns)),
         origin=np.concatenate([np.zeros((0, 2), dtype=np.intp), *origins]),
-        part=_parts([(row.constraint, int(np.prod(q.shape))) for row, q, _ in rows]),
+        part=np.concatenate([np.zeros(0, dtype=np.intp), *parts]),
         leftover=tuple(leftover),
     )
-
-
-def _parts(blocks: list[tuple[int, int]]) -> npt.NDArray[np.intp]:
-    """For every row the number of its block among those of its constraint; blocks are (constraint, rows)."""
-    seen: dict[int, int] = {}
-    out = [np.zeros(0, dtype=np.intp)]
-    for constraint, count in blocks:
-        out.append(np.full(count, seen.setdefault(constraint, 0), dtype=np.intp))
-        seen[constraint] += 1
-    return np.concatenate(out)
 
 
 def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.values import Floats
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import Row, one_sided_rows
@@ -46,7 +46,7 @@ class Extremes:
         """
         slots = self.tape.forward(_ENGINE, IntervalArray.point(point[None]), self.centers)
         g = _middle(self.tape.gradients(_ENGINE, self.tape.derivatives(_ENGINE, slots[0])))
-        total, paths = np.zeros(self.tape.first), self.tape.reach
+        total, paths = np.zeros(self.tape.program.first), self.tape.reach
         np.add.at(total, paths.leaf, g[paths.entry])
         smallest, largest = dict(self.centers), dict(self.centers)
         for digest, data in self._sets.items():
@@ -82,7 +82,7 @@ class Extremes:
 
 def exclusive(tape: Tape) -> bool:
     """Whether no component of a reading enters two elements of the roots: else one value of it must serve both."""
-    readings = tape.reach.leaf[tape.reach.leaf >= tape.given]
+    readings = tape.reach.leaf[tape.reach.leaf >= tape.program.given]
     return len(np.unique(readings)) == len(readings)
 
 
@@ -192,3 +192,50 @@ class Rows:
 def rows_tape(network: ConstraintNetwork) -> Tape:
     """Of all rows `r <= 0`, in the order of the constraints; written once for a network and its copies."""
     return network.once("rows", lambda: Tape(network, [row.expr for row in one_sided_rows(network)]))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Readings that a row can do without: where a row only grows with a reading, the reading's end decides.
+#
+# A row asks for SOME reading m in its set with `r(x, m) <= 0`. Where the derivative of r with respect to a
+# component of m keeps its sign for all x in a box and all readings in their sets, r is smallest at an end of that
+# component, so the component may be replaced by that end: nothing is lost, and nothing of second order is added.
+
+
+class DecisiveReadings:
+    """For each one-sided row of a network, on any box, the part of every reading set that can matter."""
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
+        self._engine = engine
+        self.tape = rows_tape(network)
+        self._data = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
+
+    @property
+    def any(self) -> bool:
+        return bool(self.tape.readings)
+
+    def on(self, box: Box) -> list[ReadingSets]:
+        """One collection of reading sets per row; components that decide at an end are single points."""
+        tape = self.tape
+        slots = tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
+        if not tape.continuous(self._engine, slots):  # monotone on either side of a pole is not monotone
+            return [{} for _ in tape.roots]
+        g = tape.gradients(self._engine, tape.derivatives(self._engine, slots[0]))
+        return [self._sets(tape.rows(root), g) for root in tape.roots]
+
+    def _sets(self, rows: slice, g: IntervalArray) -> ReadingSets:
+        """Of the readings that enter some of these rows: a component that enters two of them stays as it is."""
+        paths, tape = self.tape.reach, self.tape
+        mine = (paths.leaf >= tape.program.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
+        leaf, entry = paths.leaf[mine], paths.entry[mine]
+        alone = np.bincount(leaf, minlength=tape.program.first) == 1
+        grows, falls = np.zeros(tape.program.first, dtype=bool), np.zeros(tape.program.first, dtype=bool)
+        grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
+        sets = dict[bytes, IntervalArray]()
+        for digest, where in tape.reading_slots.items():
+            if alone[where].any():
+                data = self._data[digest]
+                up, down = (grows & alone)[where], (falls & ~grows & alone)[where]
+                lo, hi = np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi)
+                sets[digest] = IntervalArray(lo, hi)
+        return sets

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.solver.accounts import ContractorUse, Found, bracket_sentence
+from cpcal.solver.accounts import ContractorUse, Found, RowUse, bracket_sentence
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.optimize.local import Incumbent
 from cpcal.solver.optimize.witness import Prepared, Witness
-from cpcal.solver.row_use import RowUse
 
 
 @dataclass(frozen=True)

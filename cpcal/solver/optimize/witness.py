@@ -20,9 +20,9 @@ from cpcal.solver.existence import Equalities, ReadingConstraint, UniquenessProv
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.expression import leaves
-from cpcal.solver.network.monotone import DecisiveReadings
-from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided
-from cpcal.solver.network.rows import Rows
+from cpcal.solver.network.rewrite import Row, one_sided
+from cpcal.solver.network.rows import DecisiveReadings, Rows
+from cpcal.solver.network.tape import ReadingSets
 
 # ------------------------------------------------------------------------------------------------------------------
 # The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Bools
+from cpcal.solver.accounts import RowUse
 from cpcal.solver.contract import Clock, Composable, Contraction, Verdict, narrowed
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable
-from cpcal.solver.row_use import RowUse
 from cpcal.solver.search.search import Search, clusters, difference, hull, volume
 
 

@@ -73,11 +73,6 @@ class LargestFirst:
         """The component with the highest one is cut: (B, n)."""
         return np.asarray(IntervalArray(lo, hi).width / self._scale)
 
-    def _cut(self, box: Box, score: Floats) -> tuple[Box, ...]:
-        with np.errstate(all="ignore"):
-            (component,), _ = self._best(box.names, box.lo[None], box.hi[None], score[None])
-        return bisect(box, int(component)) if component >= 0 else ()
-
     def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
         cut = _middle(lo, hi)
         able = (IntervalArray(lo, hi).width / self._scale > self._width) & (lo < cut) & (cut < hi)

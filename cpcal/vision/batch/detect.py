@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import multiprocessing
 import stat
 import time
@@ -20,20 +19,21 @@ from pathlib import Path
 from typing import IO, Any, Generic, Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
+from cpcal.files.codec import decoded, encoded
 from cpcal.robot import Pose
 from cpcal.solver.execution.executors import Processes, executor_for
 from cpcal.solver.execution.outcomes import outcomes
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.solver.execution.threads import linear_algebra_on_one_thread, while_used
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import NUMBERS, Detection
+from cpcal.vision.files.detection import Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
+from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.render import overlay, refusal
@@ -114,7 +114,7 @@ class _OnOneThread(Generic[T]):
 # ------------------------------------------------------------------------------------------------------------------
 # What `detect` has done so far, kept line by line: a restart redoes nothing.
 
-FORMAT = "cpcal-detect-journal/3"
+FORMAT = "cpcal-detect-journal/4"
 SIZE_MAX = 2**30  # bytes; a line of a million images each takes some 400
 
 
@@ -126,16 +126,22 @@ class Journal:
     rows: dict[str, tuple[str, Detection]] = field(default_factory=dict)
 
     @classmethod
-    def opened(
-        cls, path: Path | None, target: Target, camera: Camera, covariance: npt.NDArray[np.float64] | None = None
-    ) -> Journal:
-        """The journal in `path`, begun anew unless it is of this target, camera and version. Raises InputError."""
+    def opened(cls, path: Path | None, target: Target, camera: CameraRecord) -> Journal:
+        """The journal in `path`, begun anew unless it is of this target, camera and version; a line that is none, as a
+        crash leaves it, is dropped. Raises InputError."""
         if path is None:
             return cls()
-        head = {"format": FORMAT, "version": __version__, "of": _digest(target, camera, covariance)}
-        rows, lines = _kept(path, head)
-        text = "".join(f"{line}\n" for line in [json.dumps(head), *lines])
-        write_file(path, text.encode("utf-8", "surrogateescape"))
+        of = hashlib.sha256(target_bytes(target) + camera_bytes(camera)).hexdigest()
+        head = {"format": FORMAT, "version": __version__, "of": of}
+        rows: dict[str, tuple[str, Detection]] = {}
+        lines = [json.dumps(head)]
+        first, *rest = _text(path).split("\n")
+        if first and _json(first, path) == head:
+            for line in rest:
+                if (read := _row(line)) is not None:
+                    rows[read[1].file] = read
+                    lines.append(line)
+        write_file(path, "".join(f"{line}\n" for line in lines).encode("utf-8", "surrogateescape"))
         try:
             file = path.open("a", encoding="utf-8", errors="surrogateescape")
         except OSError as error:
@@ -150,34 +156,12 @@ class Journal:
 
     def add(self, row: Detection, stamp: str) -> None:
         if self.file is not None:
-            told = {"reason": row.reason, "doubt": row.doubt, "dots": row.dots, "values": row.values}
-            line = {"file": row.file, "stamp": stamp, **told}
-            self.file.write(json.dumps(line) + "\n")
+            self.file.write(json.dumps({"stamp": stamp, **encoded(row)}) + "\n")
             self.file.flush()
 
     def close(self) -> None:
         if self.file is not None:
             self.file.close()
-
-
-def _kept(path: Path, head: dict[str, str]) -> tuple[dict[str, tuple[str, Detection]], list[str]]:
-    """The rows of a journal with that head, and their lines; a line that is none, as a crash leaves it, is dropped."""
-    rows: dict[str, tuple[str, Detection]] = {}
-    lines: list[str] = []
-    first, *rest = _text(path).split("\n")
-    if not first:
-        return rows, lines
-    try:
-        if json.loads(first) != head:
-            return rows, lines
-    except (ValueError, RecursionError):
-        raise _no_journal(path) from None
-    for line in rest:
-        read = _row(line)
-        if read is not None:
-            rows[read[1].file] = read
-            lines.append(line)
-    return rows, lines
 
 
 def _text(path: Path) -> str:
@@ -194,6 +178,13 @@ def _text(path: Path) -> str:
         raise InputError([Problem(str(path), what, "give a file that can be read")]) from None
 
 
+def _json(line: str, path: Path) -> Any:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        raise _no_journal(path) from None
+
+
 def _no_journal(path: Path) -> InputError:
     return InputError([Problem(str(path), "is not a journal of `cpcal image detect`", "choose another file")])
 
@@ -201,27 +192,10 @@ def _no_journal(path: Path) -> InputError:
 def _row(line: str) -> tuple[str, Detection] | None:
     """The stamp and the row that a line of a journal states, if it states one."""
     try:
-        d = json.loads(line)
-        file, stamp, reason, doubt, dots = d["file"], d["stamp"], d["reason"], d["doubt"], d["dots"]
-        values = tuple(map(float, d["values"]))
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        data = json.loads(line)
+        return decoded(str, data.pop("stamp")), decoded(Detection, data)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
-    sound = all(isinstance(text, str) for text in (file, stamp, reason, doubt)) and type(dots) is int
-    sound &= len(values) == (0 if reason else len(NUMBERS)) and all(map(math.isfinite, values))
-    return (stamp, Detection(file, reason, dots, values, doubt)) if sound else None
-
-
-def _digest(target: Target, camera: Camera, covariance: npt.NDArray[np.float64] | None) -> str:
-    arrays = [
-        target.dots,
-        camera.focal,
-        camera.center,
-        camera.distortion,
-        *([] if covariance is None else [covariance]),
-    ]
-    plate = (target.radius, target.lines, target.bright, target.scale_sigma, target.dot_sigma)
-    told = (*plate, camera.model, camera.width, camera.height, *(a.tolist() for a in arrays))
-    return hashlib.sha256(repr(told).encode()).hexdigest()
 
 
 Progress = Callable[[int, int], None]
@@ -234,11 +208,6 @@ class ImageSource(Protocol):
 
     @property
     def names(self) -> Sequence[str]: ...
-
-    @property
-    def stage(self) -> str:
-        """What it takes to have an image: "reading", "rendering"."""
-        ...
 
     def stamp(self, name: str) -> str:
         """Another text when the image is another one."""
@@ -255,7 +224,6 @@ class ImageFolder:
 
     folder: Path
     size: tuple[int, int] | None = None
-    stage = "reading"
 
     @property
     def names(self) -> Sequence[str]:
@@ -274,12 +242,12 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class Detections:
-    """What `detect` found: rows in the order of the names, how many were measured now, and seconds of work by stage
-    (all workers together): processor time, divided among the stages as time was waited for them."""
+    """What `detect` found: rows in the order of the names, how many were measured now, and seconds of processor time
+    that took, all workers together."""
 
     rows: tuple[Detection, ...]
     measured: int
-    seconds: dict[str, float]
+    seconds: float
 
 
 def detect(
@@ -311,12 +279,12 @@ def detect(
     """
     opencv()
     names = list(source.names)
-    with heard(), closing(Journal.opened(journal, target, camera, camera_covariance)) as kept:
+    with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance))) as kept:
         work = _Work(source, target, camera, camera_covariance, overlays)
         known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         done = {name: row for name, row in known.items() if work.pictured(name)}
         todo = [name for name in names if name not in done]
-        seconds: dict[str, float] = {}
+        seconds = 0.0
         if progress is not None:
             progress(len(done), len(names))
         for rows, spent in in_parallel(work, todo, workers, executor, scheduler):
@@ -324,7 +292,7 @@ def detect(
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
                     kept.add(row, source.stamp(row.file))
                 done[row.file] = row
-            _add(seconds, spent)
+            seconds += spent
             if progress is not None:
                 progress(len(done), len(names))
     return Detections(tuple(done[name] for name in sorted(done)), len(todo), seconds)
@@ -344,35 +312,29 @@ class _Work:
         """Whether there is nothing left to draw."""
         return self.overlays is None or self._picture(self.overlays, name).exists()
 
-    def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
-        waited: dict[str, float] = {}
-        start = time.process_time()
-        rows, near = [], None
+    def __call__(self, names: Sequence[str]) -> tuple[list[Detection], float]:
+        """The rows, and the seconds of processor time that they took."""
+        start, near = time.process_time(), None
+        rows = []
         for name in names:
-            row, near = self._one(name, waited, near)
+            try:
+                image = self.source.read(name)
+                row, near = self._measured(name, image, near)
+            except UnreadableImageError as error:
+                row = Detection(name, str(error))
+            except InputError as error:
+                row = Detection(name, "; ".join(problem.what for problem in error.problems))
+            except MissingExtraError:
+                raise
+            except Exception as error:  # one image must never stop thousands
+                row = Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
             rows.append(row)
-        share = (time.process_time() - start) / max(sum(waited.values()), 1e-9)
-        return rows, {stage: share * seconds for stage, seconds in waited.items()}
-
-    def _one(self, name: str, waited: dict[str, float], near: Pose | None) -> tuple[Detection, Pose | None]:
-        """The row of an image, and the pose to look for first in the next."""
-        start = time.perf_counter()
-        try:
-            image = self.source.read(name)
-            _add(waited, {self.source.stage: time.perf_counter() - start})
-            return self._measured(name, image, waited, near)
-        except UnreadableImageError as error:
-            return Detection(name, str(error)), near
-        except InputError as error:
-            return Detection(name, "; ".join(problem.what for problem in error.problems)), near
-        except MissingExtraError:
-            raise
-        except Exception as error:  # one image must never stop thousands
-            return Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200]), near
+        return rows, time.process_time() - start
 
     def _measured(
-        self, name: str, image: np.ndarray[Any, np.dtype[Any]], waited: dict[str, float], near: Pose | None
+        self, name: str, image: np.ndarray[Any, np.dtype[Any]], near: Pose | None
     ) -> tuple[Detection, Pose | None]:
+        """The row of an image, and the pose to look for first in the next."""
         width = min(image.shape[1], _WIDEST)
         try:
             found = measure_pose(image, self.target, self.camera, self.camera_covariance, near=near)
@@ -380,7 +342,6 @@ class _Work:
             if self.overlays is not None:
                 write_file(self._picture(self.overlays, name), refusal(image, str(reason), self.target.bright, width))
             return Detection(name, str(reason)), near
-        _add(waited, found.seconds)
         if self.overlays is not None:
             write_file(self._picture(self.overlays, name), overlay(image, found, self.target, self.camera, width))
         return detection(name, found), found.pose
@@ -390,11 +351,6 @@ class _Work:
         file = folder / f"{name}.jpg"
         file.parent.mkdir(parents=True, exist_ok=True)
         return file
-
-
-def _add(total: dict[str, float], more: dict[str, float]) -> None:
-    for stage, value in more.items():
-        total[stage] = total.get(stage, 0.0) + value
 
 
 def detection(name: str, found: MeasuredImage) -> Detection:

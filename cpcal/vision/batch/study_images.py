@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -53,7 +53,6 @@ class RenderedImages:
     camera: Camera
     scene: Scene
     seed: int
-    stage = "rendering"
 
     @classmethod
     def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
@@ -195,27 +194,41 @@ def look_again(
 ) -> Sample:
     """A sample of what `detect` found with the same arguments. An image that cannot be read any more is left out."""
     pictures: list[SeenImage] = []
+    residuals: list[Residuals] = []
     room = MOST_BYTES
 
-    def keep(row: Detection, jpeg: bytes, shape: tuple[int, ...]) -> bool:
+    def seen(row: Detection, draw: bool) -> bool:
+        """Whether a picture was drawn. The image was there before; a page without it is better than none."""
         nonlocal room
-        if len(pictures) == MOST_PICTURES or len(jpeg) > room:
+        try:
+            image = source.read(row.file)
+            found = measure_pose(image, target, camera, camera_covariance) if row.found else None
+        except Exception:  # what was refused may be no image at all: its reason is in the table
+            return False
+        height, width = image.shape[:2]
+        size = min(_WIDTH, width), round(min(_WIDTH, width) * height / width)
+        if found is not None:
+            residuals.append(residuals_of(found, target, camera))
+        if not draw or len(pictures) == MOST_PICTURES:
+            return False
+        jpeg = (
+            refusal(image, row.reason, target.bright, size[0])
+            if found is None
+            else overlay(image, found, target, camera, size[0])
+        )
+        if len(jpeg) > room:
             return False
         room -= len(jpeg)
-        pictures.append(SeenImage(row, jpeg, (_width(shape), round(_width(shape) * shape[0] / shape[1]))))
+        pictures.append(SeenImage(row, jpeg, size))
         return True
 
     for files in list(by_reason(rows).values())[:_OF_A_KIND]:
-        refused = [row for row in rows if row.file in files[:_TRIED]]
-        any(keep(*seen) for seen in _refused(refused, source, target))
+        any(seen(row, True) for row in rows if row.file in files[:_TRIED])
     worst = sorted((row for row in rows if row.doubt), key=lambda row: -row.values[SCALE])[:_OF_A_KIND]
     others = _spread([row for row in rows if row.found and row not in worst], MOST_MEASURED - len(worst))
-    shown = {row.file for row in [*worst, *_spread(others, MOST_PICTURES - len(pictures) - len(worst))]}
-    residuals = []
-    for row, image, found in _measured([*worst, *others], source, target, camera, camera_covariance):
-        if row.file in shown:
-            keep(row, overlay(image, found, target, camera, _width(image.shape)), image.shape)
-        residuals.append(residuals_of(found, target, camera))
+    shown = [*worst, *_spread(others, MOST_PICTURES - len(pictures) - len(worst))]
+    for row in [*worst, *others]:
+        seen(row, row in shown)
     return Sample(tuple(pictures), Residuals.joined(residuals), len(residuals))
 
 
@@ -239,34 +252,7 @@ def residuals_of(found: MeasuredImage, target: Target, camera: Camera) -> Residu
     )
 
 
-def _refused(
-    rows: Iterable[Detection], source: ImageSource, target: Target
-) -> Iterator[tuple[Detection, bytes, tuple[int, ...]]]:
-    for row in rows:
-        try:
-            image = source.read(row.file)
-            yield row, refusal(image, row.reason, target.bright, _width(image.shape)), image.shape
-        except Exception:  # what was refused may be no image at all: its reason is in the table
-            continue
-
-
-def _measured(
-    rows: Iterable[Detection], source: ImageSource, target: Target, camera: Camera, covariance: Floats | None
-) -> Iterator[tuple[Detection, np.ndarray, MeasuredImage]]:
-    for row in rows:
-        try:
-            image = source.read(row.file)
-            found = measure_pose(image, target, camera, covariance)
-        except Exception:  # it was there before; a page without it is better than none
-            continue
-        yield row, image, found
-
-
 def _spread(rows: Sequence[Detection], most: int) -> list[Detection]:
     """At most so many of them, evenly spread."""
     count = min(max(most, 0), len(rows))
     return [rows[k] for k in np.linspace(0, len(rows) - 1, count).astype(int)]
-
-
-def _width(shape: tuple[int, ...]) -> int:
-    return min(_WIDTH, shape[1])

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Bools, Floats, Ints
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import opencv
-from cpcal.vision.projection import determinants, median
+from cpcal.vision.projection import determinants, eigenvalues, median
 
 # ------------------------------------------------------------------------------------------------------------------
 # What counts as an image, and its grey levels.
@@ -79,29 +80,17 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
 
 
 def noise_level(image: Grey) -> float:
-    """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
-    pixels spread over the image; at least that of rounding."""
-    return max(_median_second(image, max(1, int(np.sqrt(image.size / 10_000)))) / _MEDIAN, _ROUNDING)
-
-
-@compiled
-def _median_second(image: Grey, step: int) -> float:
-    """The median of absolute second differences along rows, of one row and of one column in so many. Between whole
-    numbers: those that are equal are spread evenly over one grey level."""
-    height, width = image.shape
-    counts, total = np.zeros(2 << (8 * image.itemsize), np.int64), 0
-    for row in range(0, height, step):
-        for column in range(0, width - 2, step):
-            second = int(image[row, column + 2]) - 2 * int(image[row, column + 1]) + int(image[row, column])
-            counts[abs(second)] += 1
-            total += 1
-    below = 0
-    for level in range(len(counts)):
-        if below + counts[level] > 0.5 * total:
-            middle: float = level - 0.5 + (0.5 * total - below) / counts[level]
-            return max(middle, 0.0)
-        below += counts[level]
-    return 0.0
+    """The standard deviation of the pixels' noise (grey levels), at least that of rounding: from the median second
+    difference along rows of pixels spread over the image. Equal differences, which are whole numbers, are spread evenly
+    over one grey level."""
+    step = max(1, int(np.sqrt(image.size / 10_000)))
+    rows = image[::step].astype(np.int32)
+    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step])
+    counts = np.bincount(second.ravel(), minlength=1)
+    upto, half = np.cumsum(counts), 0.5 * second.size
+    level = min(int(np.searchsorted(upto, half, side="right")), len(counts) - 1)
+    within = (half - (upto[level] - counts[level])) / max(counts[level], 1)
+    return max(float(level - 0.5 + within) / _MEDIAN, _ROUNDING)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -176,52 +165,9 @@ def _ellipse(points: npt.NDArray[np.int32], first: int, last: int, center: Float
     return bool(short + short_growth > _SLIMMEST**2 * (long + long_growth))
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# How far dots lie from their neighbours, compiled.
-
-_NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
-
-
-@compiled
-def gaps(center: Floats, long: Floats, rising: Ints, out: Floats) -> None:
-    """The pixels (n,) between a dot and its neighbours, whose longer semi-axes are `long` (n,); inf where none is.
-
-    center  (n, 2) pixels
-    rising  (n,) the dots' numbers in the order of x: a search to both sides ends where x alone is too far away
-    """
-    square, other = np.empty(_NEIGHBOURS), np.empty(_NEIGHBOURS, np.int64)
-    for place in range(len(rising)):
-        i = rising[place]
-        square[:] = np.inf
-        for way in (-1, 1):
-            k = place + way
-            while 0 <= k < len(rising):
-                j = rising[k]
-                dx, dy = center[j, 0] - center[i, 0], center[j, 1] - center[i, 1]
-                if dx * dx >= square[-1]:
-                    break
-                _kept(square, other, dx * dx + dy * dy, j)
-                k += way
-        out[i] = np.inf
-        for m in range(_NEIGHBOURS):
-            if square[m] < np.inf:
-                out[i] = min(out[i], np.sqrt(square[m]) - long[i] - long[other[m]])
-
-
-@compiled
-def _kept(square: Floats, other: Ints, value: float, number: int) -> None:
-    """Puts a number among the nearest, where it is one of them."""
-    m = len(square) - 1
-    if not value < square[m]:
-        return
-    while m > 0 and value < square[m - 1]:
-        square[m], other[m] = square[m - 1], other[m - 1]
-        m -= 1
-    square[m], other[m] = value, number
-
-
 Grey8 = npt.NDArray[np.uint8]
 
+_NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
 _NARROW = 31  # in the whole image, for small dots close together, where the first tells none apart
 _LARGE = 4_000_000  # pixels of an image whose half is looked at first
@@ -261,6 +207,13 @@ class Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
 
 
+def gaps(found: Spots) -> Floats:
+    """The pixels (n,) between a spot and its neighbours; inf where none is."""
+    apart, other = cKDTree(found.center).query(found.center, 1 + _NEIGHBOURS)  # the first is the spot itself
+    long = np.append(2.0 * np.sqrt(eigenvalues(found.spread)[:, 1]), 0.0)
+    return np.asarray((apart - long[other])[:, 1:].min(axis=1) - long[:-1])
+
+
 @dataclass(frozen=True)
 class Survey:
     """What a first look tells of the dots, if they are bright, or dark: their number, radius (pixels), and the contrast
@@ -291,7 +244,8 @@ def _looked_at(image: Grey8, half: Grey8, bright: bool | None) -> list[Survey]:
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    looks = [_by_size(_doubled(_standing_out(_excess(half, mean, kind), least, kind))) for kind in kinds]
+    inside = [_standing_out(_excess(half, mean, kind), least, kind) for kind in kinds]
+    looks = [_by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, some.bright)) for some in inside]
     most = max(looks, key=_first_number)
     if _first_number(most) < _ENOUGH or median(most[0].radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
@@ -328,11 +282,6 @@ def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
     cv2 = opencv()
     mean: Grey8 = cv2.resize(cv2.blur(half, (odd, odd)), image.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return mean
-
-
-def _doubled(found: Spots) -> Spots:
-    """In an image of twice the size."""
-    return Spots(2.0 * found.center + 0.5, 4.0 * found.spread, found.bright)
 
 
 def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
@@ -383,7 +332,11 @@ def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None
     ends = np.cumsum(np.fromiter(map(len, outlines), dtype=np.int64, count=count))
     ellipses(np.concatenate(outlines)[:, 0], ends, mask.shape[1], mask.shape[0], center, spread, keep)
     found = Spots(center[keep], spread[keep], bright)
-    return _alike(found.kept(found.radius < _LARGEST), usual)
+    radius = found.radius
+    keep = radius < _LARGEST
+    if usual is not None:
+        keep &= (radius < _ALIKE * usual) & (_ALIKE * radius > usual)
+    return found.kept(keep)
 
 
 def _too_many(mask: Grey8) -> bool:
@@ -392,11 +345,3 @@ def _too_many(mask: Grey8) -> bool:
         return False
     corners = (mask[1:, 1:] > 0) & (mask[:-1, 1:] == 0) & (mask[1:, :-1] == 0)
     return int(np.count_nonzero(corners)) > _MOST_SPOTS
-
-
-def _alike(found: Spots, usual: float | None) -> Spots:
-    """Those whose radius is within a ratio of the usual one."""
-    if usual is None:
-        return found
-    radius = found.radius
-    return found.kept((radius < _ALIKE * usual) & (_ALIKE * radius > usual))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,8 @@ class Detection:
             larger); how many dots of the target are missing, and how many found ones are none; how many more such
             errors every other way to lay the target makes at least; empty without a pose
     doubt   "" or why the pose may be off by more than is stated
+
+    Raises ValueError for another count of values, or some that are not finite.
     """
 
     file: str
@@ -48,6 +51,10 @@ class Detection:
     dots: int = 0
     values: tuple[float, ...] = ()
     doubt: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.values) != (0 if self.reason else len(NUMBERS)) or not all(map(math.isfinite, self.values)):
+            raise ValueError("a detection has a finite number for each column, or a reason")
 
     @property
     def found(self) -> bool:

@@ -38,8 +38,7 @@ from cpcal.vision.identify.views import (
     View,
     grid_homographies,
     guesses,
-    laid,
-    mutually_nearest,
+    pairs,
     seen_by,
     self_maps,
 )
@@ -100,17 +99,17 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
                 yield fit, len(rows) * len(matches.count) * CHOICES**4
 
 
-def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
-    """Fits to the regular part of the target, each laid in the near-symmetry that makes the fewest errors."""
+def from_grid(view: View, target: Target) -> Hypothesis | None:
+    """A fit to the regular part of the target, laid in the near-symmetry that makes the fewest errors."""
     for homography in grid_homographies(view, target):
-        rough = hypothesis_of(view, target, homography)
-        places = laid(homography, target)
-        best = int(np.argmin([_errors(view, target, rough, predicted) for predicted in places]))
-        found, numbers = pairs(view, places[best], view.reach)
+        radius = _radius(homography, target)
+        ways = mapped(homography, np.concatenate([target.dots[None], self_maps(target).places]))
+        best = min(ways, key=lambda predicted: _compared(view, predicted, radius)[3])
+        found, numbers = pairs(view, best, view.reach)
         fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
         if fit is not None:
-            yield fit, TRIED
-            return
+            return fit
+    return None
 
 
 def followed(view: View, target: Target, homography: Floats) -> Hypothesis | None:
@@ -169,22 +168,24 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     return hypothesis_of(view, target, homography)
 
 
-def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
-    """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    nearest = np.empty(len(predicted), dtype=np.int64)
-    mutually_nearest(view.points, predicted, reach, nearest)
-    numbers = np.flatnonzero(nearest >= 0)
-    return nearest[numbers], numbers
-
-
 def hypothesis_of(view: View, target: Target, homography: Floats) -> Hypothesis:
-    predicted = mapped(homography, target.dots)
-    found, numbers = pairs(view, predicted, view.reach)
-    in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
-    in_view[numbers] = True
-    errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
+    radius = target.radius * _scale(homography, target.dots)
+    found, numbers, in_view, errors = _compared(view, mapped(homography, target.dots), radius)
     mirrored = bool(median(orientation(homography, target.dots)) > 0.0)  # y points up on the target, down in the view
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
+
+
+def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Ints, Bools, int]:
+    """Found dots and those of the target (n, 2) that explain them, which should be in view, and the errors."""
+    found, numbers = pairs(view, predicted, view.reach)
+    in_view = view.in_view(predicted, radius)
+    in_view[numbers] = True
+    return found, numbers, in_view, int(in_view.sum()) + len(view.points) - 2 * len(found)
+
+
+def _radius(homography: Floats, target: Target) -> Floats:
+    """(n,) the usual radius of the dots."""
+    return np.full(len(target.dots), target.radius * median(_scale(homography, target.dots)))
 
 
 def _scale(homography: Floats, points: Floats) -> Floats:
@@ -216,45 +217,20 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     least = int(passed.min()) if len(passed) else len(target.dots)
     if not len(close):
         return least, False
-    back = np.linalg.inv(maps.matrix[close])
-    predicted = mapped(
-        fit.homography, ((target.dots - maps.shift[close][:, None, :]) @ np.swapaxes(back, 1, 2)).reshape(-1, 2)
-    ).reshape(len(close), -1, 2)
-    errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
+    radius = _radius(fit.homography, target)
+    errors = np.array([_compared(view, way, radius)[3] for way in mapped(fit.homography, maps.places[close])])
     best = int(errors.argmin())
-    return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
-
-
-def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bools, enough: int) -> int:
-    """At least so many errors are between the target and each of its near-symmetries, none of them mirrored, when the
-    dots `in_view` (n,) are all found; no more than `enough` is counted."""
-    maps = self_maps(target)
-    unexplained = (in_view & (maps.image < 0)).sum(axis=1)
-    least = enough
-    for k in np.flatnonzero((unexplained < enough) & ~maps.mirrored):
-        laid_on_nothing = np.setdiff1d(np.arange(len(target.dots)), maps.image[k])
-        places = (target.dots[laid_on_nothing] - maps.shift[k]) @ np.linalg.inv(maps.matrix[k]).T
-        margin = target.radius * _scale(homography, places)
-        missing = int(view.in_view(mapped(homography, places), margin).sum())
-        least = min(least, int(unexplained[k]) + missing)
-    return least
+    return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
 
 
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
-    """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
-    where `fit` has them, and in view."""
+    """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
+    dots that are all where `fit` has them, and in view. Maps that explain too little of these are not laid."""
+    maps, radius = self_maps(target), _radius(fit.homography, target)
+    close = ((fit.in_view & (maps.image < 0)).sum(axis=1) < _APART) & ~maps.mirrored
     perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
-    places = laid(fit.homography, target)[1:][~self_maps(target).mirrored]
-    exact = hypothesis_of(perfect, target, fit.homography)
-    return min((_errors(perfect, target, exact, predicted) for predicted in places), default=len(target.dots))
-
-
-def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:
-    found, numbers = pairs(view, predicted, view.reach)
-    radius = target.radius * median(_scale(fit.homography, target.dots))
-    in_view = view.in_view(predicted, np.full(len(predicted), radius))
-    in_view[numbers] = True
-    return int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
+    ways = mapped(fit.homography, maps.places[close])
+    return min([_APART, *(_compared(perfect, way, radius)[3] for way in ways)])
 
 
 ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
@@ -303,17 +279,15 @@ def identify(
     camera: Camera | None = None,
     *,
     size: tuple[int, int] | None = None,
-    tolerance: float | None = None,
     near: Floats | None = None,
 ) -> Identification:
     """Which of the centres (n, 2), pixels, is which dot of the target.
 
     With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
     one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
-    `tolerance` is how far a dot may be off its predicted place, as a share of the median distance between nearest
-    neighbours (default 0.015 with a camera, 0.06 without). `near` (3, 3) is a homography from the target's plane (mm)
-    to the camera's directions that may be near the true one, as that of the image before: it saves the search where it
-    leaves no choice, and what it leads to passes the same tests.
+    `near` (3, 3) is a homography from the target's plane (mm) to the camera's directions that may be near the true one,
+    as that of the image before: it saves the search where it leaves no choice, and what it leads to passes the same
+    tests.
 
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
@@ -321,9 +295,9 @@ def identify(
     usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     _check_count(len(usable), target)
     if camera is None:
-        seen = tuple(guesses(pixels[usable], size, tolerance))
+        seen = tuple(guesses(pixels[usable], size))
     else:
-        view = seen_by(camera, pixels[usable], tolerance)
+        view = seen_by(camera, pixels[usable])
         shown = np.isfinite(view.points).all(axis=1)
         usable = usable[shown]
         _check_count(len(usable), target)
@@ -410,11 +384,11 @@ def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identifi
 
 
 def _on_grid(view: View, target: Target) -> Identification | None:
-    for hypothesis, candidates in from_grid(view, target):
-        answer = _judgement(view, target, hypothesis, candidates)
-        if isinstance(answer, Identification) and apart(view, target, hypothesis) >= _APART:
-            return answer
-    return None
+    fit = from_grid(view, target)
+    answer = None if fit is None else _judgement(view, target, fit, TRIED)
+    if fit is None or not isinstance(answer, Identification):
+        return None
+    return answer if apart(view, target, fit) >= _APART else None
 
 
 def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | _Refusal:
@@ -445,18 +419,9 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
 
 def _sure(view: View, target: Target, fit: Hypothesis) -> bool:
     """Whether no ten errors among the dots in view exchange two ways to lay the target, or as few as on all of it."""
-    if apart_at_least(view, target, fit.homography, fit.in_view, _APART) >= _APART:
-        return True
-    needed = min(_APART, _apart_in_all(target))
-    return apart(view, target, fit) >= needed
-
-
-@lru_cache(maxsize=8)
-def _apart_in_all(target: Target) -> int:
-    """What `apart_at_least` says of a target that is wholly in view."""
-    low, high = target.dots.min(axis=0), target.dots.max(axis=0)
-    around = View(np.array([2.0 * low - high, 2.0 * high - low]), 1.0, 0.0, 0.0)
-    return apart_at_least(around, target, np.eye(3), np.ones(len(target.dots), dtype=bool), len(target.dots))
+    maps = self_maps(target)
+    in_all = 2 * (maps.image[~maps.mirrored] < 0).sum(axis=1).min(initial=_APART)  # dots missing, and as many too many
+    return apart(view, target, fit) >= min(_APART, int(in_all))
 
 
 def _others(count: int, some: Ints) -> Ints:

@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
-from cpcal.vision.identify.views import View
+from cpcal.vision.identify.views import View, pairs
+from cpcal.vision.opencv import opencv
 from cpcal.vision.projection import line_maps, mapped, on_line
 from cpcal.vision.target import Target
 
@@ -91,20 +93,12 @@ def straightness(points: Floats, tolerance: float) -> tuple[int, int]:
 
 
 def _near_pairs(points: Floats, neighbours: int) -> tuple[Ints, Ints]:
-    n = len(points)
-    if neighbours >= n - 1:
-        upper = np.triu_indices(n, 1)
-        return np.asarray(upper[0], dtype=np.int64), np.asarray(upper[1], dtype=np.int64)
-    square = _squared_distances(points, points).astype(np.float32)  # which numpy partitions fast
-    chosen = square <= np.partition(square, neighbours, axis=1)[:, neighbours, None]
-    i, j = np.nonzero(np.triu(chosen | chosen.T, 1))
-    return i, j
-
-
-def _squared_distances(points: Floats, others: Floats) -> Floats:
-    dx = points[:, None, 0] - others[None, :, 0]
-    dy = points[:, None, 1] - others[None, :, 1]
-    return np.asarray(dx * dx + dy * dy)
+    """Each pair once."""
+    count = len(points)
+    near = np.asarray(cKDTree(points).query(points, min(neighbours + 1, count))[1], dtype=np.int64)[:, 1:]
+    one = np.repeat(np.arange(count), near.shape[1])
+    every = np.unique(count * np.minimum(one, near.ravel()) + np.maximum(one, near.ravel()))
+    return every // count, every % count
 
 
 def _along(points: npt.NDArray[Any], origin: npt.NDArray[Any], direction: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -278,6 +272,7 @@ _ROWS = 3  # matches of each row that are followed
 _COUNTED = 40  # homographies whose hits are counted, those that suit the row best
 _FOLLOWED = 3  # homographies of each
 _ON_ROW = 0.1  # of the spacing: how far the row's other dots may be off
+_NEAR = 0.1  # of the spacing: how far dots that are counted may be off
 _AROUND = 40  # dots of the target that are counted
 
 
@@ -300,18 +295,15 @@ def _of_match(view: View, target: Target, numbers: Ints, found: Ints) -> Iterato
     choice = np.stack(np.meshgrid(on_target[0], on_target[1], in_image[0], in_image[1], indexing="ij"), axis=-1)
     choice = choice.reshape(-1, 4)
     choice = choice[(choice[:, 0] != choice[:, 1]) & (choice[:, 2] != choice[:, 3])]
-    places = np.concatenate([_repeated(target.dots[numbers[ends]], len(choice)), target.dots[choice[:, :2]]], axis=1)
-    images = np.concatenate([_repeated(view.points[found[ends]], len(choice)), view.points[choice[:, 2:]]], axis=1)
-    homographies = _through_four(places, images)
+    places, images = target.dots[numbers[ends]], view.points[found[ends]]
+    homographies = np.array([_through_four(places, images, target.dots[c[:2]], view.points[c[2:]]) for c in choice])
     off = np.linalg.norm(mapped(homographies, target.dots[numbers]) - view.points[found], axis=2).max(axis=1)
     homographies = homographies[np.argsort(off)[: min(_COUNTED, int((off < _ON_ROW * view.spacing).sum()))]]
     middle = target.dots[numbers].mean(axis=0)
     around = np.argsort(np.linalg.norm(target.dots - middle, axis=1))[:_AROUND]
-    hits = [_hit(view, h, target.dots[around]) for h in homographies]
-    for k in np.argsort([-h.sum() for h in hits], kind="stable")[:_FOLLOWED]:
-        predicted = mapped(homographies[k], target.dots[around[hits[k]]])
-        nearest = np.linalg.norm(view.points - predicted[:, None], axis=2).argmin(axis=1)
-        yield nearest, around[hits[k]]
+    hits = [pairs(view, mapped(h, target.dots[around]), _NEAR * view.spacing) for h in homographies]
+    for nearest, hit in sorted(hits, key=lambda both: -len(both[0]))[:_FOLLOWED]:
+        yield nearest, around[hit]
 
 
 def _beside(points: Floats, on_row: Ints, anchor: int) -> Ints:
@@ -321,28 +313,7 @@ def _beside(points: Floats, on_row: Ints, anchor: int) -> Ints:
     return np.asarray(order[np.isfinite(away[order])])
 
 
-def _repeated(points: Floats, count: int) -> Floats:
-    return np.broadcast_to(points, (count, *points.shape))
-
-
-def _through_four(places: Floats, images: Floats) -> Floats:
-    """The homographies (m, 3, 3) that take four places (m, 4, 2) to four images; nan where three are in line."""
-    rows = np.zeros((len(places), 4, 2, 8))
-    rows[..., 0, 0:2] = rows[..., 1, 3:5] = places
-    rows[..., 0, 2] = rows[..., 1, 5] = 1.0
-    rows[..., 6:] = -images[..., None] * places[..., None, :]
-    equations = rows.reshape(-1, 8, 8)
-    scale = np.abs(equations).max(axis=1, keepdims=True)
-    scale[scale == 0.0] = 1.0
-    proper = np.abs(np.linalg.det(equations / scale)) > 1e-9
-    out = np.full((len(places), 9), np.nan)
-    out[:, 8] = 1.0
-    out[proper, :8] = np.linalg.solve(equations[proper], images.reshape(-1, 8, 1)[proper])[..., 0]
-    return out.reshape(-1, 3, 3)
-
-
-def _hit(view: View, homography: Floats, dots: Floats) -> npt.NDArray[np.bool_]:
-    """Which of the dots (n, 2) are predicted near a found one."""
-    difference = view.points - mapped(homography, dots)[:, None]
-    square = (difference * difference).sum(axis=2)
-    return np.asarray(np.nanmin(np.where(np.isnan(square), np.inf, square), axis=1) < (0.1 * view.spacing) ** 2)
+def _through_four(places: Floats, images: Floats, more_places: Floats, more_images: Floats) -> Floats:
+    """The homography that takes two places (2, 2) and two more to their images; far off where three are in line."""
+    every = np.concatenate([places, more_places]).astype(np.float32), np.concatenate([images, more_images])
+    return np.asarray(opencv().getPerspectiveTransform(every[0], every[1].astype(np.float32)))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
@@ -16,42 +15,6 @@ from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.projection import fitted, mapped, median
 from cpcal.vision.target import Target
-
-# ------------------------------------------------------------------------------------------------------------------
-# Points that are each other's nearest, and how near, compiled: this is asked some times an image.
-
-
-@compiled
-def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) -> None:
-    """For each of the places (n, 2) which of the points (m, 2) is nearest, if it is no further than `reach` and no
-    other place is nearer to that point; -1 where none is. A place that is nan has none."""
-    closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
-    for i in range(len(places)):
-        out[i], least = -1, np.inf
-        for k in range(len(points)):
-            dx, dy = points[k, 0] - places[i, 0], points[k, 1] - places[i, 1]
-            square = dx * dx + dy * dy
-            if square < least:
-                out[i], least = k, square
-            if square < closest[k]:
-                closest[k], owner[k] = square, i
-        if not least <= reach * reach:
-            out[i] = -1
-    for i in range(len(places)):
-        if out[i] >= 0 and owner[out[i]] != i:
-            out[i] = -1
-
-
-@compiled
-def nearest_squares(points: Floats, out: Floats) -> None:
-    """The squared distances (n,) of points (n, 2) to the nearest other one; inf where none is."""
-    out[:] = np.inf
-    for i in range(len(points)):
-        for k in range(i):
-            dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
-            square = dx * dx + dy * dy
-            out[i], out[k] = min(out[i], square), min(out[k], square)
-
 
 _EXACT = 0.015  # of the spacing: how far a dot may be off when the camera is known
 _GUESSED = (0.02, 0.06)  # the same along a line and in the plane when the distortion is guessed
@@ -76,18 +39,15 @@ class View:
 
     def in_view(self, predicted: Floats, margin: Floats) -> Bools:
         """Which predicted points (..., 2) would be seen whole, `margin` (...) their radius."""
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        if self.camera is not None:
-            low, high = _seen_rectangle(self.camera)
-        inside = (
-            np.isfinite(predicted).all(axis=-1) & (predicted >= low).all(axis=-1) & (predicted <= high).all(axis=-1)
-        )
         if self.camera is None:
-            return np.asarray(inside)
+            low, high = self.points.min(axis=0), self.points.max(axis=0)
+            return np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
+        low, high = _seen_rectangle(self.camera)
+        inside: Bools = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
         pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
         edge = (2.0 * margin * self.camera.focal.max())[..., None]  # whole, and some plate around it
         size = np.array([self.camera.width, self.camera.height])
-        return np.asarray(inside & (pixels >= edge - 0.5).all(axis=-1) & (pixels <= size - 0.5 - edge).all(axis=-1))
+        return np.asarray(inside & ((pixels >= edge - 0.5) & (pixels <= size - 0.5 - edge)).all(axis=-1))
 
     @property
     def area(self) -> float:
@@ -105,38 +65,56 @@ def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
 
 
-def seen_by(camera: Camera, pixels: Floats, tolerance: float | None) -> View:
+def seen_by(camera: Camera, pixels: Floats) -> View:
     """The directions of pixels (n, 2); one that the camera cannot show stays nan."""
     rays = camera.normalised(pixels)
     spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
-    reach = spacing * (tolerance or _EXACT)
-    return View(rays, spacing, reach, reach, camera)
+    return View(rays, spacing, _EXACT * spacing, _EXACT * spacing, camera)
 
 
-def guesses(pixels: Floats, size: tuple[int, int] | None, tolerance: float | None) -> Iterator[View]:
+def guesses(pixels: Floats, size: tuple[int, int] | None) -> Iterator[View]:
     """Pixels (n, 2) freed from a guessed radial distortion about the middle of the image (or of the dots)."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     middle = 0.5 * (low + high) if size is None else 0.5 * (np.array(size, dtype=np.float64) - 1.0)
     radius = float(np.linalg.norm(np.maximum(high - middle, middle - low)))
-    for bend in _BENDS:
-        yield bent_back(pixels, middle, bend / radius**2, tolerance)
-
-
-def bent_back(pixels: Floats, middle: Floats, bend: float, tolerance: float | None = None) -> View:
-    """middle + (pixels - middle) (1 + bend r^2)."""
     arm = pixels - middle
-    points = middle + arm * (1.0 + bend * (arm * arm).sum(axis=1, keepdims=True))
-    spacing = _spacing(points)
-    fine, reach = (tolerance, tolerance) if tolerance else _GUESSED
-    return View(points, spacing, fine * spacing, reach * spacing)
+    for bend in _BENDS:
+        points = middle + arm * (1.0 + bend / radius**2 * (arm * arm).sum(axis=1, keepdims=True))
+        spacing = _spacing(points)
+        yield View(points, spacing, _GUESSED[0] * spacing, _GUESSED[1] * spacing)
 
 
 def _spacing(points: Floats) -> float:
-    if len(points) < 2:
-        return 0.0
-    square = np.empty(len(points))
-    nearest_squares(np.ascontiguousarray(points), square)
-    return float(np.sqrt(median(square)))
+    return median(np.asarray(cKDTree(points).query(points, 2)[0])[:, 1]) if len(points) > 1 else 0.0
+
+
+def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
+    """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
+    nearest = np.empty(len(predicted), dtype=np.int64)
+    mutually_nearest(view.points, predicted, reach, nearest)
+    numbers = np.flatnonzero(nearest >= 0)
+    return nearest[numbers], numbers
+
+
+@compiled
+def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) -> None:
+    """For each of the places (n, 2) which of the points (m, 2) is nearest, if it is no further than `reach` and no
+    other place is nearer to that point; -1 where none is. A place that is nan has none. (Asked some times an image.)"""
+    closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
+    for i in range(len(places)):
+        out[i], least = -1, np.inf
+        for k in range(len(points)):
+            dx, dy = points[k, 0] - places[i, 0], points[k, 1] - places[i, 1]
+            square = dx * dx + dy * dy
+            if square < least:
+                out[i], least = k, square
+            if square < closest[k]:
+                closest[k], owner[k] = square, i
+        if not least <= reach * reach:
+            out[i] = -1
+    for i in range(len(places)):
+        if out[i] >= 0 and owner[out[i]] != i:
+            out[i] = -1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -156,12 +134,14 @@ class SelfMaps:
     """Maps S: x -> matrix x + shift, other than the identity, best first.
 
     matrix (m, 2, 2), shift (m, 2); image (m, n): the dot that S lays dot i on, or -1; mirrored (m,)
+    places (m, n, 2) mm: what S lays on dot i, S^-1 of its place: where the dots are if the target is mistaken so
     """
 
     matrix: Floats
     shift: Floats
     image: Ints
-    mirrored: npt.NDArray[np.bool_]
+    mirrored: Bools
+    places: Floats
 
 
 @lru_cache(maxsize=8)
@@ -187,7 +167,9 @@ def self_maps(target: Target, tolerance: float = 0.25) -> SelfMaps:
     matrix, shift, image, share = (a[(share >= _SHARE) & ~identity] for a in (matrix, shift, image, share))
     _, first = np.unique(image, axis=0, return_index=True)
     best = first[np.argsort(-share[first], kind="stable")][:_KEPT]
-    return SelfMaps(matrix[best], shift[best], image[best], np.linalg.det(matrix[best]) < 0.0)
+    matrix, shift = matrix[best], shift[best]
+    places = (dots - shift[:, None, :]) @ np.swapaxes(np.linalg.inv(matrix), 1, 2)
+    return SelfMaps(matrix, shift, image[best], np.linalg.det(matrix) < 0.0, places)
 
 
 def _frames(dots: Floats, tree: cKDTree) -> Ints:
@@ -245,15 +227,6 @@ def grid_homographies(view: View, target: Target) -> Iterator[Floats]:
                 yield grown
 
 
-def laid(homography: Floats, target: Target) -> Floats:
-    """Where the dots of the target (m, n, 2) are seen when it is laid as it is (first) or in each near-symmetry."""
-    maps = self_maps(target)
-    back = np.linalg.inv(maps.matrix)
-    others = (target.dots - maps.shift[:, None, :]) @ np.swapaxes(back, 1, 2)
-    places = np.concatenate([target.dots[None], others])
-    return mapped(homography, places.reshape(-1, 2)).reshape(places.shape)
-
-
 @lru_cache(maxsize=8)
 def _frame(target: Target) -> Ints | None:
     """A dot of the target with two neighbours at right angles, the most regular near the middle; None: it has none."""
@@ -290,22 +263,13 @@ def _grown(view: View, target: Target, frame: Ints, seen: Ints) -> Floats | None
     homography = _affine(dots[frame], view.points[seen])
     for growth in _GROWTH:
         near = np.flatnonzero(away < growth * side)
-        found, numbers = _pairs(view, mapped(homography, dots[near]))
+        found, numbers = pairs(view, mapped(homography, dots[near]), _REACH * view.spacing)
         if len(found) < max(_FEWEST, _SHARE * len(near)):
             return None
         fit = _affine if growth == _GROWTH[0] else fitted
         homography = fit(dots[near[numbers]], view.points[found])
-    explained = len(_pairs(view, mapped(homography, dots))[0])
+    explained = len(pairs(view, mapped(homography, dots), _REACH * view.spacing)[0])
     return homography if explained >= _SHARE * min(len(dots), len(view.points)) else None
-
-
-def _pairs(view: View, predicted: Floats) -> tuple[Ints, Ints]:
-    square = ((view.points[:, None] - predicted) ** 2).sum(axis=2)
-    square[np.isnan(square)] = np.inf
-    nearest = square.argmin(axis=0)
-    away = square[nearest, np.arange(len(predicted))]
-    numbers = np.flatnonzero(away <= (_REACH * view.spacing) ** 2)
-    return nearest[numbers], numbers
 
 
 def _affine(places: Floats, images: Floats) -> Floats:

@@ -135,23 +135,16 @@ def test_one_empty_component_makes_the_box_empty() -> None:
     assert empty != Box.empty(["x"])
 
 
-@settings(max_examples=200, deadline=None)
-@given(a=BOXES, b=BOXES, c=BOXES)
-def test_set_algebra(a: Box, b: Box, c: Box) -> None:
-    assert a & b == b & a
-    assert a | b == b | a
-    assert (a & b) & c == a & (b & c)
-    assert (a | b) | c == a | (b | c)
-    assert a & a == a == a | a
-    assert a & (a | b) == a
-    assert (a & b).subset(a)
-    assert a.subset(a | b)
-    assert a.subset(b) == (a & b == a)
-    assert a | Box.empty(NAMES) == a
-    assert (a & Box.empty(NAMES)).is_empty
+@settings(max_examples=100, deadline=None)
+@given(a=BOXES, b=BOXES)
+def test_set_algebra_is_that_of_the_components(a: Box, b: Box) -> None:
     for name in NAMES:
         assert (a | b)[name] == a[name] | b[name]
         assert (a & b).is_empty or (a & b)[name] == a[name] & b[name]
+    assert (a & b).is_empty == any((a[name] & b[name]).is_empty for name in NAMES)
+    assert a.subset(b) == (a & b == a)
+    assert a | Box.empty(NAMES) == a
+    assert (a & Box.empty(NAMES)).is_empty
 
 
 def test_points() -> None:
@@ -181,10 +174,7 @@ def test_equality_goes_by_names_and_bounds() -> None:
 @given(box=BOXES)
 def test_round_trips(box: Box) -> None:
     environment = {"Box": Box, "inf": math.inf}
-    for same in (
-        pickle.loads(pickle.dumps(box)),
-        eval(repr(box), environment),
-    ):
+    for same in (pickle.loads(pickle.dumps(box)), eval(repr(box), environment)):
         assert same == box
         assert hash(same) == hash(box)
         assert same.is_empty == box.is_empty

@@ -153,7 +153,7 @@ def test_constants_of_the_reductions() -> None:
     with precision(300):
         assert abs(arb.const_log2() - el.LN2_HI - el.LN2_LO) < 2.0**-85
         assert abs(arb.pi() / 2 - el.PIO2_1 - el.PIO2_2 - el.PIO2_3) < 2.0**-122
-        assert el.PI_LO < arb.pi() < el.PI_HI
+        assert el.PI[0] < arb.pi() < el.PI[1]
     for constant, bits in ((el.LN2_HI, 32), (el.PIO2_1, 33), (el.PIO2_2, 33)):
         numerator = Fraction(constant).numerator
         assert numerator.bit_length() <= bits
@@ -193,7 +193,7 @@ def test_ten_thousand_arguments_are_enclosed_tightly(name: str) -> None:
     ctx_before = ctx.prec
     widest = 0.0
     for x in sample(rng, exponents, domain, 10_000):
-        lo, hi = function(x, x)
+        lo, hi = function((x, x))
         with precision(180):
             value = exact(arb(float(x)))
             assert arb(lo) <= value.upper(), f"{name}({x!r})"
@@ -212,7 +212,7 @@ def test_intervals_hold_the_values_of_their_points(name: str) -> None:
     rng = np.random.default_rng(2)
     for _ in range(400):
         a, b = np.sort(rng.choice(sample(rng, (-3, min(exponents[1], 2)), domain, 30), 2))
-        lo, hi = function(a, b)
+        lo, hi = function((a, b))
         for x in rng.uniform(a, b, 3):
             with precision(120):
                 value = exact(arb(float(x)))
@@ -222,6 +222,6 @@ def test_intervals_hold_the_values_of_their_points(name: str) -> None:
 
 def test_outside_of_the_domain_nothing_is_left() -> None:
     for function, lo, hi in ((fn.log, -2.0, -1.0), (fn.log1p, -9.0, -2.0), (fn.asin, 2.0, 3.0), (fn.acos, -3.0, -2.0)):
-        assert np.isnan(function(lo, hi)).all()
-    assert fn.asin(0.0, 5.0)[1] >= np.pi / 2
-    assert fn.log(-1.0, 1.0)[0] == -np.inf
+        assert np.isnan(function((lo, hi))).all()
+    assert fn.asin((0.0, 5.0))[1] >= np.pi / 2
+    assert fn.log((-1.0, 1.0))[0] == -np.inf

@@ -163,7 +163,7 @@ def test_power(engine: Arithmetic, n: int, data: list[Pair]) -> None:
 @settings(max_examples=40, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_root(engine: Arithmetic, n: int, data: list[Pair]) -> None:
-    roots = np.array([in_arithmetic(engine.name).root(*map(np.float64, x), n) for x in data]).T
+    roots = np.array([in_arithmetic(engine.name).root(tuple(map(np.float64, x)), n) for x in data]).T
     for x, (lo, hi) in zip(data, results(IntervalArray(*roots)), strict=True):
         inside = [a for a in points(x) if n % 2 or a >= 0.0]
         values = [arb(abs(a)).root(n) * (1 if a > 0.0 else -1) if a else arb(0) for a in inside]

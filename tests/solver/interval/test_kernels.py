@@ -37,7 +37,7 @@ def test_no_factor_among_small_whole_numbers_is_lost() -> None:
     """All intervals with ends from -2 to 2, so that zero is in them, at their ends, and on both sides."""
     intervals = list(itertools.combinations_with_replacement(range(-2, 3), 2))
     for z, y, x in itertools.product(intervals, repeat=3):
-        low, high = factor(*map(float, (*z, *y, *x)))
+        low, high = factor(*(tuple(map(float, bounds)) for bounds in (z, y, x)))
         for a, b in itertools.product(range(x[0], x[1] + 1), range(y[0], y[1] + 1)):
             assert low <= a <= high or not z[0] <= a * b <= z[1], (z, y, x, a, b)
 

@@ -144,11 +144,5 @@ def test_decimals_far_beyond_the_floats_are_enclosed_at_once() -> None:
     assert all(np.isnan(bound) for bound in float_bounds(Decimal("nan")))
 
 
-@pytest.mark.parametrize("name", ["", " x", "x ", "a\nb", "a\x1b[2J", "\u2028", 5, None], ids=repr)
-def test_names_are_printable(name: Any) -> None:
-    with pytest.raises(ModelError, match="is no name"):
-        Box([name], [0], [1])
-
-
 def test_names_may_come_from_a_generator() -> None:
     assert Box((name for name in "ab"), [0, 1], [1, 2]).names == ("a", "b")  # type: ignore[arg-type]

@@ -133,7 +133,7 @@ def spread(value: float, other: float) -> Pair:
     return min(value, other), max(value, other)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(witnesses=st.lists(st.tuples(*[FINITE] * 5), min_size=1, max_size=6), point=st.booleans())
 def test_factor_never_loses_a_witness(
     engine: Arithmetic, witnesses: list[tuple[float, float, float, float, float]], point: bool
@@ -192,7 +192,7 @@ def test_factor_of_one(
             np.testing.assert_allclose([got.lo[0], got.hi[0]], expected or empty, rtol=1e-15, atol=1e-320)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_both_engines_agree_on_factors(data: st.DataObject) -> None:
     z, y, x = (data.draw(intervals(MODERATE, (6,))) for _ in range(3))

@@ -129,7 +129,7 @@ def holds(value: Real, lo: float, hi: float) -> bool:
     return lo <= hi and not (math.isfinite(lo) and value < arb(lo)) and not (math.isfinite(hi) and value > arb(hi))
 
 
-def interval(rng: np.random.Generator) -> tuple[float, float, Fraction]:
+def interval(rng: np.random.Generator) -> tuple[tuple[float, float], Fraction]:
     """Bounds about an anchor, wide or a few floats apart or infinite, and a rational number between them."""
     anchor = float(rng.choice(ANCHORS)) * float(rng.choice([-1.0, 1.0]))
     kind = rng.integers(5)
@@ -147,7 +147,7 @@ def interval(rng: np.random.Generator) -> tuple[float, float, Fraction]:
     point = Fraction(lo) + share * (Fraction(hi) - Fraction(lo))
     if kind == 4:
         lo, hi = (-math.inf, hi) if rng.integers(2) else (lo, math.inf)
-    return lo, hi, point
+    return (lo, hi), point
 
 
 def known(rng: np.random.Generator, value: Real, found: tuple[float, float]) -> tuple[float, float]:
@@ -204,27 +204,27 @@ def test_no_point_is_lost(name: str, engine: str) -> None:
     rng = np.random.default_rng(code)
     for _ in range(COUNT if engine == "float64" else COUNT // 6):
         n = int(rng.choice(EXPONENTS))
-        *a, x = interval(rng)
-        *b, y = interval(rng) if arity == 2 else (*a, x)
+        a, x = interval(rng)
+        b, y = interval(rng) if arity == 2 else (a, x)
         with precision(BITS):
             value = VALUES[name](x, y, n)
             if value is None or (isinstance(value, arb) and not value.is_finite()):
                 continue
-            found = sweeps.value(code, n, *a, *b)
+            found = sweeps.value(code, n, a, b)
             told = f"{name} {n}: {x} {y} in {a} {b}"
             assert holds(value, *found), f"{told}: {found}"
             z = known(rng, value, found)
-            first = sweeps.first_argument(code, n, *z, *a, *b)
+            first = sweeps.first_argument(code, n, z, a, b)
             assert holds(x, *first), f"{told}: result in {z}, first argument in {first}"
             if arity == 2:
-                second = sweeps.second_argument(code, n, *z, *a, *b)
+                second = sweeps.second_argument(code, n, z, a, b)
                 assert holds(y, *second), f"{told}: result in {z}, second argument in {second}"
-            if sweeps.quality(code, n, *a, *b) != CONTINUOUS:
+            if sweeps.quality(code, n, a, b) != CONTINUOUS:
                 continue
-            bounds = sweeps.partials(code, n, *found, *a, *b)
-            for derivative, lo, hi in zip(derivatives(name, x, y, n), bounds[::2], bounds[1::2], strict=True):
+            bounds = sweeps.partials(code, n, found, a, b)
+            for derivative, bound in zip(derivatives(name, x, y, n), bounds, strict=True):
                 if derivative is not None:
-                    assert holds(derivative, lo, hi), f"{told}: derivative in {lo, hi}"
+                    assert holds(derivative, *bound), f"{told}: derivative in {bound}"
 
 
 @pytest.mark.parametrize("engine", ["float64", "arb"])
@@ -245,16 +245,16 @@ def test_slopes_hold_every_secant(name: str, engine: str) -> None:
     rng = np.random.default_rng(code + 100)
     for _ in range(COUNT // 2 if engine == "float64" else COUNT // 10):
         n = int(rng.choice(EXPONENTS))
-        *a, x = interval(rng)
-        *b, y = interval(rng) if arity == 2 else (*a, x)
+        a, x = interval(rng)
+        b, y = interval(rng) if arity == 2 else (a, x)
         if math.inf in (*a, *b) or -math.inf in (*a, *b):
             continue
         c = [float(min(max(below(p), i[0]), i[1])) for p, i in ((x, a), (y, b))]
-        at_c = (c[0], c[0], c[1], c[1]) if arity == 2 else (c[0], c[0], c[0], c[0])
+        at_c = (c[0], c[0]), ((c[1], c[1]) if arity == 2 else (c[0], c[0]))
         if sweeps.quality(code, n, *at_c) != CONTINUOUS:
             continue
-        center, anywhere = (*sweeps.value(code, n, *at_c), *at_c), (*sweeps.value(code, n, *a, *b), *a, *b)
-        if not (center[0] <= center[1] and anywhere[0] <= anywhere[1]):
+        center, anywhere = ((sweeps.value(code, n, *pair), *pair) for pair in (at_c, (a, b)))
+        if not (center[0][0] <= center[0][1] and anywhere[0][0] <= anywhere[0][1]):
             continue
         bounds = sweeps.slopes(code, n, center, anywhere)
         with precision(BITS):
@@ -274,5 +274,4 @@ def test_slopes_hold_every_secant(name: str, engine: str) -> None:
                     one, two = ball(one), ball(two)
                 secant = (one - two) / (u - exact[k] if isinstance(one, Fraction) else ball(u - exact[k]))
                 if isinstance(secant, Fraction) or secant.is_finite():
-                    lo, hi = bounds[2 * k], bounds[2 * k + 1]
-                    assert holds(secant, lo, hi), f"{name} {n}: {c} to {moved} in {a} {b}: {lo, hi}"
+                    assert holds(secant, *bounds[k]), f"{name} {n}: {c} to {moved} in {a} {b}: {bounds[k]}"

@@ -114,7 +114,7 @@ def test_derivatives_by_variables_and_readings_equal_differences(name: str) -> N
     tape = rows.tape
     slots = tape.forward(ENGINE, IntervalArray.point(point[None]), rows.centers)
     found = tape.gradients(ENGINE, tape.derivatives(ENGINE, slots[0])).lo[tape.reach.entry]
-    expected = np.zeros((tape.first, tape.count))
+    expected = np.zeros((tape.program.first, tape.count))
     for k in range(tape.size):
         up, down = (rows.values(point + s * step * np.eye(15)[k], rows.centers) for s in (1, -1))
         expected[k] = (up - down) / (2 * step)

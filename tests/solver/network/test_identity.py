@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from contractors import HC4
+from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box, Interval, IntervalArray
@@ -195,7 +195,8 @@ def test_long_expressions_go_through_pickle_and_copy() -> None:
     net.add(again <= 0)
     other = pickle.loads(pickle.dumps(net))
     assert other.digest == net.digest == copy.deepcopy(net).digest
-    assert (-1.0,) in pickle.loads(pickle.dumps(HC4(net))).contract(net.domain).box
+    for contractor in (HC4(net), Lifted(net)):
+        assert (-1.0,) in pickle.loads(pickle.dumps(contractor)).contract(net.domain).box
 
 
 def test_what_a_callback_adds_is_no_part_of_the_answer() -> None:

@@ -83,7 +83,7 @@ FORMULAS: dict[str, Pair] = {
 
 def test_formulas_use_every_operation_of_the_table() -> None:
     net, x, y = variables()
-    used = {code for make, _ in FORMULAS.values() for code in Tape(net, [make(x, y)]).code.tolist()}
+    used = {code for make, _ in FORMULAS.values() for code in Tape(net, [make(x, y)]).program.code.tolist()}
     assert set(CODES.values()) <= used
 
 

@@ -26,7 +26,7 @@ from cpcal.solver.network import (
     sqrt,
 )
 from cpcal.solver.network import coefficient as coef
-from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.rows import DecisiveReadings
 
 SEEDS = st.integers(0, 2**32 - 1)
 ENGINES = ["float64", "arb"]

@@ -221,9 +221,9 @@ def test_owners_of_readings() -> None:
         tape = Tape(net, [root])
         assert exclusive(tape) == alone
         if alone and element:
-            found = np.full(tape.first, -1)
+            found = np.full(tape.program.first, -1)
             found[tape.reach.leaf] = tape.reach.row
-            assert found[tape.given :].tolist() == element
+            assert found[tape.program.given :].tolist() == element
 
 
 def test_prover_changes_nothing() -> None:
