@@ -16,13 +16,10 @@ from cpcal.checker.hand_eye import HAND_EYE_NAME, WRONG_NAME
 from cpcal.files.codec import INFORMATION, keys_of
 from cpcal.handeye.certify import HandEyeResult
 from cpcal.handeye.wrong_images import WrongImages
-from cpcal.questions import COMPARISON_NAME, RESULT_NAME, Comparison, Result
-from cpcal.questions.fits import FITS_NAME, CertifiedFits
+from cpcal.questions import RESULT_NAME, Result
 
 FILES = {
     RESULT_NAME: Result,
-    COMPARISON_NAME: Comparison,
-    FITS_NAME: CertifiedFits,
     ACCURACY_NAME: Accuracy,
     HAND_EYE_NAME: HandEyeResult,
     WRONG_NAME: WrongImages,

@@ -53,9 +53,20 @@ def test_the_version_help_and_a_mistyped_verb_load_no_verb():
         assert "cpcal.cli.certify" not in loaded
 
 
-def test_a_verb_loads_no_other_verb_s_libraries():
-    code = "import sys, cpcal.cli.solve, cpcal.cli.campaign; print(*sys.modules)"
-    assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(interpreted(code).split())
+def test_verbs_load_what_they_need_and_pages_no_plotting_library():
+    """One after the other in one interpreter."""
+    code = """
+import sys, cpcal.cli.verify
+print(*sys.modules)
+import cpcal.cli.solve, cpcal.cli.campaign
+print(*sys.modules)
+import cpcal.cli.certify, cpcal.report.run_page, cpcal.report.study_page
+print(*sys.modules)
+"""
+    verify, solve, pages = (set(line.split()) for line in interpreted(code).splitlines())
+    assert HEAVY.isdisjoint(verify)
+    assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(solve)
+    assert "matplotlib" not in pages
 
 
 def test_verify_loads_no_solver_and_begins_without_arrays(tmp_path):
@@ -64,12 +75,6 @@ def test_verify_loads_no_solver_and_begins_without_arrays(tmp_path):
     loaded = loaded_by(["verify", "-q", str(tmp_path)])
     assert {"numba", "scipy", "flint", "cv2", "matplotlib", "jinja2"}.isdisjoint(loaded)
     assert {"cpcal.checker.lens", "cpcal.checker.pose_claim", "cpcal.checker.robust_claim"}.isdisjoint(loaded)
-    assert HEAVY.isdisjoint(interpreted("import sys, cpcal.cli.verify; print(*sys.modules)").split())
-
-
-def test_pages_and_their_figures_need_no_plotting_library():
-    code = "import sys, cpcal.cli.certify, cpcal.report.run_page, cpcal.report.study_page; print(*sys.modules)"
-    assert "matplotlib" not in interpreted(code).split()
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,8 @@ class _Check:
         p, x = self.problem, Unknowns(Box(at, at), self.lines.spend)
         good = p.chosen if holds == "all" else ascending(p.count)(holds)
         bad = tuple(k for _, k, _ in fails)
+        if len(set(bad)) < len(bad):
+            raise Refused("a measurement stands twice in fails")
         if readings is None:
             readings = ("0" * (READINGS if p.model else 0),) * len(good)
         if len(readings) != len(good) or not self.chosen.issuperset((*good, *bad)):

@@ -18,7 +18,7 @@ from .readers import finite, shown
 from .refusal import Refused, Unusable
 
 RESULT_NAME, INFORMATION = "result.json", "information"
-RESULT_FORMAT = "cpcal-result/7"
+RESULT_FORMAT = "cpcal-result/8"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
@@ -191,9 +191,9 @@ def of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Itera
     delta = exact(result["options"]["delta"])
     bracket = leg["bracket"]
     center = bracket["center"] if "center" in bracket else bracket[INFORMATION]["center"]
-    sides = [(exact(c), delta) for c in center[:7]]
+    yield "size of the center", len(center), len(PARAMETERS)
+    sides = [(exact(c), delta) for c in center]
     sides += [(F(0), exact(p["half_width"])) for p in result["model"]["parameters"]]
-    yield "size of the center", len(center), len(sides)
     yield "number of parameters", len(sides), len(accepted.lo) - 1
     for i, (middle, half) in enumerate(sides):
         low, high = middle - half, middle + half

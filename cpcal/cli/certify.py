@@ -6,9 +6,8 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.text import Text
@@ -32,25 +31,20 @@ from cpcal.cli.progress import Legs as LegsProgress
 from cpcal.cli.sections import STYLES, show, show_table
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
-from cpcal.common.numbers import nearest, stated
+from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import COMPARED, REPORT_NAME, RUN, answers_into, locked
+from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
 from cpcal.questions import (
-    Comparison,
-    Entry,
-    Explained,
     Result,
-    comparison_text,
     load_result,
     result_text,
-    save_comparison,
     save_result,
     verdict_of,
 )
-from cpcal.questions.ask import answered, checked_options
-from cpcal.questions.compare import compared, comparison_question
+from cpcal.questions.ask import answered, question_of
+from cpcal.questions.compare import comparison
 from cpcal.questions.question import HERE, Checkpoints, Question
 from cpcal.report import (
     FRAME,
@@ -66,13 +60,12 @@ from cpcal.report import (
 )
 from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
-    COMPARISON_PAGE,
     CampaignRow,
     comparison_lines,
     comparison_sentences,
     comparison_table,
+    passing,
     row_of,
-    said,
     write_campaigns,
     write_comparison,
 )
@@ -157,8 +150,7 @@ def _record(result: Result) -> None:
 
 def certified_into(
     run: Path,
-    campaign: Campaign,
-    given: Mapping[str, Any],
+    question: Question,
     *,
     talk: Talk,
     as_json: bool = False,
@@ -166,20 +158,19 @@ def certified_into(
     place: Place = HERE,
     resume: bool = False,
 ) -> Result:
-    """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
+    """Answer a question, write the run, print the answer.
 
     `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
     checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
     stays.
     """
-    options, model = checked_options(campaign, **given)
-    record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
-    kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
-    question = Question(campaign=campaign, options=options, model=model, checkpoints=kept, whole=True)
+    campaign = question.campaign
+    record("certify", robot=campaign.robot.name, measurements=len(campaign), options=question.options)
+    kept = Checkpoints.for_run(run, question, resume=resume)
 
     def find(draft: Path) -> Result:
         kept.begin()
-        here = replace(question, certificates=draft)
+        here = replace(question, certificates=draft, checkpoints=kept)
         try:
             with line(talk.errors) as shown:
                 result = answered(replace(here, progress=_recorded(LegsProgress(shown))), place)
@@ -196,7 +187,7 @@ def certified_into(
         if as_json:
             typer.echo(result_text(result), nl=False)
         elif not talk.quiet:
-            show_result(talk, campaign, result, model)
+            show_result(talk, campaign, result, question.model)
             if failure is None:
                 talk.say(f"Report: {run / REPORT_NAME}")
         if failure is not None and any(kept.folder.glob("*.answer")):
@@ -254,7 +245,7 @@ def status_of(result: Result) -> Status:
     if result.options.tolerance is None:
         good = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
     else:
-        good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
+        good = all(verdict_of(result, leg).passes for leg in result.legs)
     return Status.ANSWERED if good else Status.UNKNOWN
 
 
@@ -292,16 +283,13 @@ class CampaignWork:
         """Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into."""
         campaign = task.campaign
         with nullcontext() if task.run is None else locked(task.run):
-            options, model = checked_options(campaign, **self.given)
-            kept = None
+            question, kept = question_of(campaign, **self.given), None
             if task.run is not None:
-                kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
+                kept = Checkpoints.for_run(task.run, question, resume=self.resume)
                 kept.begin()
             with linear_algebra_on_one_thread(), scratch_folder() as folder:
-                question = Question(
-                    campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
-                )
-                result = _something(answered(question))
+                asked_here = replace(question, certificates=folder, checkpoints=kept, whole=True)
+                result = _something(answered(asked_here))
                 save_result(result, folder, campaign)
                 write_report(campaign, result, folder, checker=self.checker)
                 files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
@@ -386,14 +374,15 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
 
     Of a user-defined model nothing is kept: its equations may be others by now, and no result holds them.
     """
-    options, model = checked_options(campaign, **given)
-    if not built_in(model):
+    question = question_of(campaign, **given)
+    if not built_in(question.model):
         return None
     try:
         found = load_result(run)
     except InputError:
         return None
-    same = (found.options, found.version, found.campaign_sha256) == (options, __version__, campaign_sha256(campaign))
+    known = (found.options, found.version, found.campaign_sha256)
+    same = known == (question.options, __version__, campaign_sha256(campaign))
     return found if same and not found.interrupted else None
 
 
@@ -429,28 +418,6 @@ def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, t
 # The verb.
 
 
-class Center(StrEnum):
-    FIT = "fit"
-    PLAIN = "plain"
-    NOMINAL = "nominal"
-
-
-class Engine(StrEnum):
-    FLOAT64 = "float64"
-    ARB = "arb"
-
-
-class MethodName(StrEnum):
-    BOUND = "bound"
-    TIMEOUT = "timeout"
-
-
-class Support(StrEnum):
-    FEW = "few"
-    IRREDUCIBLE = "irreducible"
-    NONE = "none"
-
-
 @dataclass(frozen=True)
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
@@ -472,17 +439,21 @@ class CertifyFlags:
     time_limit: TimeLimit = None
     eps: Annotated[float | None, expert(metavar="MM", help="Ask instead whether any parameters reach this eps.")] = None
     delta: Annotated[float, expert(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
-    center: Annotated[Center, expert(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
+    center: Annotated[
+        Literal["fit", "plain", "nominal"], expert(help="Middle of that box: a least-squares fit, or nominal.")
+    ] = "fit"
     gap: Annotated[float, expert(help="Relative width at which the bracket counts as closed.")] = 1e-6
     node_limit: Annotated[int | None, expert(metavar="N", min=1, help="Boxes a leg, at most.")] = None
     contractors: Annotated[str, expert(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
-    arithmetic: Annotated[Engine, expert(help="Rigorous arithmetic.")] = Engine.FLOAT64
+    arithmetic: Annotated[Literal["float64", "arb"], expert(help="Rigorous arithmetic.")] = "float64"
     support: Annotated[
-        Support, expert(help="Few measurements that prove the bound alone, or none that could be left out.")
-    ] = Support.FEW
+        Literal["few", "irreducible", "none"],
+        expert(help="Few measurements that prove the bound alone, or none that could be left out."),
+    ] = "few"
     method: Annotated[
-        MethodName, expert(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
-    ] = MethodName.BOUND
+        Literal["bound", "timeout"],
+        expert(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
+    ] = "bound"
     half_width: Annotated[
         list[str] | None, expert(metavar="NAME=X", help="Of an extra parameter of the model; repeat for others.")
     ] = None
@@ -491,12 +462,14 @@ class CertifyFlags:
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
-        shared = ("time_limit", "delta", "gap", "eps", "tolerance", "outliers", "node_limit", "model")
+        shared = [
+            *("time_limit", "delta", "gap", "eps", "tolerance", "outliers", "node_limit", "model"),
+            *("center", "arithmetic", "support", "method"),
+        ]
         return {name: getattr(self, name) for name in shared} | {
             "legs": numbers_of(self.legs),
             "contractors": names_of(self.contractors),
             "half_widths": half_widths_of(self.half_width or []),
-            **{name: getattr(self, name).value for name in ("center", "arithmetic", "support", "method")},
         }
 
     def only(self, *names: str, where: Where, because: str) -> None:
@@ -564,12 +537,11 @@ def certify(
         return _models_compared(campaign, run, models, options, where, talk)
     if options.outliers:
         options.only(*_WITH_OUTLIERS, where=where, because="with --outliers")
-    given = options.given()
     check_target(run, RUN, campaign)
     with where.place() as place:
-        measured, checker = warn(load_campaign(campaign)), not options.no_checker
-        how: dict[str, Any] = {"talk": talk, "as_json": options.as_json, "checker": checker, "resume": where.resume}
-        return status_of(certified_into(run, measured, given, place=place, **how))
+        question = replace(question_of(warn(load_campaign(campaign)), **options.given()), whole=True)
+        how: dict[str, Any] = {"as_json": options.as_json, "checker": not options.no_checker, "resume": where.resume}
+        return status_of(certified_into(run, question, talk=talk, place=place, **how))
 
 
 def names_of(text: str) -> tuple[str, ...]:
@@ -591,56 +563,42 @@ def half_widths_of(texts: list[str]) -> dict[str, float]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# With several models: the same of each, side by side.
+# With several models: a run of each in a folder of its own, and a page that compares them.
 
 
 def _models_compared(
-    campaign: Path, run: Path, models: tuple[str, ...], options: CertifyFlags, where: Where, talk: Talk
+    campaign: Path, runs: Path, models: tuple[str, ...], options: CertifyFlags, where: Where, talk: Talk
 ) -> Status:
     """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
-    known = ("tolerance", "legs", "time_limit", "delta", "gap", "arithmetic")
-    options.only(
-        *known, "model", "as_json", "workers", "scheduler", "memory_limit", where=where, because="with several models"
-    )
+    known = ("tolerance", "legs", "time_limit", "delta", "gap", "arithmetic", "contractors", "node_limit")
+    places = ("workers", "scheduler", "memory_limit", "resume")
+    options.only(*known, *places, "model", "no_checker", where=where, because="with several models")
     given = {name: value for name, value in options.given().items() if name in known}
-    check_target(run, COMPARED, campaign)
-    measured = warn(load_campaign(campaign))
-    question, chosen = comparison_question(measured, models, **given)
-    errors = talk.errors
-
-    def tell(entry: Entry) -> None:
-        record("entry", subject=entry.subject, model=entry.model, eps_lo=entry.eps_lo, eps_hi=entry.eps_hi)
-        errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
-
-    def write(found: Comparison, draft: Path) -> None:
-        save_comparison(found, draft)
-        write_comparison(found, draft)
-
-    def show(found: Comparison, failure: InputError | None) -> None:
-        if options.as_json:
-            typer.echo(comparison_text(found), nl=False)
+    questions, found = comparison(warn(load_campaign(campaign)), models, **given), dict[str, Result]()
+    check_writable(runs)
+    how: dict[str, Any] = {"checker": not options.no_checker, "resume": where.resume, "talk": replace(talk, quiet=True)}
+    with locked(runs), where.place() as place:
+        for question in questions:
+            name = question.model.name
+            try:
+                found[name] = certified_into(runs / name, question, place=place, **how)
+            except Stopped:
+                if not found:
+                    raise
+                break
+            if found[name].interrupted:
+                break
+        stopped = len(found) < len(questions) or any(result.interrupted for result in found.values())
+        page = write_comparison(found, runs, stopped=stopped)
         if talk.verbose:
-            table = comparison_table(found)  # without the ranges of extra parameters, which the page has
-            show_table(talk, replace(table, head=table.head[:6], rows=tuple(row[:6] for row in table.rows)))
-            talk.say(*map(printable, comparison_sentences(found)))
+            show_table(talk, comparison_table(found))
+            talk.say(*map(printable, comparison_sentences(found)), f"{QUANTIFIER} {LONGER}")
         else:
-            talk.say(*comparison_lines(found))
-        talk.say(said(found) if talk.verbose else SHORT_QUANTIFIER, style="italic")
-        if failure is None:
-            talk.say(f"Page: {run / COMPARISON_PAGE}")
-
-    with where.place(resumable=False) as place:
-        found = answer(
-            run,
-            COMPARED,
-            lambda draft: compared(replace(question, certificates=draft), chosen, tell, place),
-            write,
-            show,
-            measured,
-        )
-        if found.interrupted:
+            talk.say(*comparison_lines(found), SHORT_QUANTIFIER)
+        talk.say(f"Page: {page}")
+        if stopped:
             return Status(asked() or Reason.INTERRUPTED)
-    if (at := found.tolerance) is None:
+    if options.tolerance is None:
         return Status.ANSWERED
-    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at, found.options), Explained)}
-    return Status.ANSWERED if passed == {entry.subject for entry in found.entries} else Status.UNKNOWN
+    legs = {leg.leg for result in found.values() for leg in result.legs}
+    return Status.ANSWERED if all(passing(found, leg) for leg in legs) else Status.UNKNOWN

@@ -35,15 +35,15 @@ from cpcal.cli.progress import Legs, line
 from cpcal.cli.report import study_found
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, bracket_text, nearest, stated
-from cpcal.common.values import Floats
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
 from cpcal.questions import Result, certify, save_result
+from cpcal.questions.ask import question_of
 from cpcal.questions.fits import certify_fits
 from cpcal.report.section import Picture, picture
 from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
-from cpcal.robot import DELTALAB, Campaign, PoseTable, Study, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot import DELTALAB, Campaign, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
@@ -110,8 +110,8 @@ def demo(
     _fits(campaign, record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
-        given = {"legs": PLAN.legs}
-        return _unless_stopped(lambda: certified_into(folder / name, of, given, talk=talk, resume=resume))
+        question = replace(question_of(of, legs=PLAN.legs), whole=True)
+        return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
 
     result = run(RUN, campaign)
     _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
@@ -245,7 +245,7 @@ def _pixel_campaign(
 
 _PACE = 14_784 / (3 * 3600.0)  # of the paper, images a second
 _PICTURES, _WIDTH = 6, 480
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_AXES = ("x [µm]", "y [µm]", "z [µm]", "rx [10⁻³ °]", "ry [10⁻³ °]", "rz [10⁻³ °]")
 
 
 def _images_found(
@@ -283,17 +283,15 @@ def _images_found(
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
         "each leg, for both campaigns:"
     )
-    widths: list[tuple[str, ...]] = []
-    for name, one in zip((f"pixels ±{stated(HALF_WIDTH)}", "repeats, as in table 3"), campaigns, strict=True):
-        sides = (one.position_radius, np.degrees(one.rotation_radius))
-        widths.append((name, *(nearest(float(v), 1) for side in sides for v in 1e3 * np.median(side, axis=0))))
-    brackets: list[tuple[str, ...]] = []
-    for name, result in zip(("pixels", "repeats"), results, strict=True):
+    widths: list[tuple[str, ...]] = [("half-width, median", *_AXES)]
+    brackets: list[tuple[str, ...]] = [("leg", *(str(leg.leg) for leg in results[1].legs))]
+    for name, one, result in zip(("pixels", "repeats"), campaigns, results, strict=True):
+        radii = 1e3 * np.hstack([one.position_radius, np.degrees(one.rotation_radius)])
+        of = f"pixels ±{stated(HALF_WIDTH)}" if name == "pixels" else "repeats, as in table 3"
+        widths.append((of, *(nearest(float(v), 1) for v in np.median(radii, axis=0))))
         bounds = [bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in result.legs]
         brackets.append((f"{name}: none below [mm]", *(lo for lo, _ in bounds)))
         brackets.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
-    head = ("half-width, median", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES)))
-    legs = ("leg", *(str(leg.leg) for leg in results[1].legs))
     return ImagesFound(
         (
             ImagePart(
@@ -304,8 +302,8 @@ def _images_found(
             ),
             ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
             ImagePart("Time", (_pace(done),)),
-            ImagePart("Reading sets from pixels", (enclosed,), (head, *widths)),
-            ImagePart("", (again,), (legs, *brackets)),
+            ImagePart("Reading sets from pixels", (enclosed,), tuple(widths)),
+            ImagePart("", (again,), tuple(brackets)),
         )
     )
 
@@ -341,29 +339,23 @@ def _counts(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
 
 
 def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    """Of all images, in the camera frame."""
+    """Of all images, in the camera frame: errors in µm, and in 10⁻³ ° of the rotation vector."""
     errors, sigmas = [], []
     for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
-        true = dict(zip(done.shots[name].names, range(len(table)), strict=True))
-        values = values_of(found.rows)
-        errors.append(_pose_errors(values, table, [true[row.file] for row in found.rows if row.found]))
+        row_of = {image: row for row, image in enumerate(done.shots[name].names)}
+        rows, values = [row_of[row.file] for row in found.rows if row.found], values_of(found.rows)
+        turn = quaternion_product(values[:, QUATERNION], quaternion_conjugate(table.quaternion[rows]))
+        errors.append(np.hstack([values[:, POSITION] - table.position[rows], rotation_vector(turn)]))
         sigmas.append(values[:, SIGMA])
-    error, sigma = np.concatenate(errors), np.concatenate(sigmas)
     scaled = np.where(np.arange(6) < 3, 1e3, 1e3 * 180.0 / math.pi)
+    error, sigma = np.concatenate(errors) * scaled, np.concatenate(sigmas) * scaled
     shown = {
-        "error, RMS": np.sqrt(np.mean(error**2, axis=0)) * scaled,
-        "error, largest": np.abs(error).max(axis=0) * scaled,
-        "stated standard deviation, RMS": np.sqrt(np.mean(sigma**2, axis=0)) * scaled,
+        "error, RMS": np.sqrt(np.mean(error**2, axis=0)),
+        "error, largest": np.abs(error).max(axis=0),
+        "stated standard deviation, RMS": np.sqrt(np.mean(sigma**2, axis=0)),
         "error / its stated deviation, RMS": np.sqrt(np.mean((error / sigma) ** 2, axis=0)),
     }
-    rows = tuple((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items())
-    return (("", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES))), *rows)
-
-
-def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
-    """(m, 6): mm, and rad of the rotation vector in the camera frame."""
-    turn = quaternion_product(values[:, QUATERNION], quaternion_conjugate(table.quaternion[rows]))
-    return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)
+    return (("", *_AXES), *((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items()))
 
 
 def _pace(done: ImageStudy) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -197,26 +197,25 @@ def certify(
         return _next(_chosen(load_hand_eye(folder), images), poses, count, tolerance, talk)
     if run is None:
         raise InputError([Problem("option --output", "is missing", "name a folder for the run")])
-    if wrong is not None:
-        if gap != GAP or time_limit is not None:
-            raise InputError(
-                [Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")]
-            )
-        return _wrong(folder, run, images, wrong, within, tolerance, talk)
-    check_target(run, HANDEYE)
-    loaded = _chosen(load_hand_eye(folder), images)
+    if wrong is not None and (gap != GAP or time_limit is not None):
+        raise InputError([Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")])
+    check_target(run, HANDEYE if wrong is None else HANDEYE_WRONG)
+    study = _chosen(load_hand_eye(folder), images)
+    asked: dict[str, Any] = {"within": Within.parsed(within), "tolerance": tolerance, "tell": talk.progress()}
+    if wrong is None:
+        limit = np.inf if time_limit is None else time_limit
+        good = _certified(talk, run, study, asked | {"gap": gap, "time_limit": limit})
+    else:
+        good = _wrong(talk, run, study, wrong, asked)
+    return Status.ANSWERED if good else Status.UNKNOWN
+
+
+def _certified(talk: Talk, run: Path, study: HandEyeStudy, asked: dict[str, Any]) -> bool:
+    """Whether the bracket is closed, or the tolerance met."""
 
     def find(draft: Path) -> HandEyeResult:
-        _keep(loaded, draft)
-        return certify_hand_eye(
-            loaded,
-            within=Within.parsed(within),
-            tolerance=tolerance,
-            gap=gap,
-            certificates=draft,
-            time_limit=np.inf if time_limit is None else time_limit,
-            tell=talk.progress(),
-        )
+        (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
+        return certify_hand_eye(study, certificates=draft, **asked)
 
     def write(found: HandEyeResult, draft: Path) -> None:
         save_hand_eye_result(found, draft)
@@ -225,18 +224,33 @@ def certify(
     def show(found: HandEyeResult, failure: InputError | None) -> None:
         talk.say(*sentences(found))
         if not found.ranges.empty:
-            sides = zip(found.ranges.low, found.ranges.high, strict=True)
-            rows = [
-                (name, rounded_down(low, 3), rounded_up(high, 3), unit)
-                for (name, unit), (low, high) in zip(names_of(found.setup), sides, strict=True)
-            ]
+            sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
+            rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]
             talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
         if failure is None:
             talk.say(f"Page: {run / HAND_EYE_PAGE}")
 
     found = answer(run, HANDEYE, find, write, show)
-    good = found.complete if found.tolerance is None else found.passes
-    return Status.ANSWERED if good else Status.UNKNOWN
+    return found.complete if found.tolerance is None else bool(found.passes)
+
+
+def _wrong(talk: Talk, run: Path, study: HandEyeStudy, wrong: int, asked: dict[str, Any]) -> bool:
+    """Whether a lower end is proved."""
+
+    def find(draft: Path) -> WrongImages:
+        (draft / STUDY_NAME).write_bytes(study_json(study))
+        return find_wrong_images(study, wrong, draft, **asked)
+
+    def write(found: WrongImages, draft: Path) -> None:
+        save_wrong_images(found, draft)
+        write_wrong_images(study, found, draft)
+
+    def show(found: WrongImages, failure: InputError | None) -> None:
+        talk.say(*wrong_sentences(found))
+        if failure is None:
+            talk.say(f"Page: {run / WRONG_PAGE}")
+
+    return answer(run, HANDEYE_WRONG, find, write, show).eps_lo > 0.0
 
 
 def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
@@ -248,34 +262,6 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
         what = f"names {strange[0]!r:.60}, which is no image" if strange else "names an image twice"
         raise InputError([Problem("option --images", what, "give names of poses.csv, each once, by commas")])
     return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
-
-
-def _keep(study: HandEyeStudy, draft: Path) -> None:
-    """The study itself, for whoever checks the run."""
-    (draft / STUDY_NAME).write_bytes(study_json(study))
-
-
-def _wrong(
-    folder: Path, run: Path, images: str | None, wrong: int, within: str, tolerance: float | None, talk: Talk
-) -> Status:
-    check_target(run, HANDEYE_WRONG)
-    loaded, around = _chosen(load_hand_eye(folder), images), Within.parsed(within)
-
-    def find(draft: Path) -> WrongImages:
-        _keep(loaded, draft)
-        return find_wrong_images(loaded, wrong, draft, within=around, tolerance=tolerance, tell=talk.progress())
-
-    def write(found: WrongImages, draft: Path) -> None:
-        save_wrong_images(found, draft)
-        write_wrong_images(loaded, found, draft)
-
-    def show(found: WrongImages, failure: InputError | None) -> None:
-        talk.say(*wrong_sentences(found))
-        if failure is None:
-            talk.say(f"Page: {run / WRONG_PAGE}")
-
-    found = answer(run, HANDEYE_WRONG, find, write, show)
-    return Status.ANSWERED if found.eps_lo > 0.0 else Status.UNKNOWN
 
 
 def _next(study: HandEyeStudy, poses: Path, count: int, tolerance: float | None, talk: Talk) -> Status:

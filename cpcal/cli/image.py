@@ -444,20 +444,18 @@ def _table(rows: Sequence[Enclosed]) -> str:
 def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> int:
     """Counts, reasons and widths; how many are proved."""
     sets = [one.found for one in rows if one.found is not None]
-    proved, refuted, unknown = (
-        [one for one in sets if one.verdict is verdict]
-        for verdict in (Verdict.PROVED, Verdict.REFUTED, Verdict.UNKNOWN)
-    )
+    proved = [one for one in sets if one.verdict is Verdict.PROVED]
+    refuted = sum(one.verdict is Verdict.REFUTED for one in sets)
     talk.say(
-        f"{len(rows)} images: {len(proved)} poses enclosed, {len(refuted)} refuted (no pose shows the dots "
-        f"so), both proved; {len(unknown)} unknown, {len(rows) - len(sets)} not measured."
+        f"{len(rows)} images: {len(proved)} poses enclosed, {refuted} refuted (no pose shows the dots so), both "
+        f"proved; {len(sets) - len(proved) - refuted} unknown, {len(rows) - len(sets)} not measured."
     )
     for one in [one for one in rows if one.reason][:_TOLD]:
         talk.say(f"  {one.file}: {one.reason}")
     if proved:
         position = np.median([one.position_radius for one in proved], axis=0)
         turn = np.degrees(np.median([one.rotation_radius for one in proved], axis=0))
-        sides = " x ".join(at_most(float(v), 2) for v in position), " x ".join(at_most(float(v), 2) for v in turn)
-        talk.say(f"Half-widths, median: {sides[0]} mm, {sides[1]} degrees. Table: {folder / TABLE}")
+        widths = [" x ".join(at_most(float(v), 2) for v in side) for side in (position, turn)]
+        talk.say(f"Half-widths, median: {widths[0]} mm, {widths[1]} degrees. Table: {folder / TABLE}")
     talk.say(f"Certificates: cpcal verify {folder}")
     return len(proved)

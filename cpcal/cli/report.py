@@ -21,7 +21,7 @@ from cpcal.cli.options import (
     check_writable,
     output,
 )
-from cpcal.cli.verified import other_fits, stated_otherwise
+from cpcal.cli.verified import stated_otherwise
 from cpcal.cli.verify import check_all, checked_certificates, checked_legs, result_of
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import write_file
@@ -30,7 +30,7 @@ from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.handeye.certify import load_hand_eye_result
 from cpcal.handeye.verify import verify_hand_eye
 from cpcal.questions import Result, load_result
-from cpcal.questions.fits import load_fits
+from cpcal.questions.fits import fits_of
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_page import HAND_EYE_FORMS
 from cpcal.report.run_page import frames_of_run, render
@@ -44,9 +44,9 @@ from cpcal.robot import Campaign
 def study_found(folder: Path) -> tuple[bool, StudyFound]:
     """What the folder holds, and whether the checker, asked now, accepts all its certificates. Raises InputError."""
     campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
-    fits, result, timeout = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / TIMEOUT)
-    parts = (FITS, RUN, PIXEL_RUN)
-    accepted, said = check_all(folder / part for part in parts)
+    result, timeout = load_result(folder / RUN), load_result(folder / TIMEOUT)
+    found = {part: checked_certificates(folder / part) for part in (FITS, RUN, PIXEL_RUN)}
+    accepted, said = check_all(found.values())
     if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
         from cpcal.checker.pose_claim import check_pose_sets
 
@@ -59,7 +59,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     return accepted, StudyFound(
         campaign=campaign,
         record=record,
-        fits=fits,
+        fits=fits_of(folder / FITS, found[FITS]),
         result=result,
         timeout=timeout,
         checked=said,
@@ -140,11 +140,8 @@ def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     for run in (folder / RUN, folder / PIXEL_RUN):
         if run.is_dir():
             _stop(run, [*_refused(run), *stated_otherwise(load_campaign_json(run), load_result(run))])
-    claimed = checked_certificates(folder / FITS)
-    proved = {name: found for name, found in claimed.items() if not isinstance(found, str)}
-    wrong = [f"{name}: {reason}" for name, reason in claimed.items() if isinstance(reason, str)]
-    stated = load_fits(folder / FITS)
-    _stop(folder / FITS, wrong or [f"{key} is not what is proved" for key in other_fits(folder / FITS, stated, proved)])
+    found = checked_certificates(folder / FITS)
+    _stop(folder / FITS, [f"{name}: {reason}" for name, reason in found.items() if isinstance(reason, str)])
     return render_study(study_found(folder)[1], folder / RUN if checker else None)
 
 

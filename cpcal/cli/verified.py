@@ -1,64 +1,44 @@
-"""`cpcal verify` of a folder: what its certificates prove, what its files state besides, and whether these agree.
-
-Each file is read as its dataclass, whose fields say how they are checked (`files.codec`). What the certificates and
-the campaign give is put in the place of what is stated, and both are compared, key by key; the rest is information.
-"""
+"""`cpcal verify` of a folder, where the checker alone does not do: what is computed again with arrays, and tables."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
 import io
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction as F
-from math import degrees, inf
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
-from cpcal.checker import Accepted, ExactCampaign, Refused, RobustChecked, Unusable
-from cpcal.checker.leg import EXTRA
+from cpcal.checker import Refused, RobustChecked, Unusable
 from cpcal.checker.platform import check_accuracy
-from cpcal.checker.run import all_of_it
-from cpcal.cli.verify import Legs, Statement, of_folder, result_of, told
-from cpcal.common.errors import InputError, PluginError, Problem, Problems, printable
+from cpcal.cli.verify import Legs, Statement, of_folder, result_of, runs_in, told
+from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.common.values import Floats
-from cpcal.files import campaign_sha256, load_campaign_json
-from cpcal.files.codec import differing
-from cpcal.files.folders import NAME as CAMPAIGN_NAME
+from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
+from cpcal.legs import LegModel, Parameter, leg_model
 from cpcal.questions import (
-    COMPARISON_NAME,
     INFORMATION,
     RESULT_NAME,
-    Comparison,
-    Entry,
     LegResult,
-    ModelNote,
     Result,
     Uncertified,
-    VerifiedPoint,
     information,
-    load_comparison,
 )
 from cpcal.questions.undetermined import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
     from cpcal.checker.pose_claim import PoseSetChecked
-    from cpcal.questions.fits import CertifiedFits, VerifiedFit
-
-Claimed = Mapping[str, Accepted]  # what the certificates of a folder prove, by their names
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -133,14 +113,12 @@ def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
             None if result.options.outliers else _determined(campaign, leg.leg, _at(leg), model, result.options.delta)
         ):
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
-        elif result.options.center == "nominal" and leg.bracket.center[:7] != tuple(
-            campaign.robot.parameters[leg.leg - 1]
-        ):
+        elif result.options.center == "nominal" and leg.bracket.center != tuple(campaign.robot.parameters[leg.leg - 1]):
             yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
 
 
 def _at(leg: LegResult) -> Floats:
-    return np.array(leg.bracket.center if leg.bracket.point is None else leg.bracket.point)
+    return np.array(leg.center if leg.bracket.point is None else leg.bracket.point)
 
 
 def _known(name: str) -> LegModel | None:
@@ -164,47 +142,7 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
         return "of a point that is too far away"
 
 
-# compare.json, fits.json, accuracy.json -------------------------------------------------------------------------------
-
-
-def of_others(folder: Path, claimed: Claimed) -> Iterator[Statement]:
-    """Whether the certificates claim what the folder's compare.json or fits.json states."""
-    from cpcal.questions.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
-
-    name = next((name for name in (COMPARISON_NAME, FITS_NAME) if (folder / name).exists()), None)
-    said: list[str] = []
-    try:
-        if name == COMPARISON_NAME:
-            wrong = list(_other_comparison(folder, load_comparison(folder), claimed, said))
-        else:
-            wrong = [] if name is None else list(other_fits(folder, load_fits(folder), claimed))
-    except InputError as error:
-        if not (folder / CAMPAIGN_NAME).is_file():
-            raise
-        yield False, f"{name}: REFUSED, {error.problems[0].what}"
-        return
-    yield from ((True, sentence) for sentence in said)
-    yield from ((False, f"{name}: REFUSED, {key} is not what is proved") for key in wrong)
-
-
-def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterator[str]:
-    """The keys of fits.json that its certificates and the campaign do not bear. Raises InputError."""
-    digest = campaign_sha256(load_campaign_json(folder))
-
-    def proved(fit: VerifiedFit) -> VerifiedFit:
-        accepted = claimed.get(fit.certificate)
-        point = None if accepted is None else accepted.claims.point
-        if accepted is None or point is None or not _of_all(accepted, digest, PLAIN.name):
-            return replace(fit, certificate="")
-        *at, eps = map(float, point.at)
-        counts = VerifiedPoint(eps, len(point.holds), len(point.fails), accepted.count)
-        return replace(fit, leg=accepted.leg or 0, point=tuple(at), verified=counts)
-
-    yield from _repeated("x_c", [fit.leg for fit in stated.x_c])
-    yield from _repeated("x_c_sigma", [fit.leg for fit in stated.x_c_sigma])
-    yield from _unnamed([fit.certificate for _, fits in stated.both for fit in fits], claimed)
-    both = {name: tuple(map(proved, fits)) for name, fits in stated.both}
-    yield from differing(stated, replace(stated, campaign_sha256=digest, **both))
+# accuracy.json --------------------------------------------------------------------------------------------------------
 
 
 def of_accuracy(folder: Path) -> Iterator[Statement]:
@@ -219,126 +157,24 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
         yield False, f"{ACCURACY_NAME}: REFUSED, {str(said).removeprefix(f'{ACCURACY_NAME} ')}"
 
 
-def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, said: list[str]) -> Iterator[str]:
-    """The same of compare.json: of legs of a campaign, or of the user's networks."""
-    if twice := list(_repeated("entries", [(entry.subject, entry.model) for entry in stated.entries])):
-        yield from twice
-        return
-    campaign, options, entries = None, None, []
-    if stated.options is not None:
-        campaign, options = load_campaign_json(folder), replace(stated.options, eps=None, outliers=0)
-        legs = [f"leg {leg}" for leg in options.legs or range(1, campaign.legs + 1)]
-        there = list(dict.fromkeys(entry.subject for entry in stated.entries))
-        if there != (legs[: len(there)] if stated.interrupted else legs):
-            yield "options.legs"
-        if not stated.interrupted and len(stated.entries) != len(legs) * len(stated.models):
-            yield "entries"
-    yield from _unnamed([entry.certificate for entry in stated.entries], claimed)
-    exact = None if campaign is None else ExactCampaign(folder / CAMPAIGN_NAME)
-    for note in map(ModelNote, () if campaign is None else stated.models):
-        if not note.is_ours:
-            said.append(note.not_compared)
-    for k, entry in enumerate(stated.entries):
-        if entry.certificate is None:
-            said.append(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
-        accepted = claimed.get(entry.certificate or "")
-        entries.append(replace(entry, certificate=None) if accepted is None else _proved(entry, accepted, exact))
-        model = None if campaign is None or options is None else _known(entry.model)
-        if accepted is not None and campaign is not None and options is not None:
-            if not _speaks_of(accepted, options.delta):
-                yield "options.delta"
-            if model is not None and entry.determination != _determined(
-                campaign, accepted.leg or int(entry.subject[4:]), _middle(accepted), model, options.delta
-            ):
-                yield f"entries[{k}].determination"
-    models = {name: "a user-defined network" if campaign is None else ModelNote(name).summary for name in stated.models}
-    digest = None if campaign is None else campaign_sha256(campaign)
-    proved = replace(stated, campaign_sha256=digest, options=options, models=models, entries=tuple(entries))
-    yield from differing(stated, proved)
+# a folder of runs: of many campaigns, or of one in several models -----------------------------------------------------
 
 
-def _proved(entry: Entry, accepted: Accepted, campaign: ExactCampaign | None) -> Entry:
-    """The entry that a certificate bears: without a certificate, if it is about something else."""
-    claims, unknowns, whole = accepted.claims, accepted.unknowns, False
-    kept = [k for k in range(len(unknowns)) if k != accepted.objective]
-    if campaign is None:  # of a network, which has its name in the certificate
-        if accepted.leg is not None or accepted.about != f"{entry.subject}, model {entry.model}":
-            return replace(entry, certificate=None)
-        names = tuple(unknowns[k] for k in kept)
-        whole = accepted.objective is not None and claims.cap == accepted.hi[accepted.objective]
-    else:
-        number = int(entry.subject[4:]) if re.fullmatch("leg [1-9][0-9]{0,3}", entry.subject) else 0
-        if not _of_all(accepted, campaign.sha256, entry.model, number) or number > campaign.legs:
-            return replace(entry, certificate=None)
-        names = (*PARAMETERS, *unknowns[len(PARAMETERS) : -1])
-        whole = all_of_it(campaign, number, accepted)
-    lo = float(claims.eps_lo or 0) if not claims.infeasible else inf if whole else float(claims.cap or 0)
-    hi, box = inf if claims.eps_hi is None else float(claims.eps_hi), Box.empty(names)
-    if claims.enclosure is not None and (whole if claims.eps_hi is None else claims.cap == claims.eps_hi):
-        box = Box(names, *([float(side[k]) for k in kept] for side in claims.enclosure))
-    return replace(entry, eps_lo=lo, eps_hi=hi, enclosure=box)
-
-
-def _of_all(accepted: Accepted, campaign: str, model: str, leg: int | None = None) -> bool:
-    """Whether a certificate is about all measurements of a leg of this campaign in this model.
-
-    A user-defined model says it in words.
-    """
-    if len(accepted.chosen) < accepted.count:
-        return False
-    if accepted.leg is None:
-        return model not in EXTRA and accepted.about == f"leg {leg}, model {model}, campaign {campaign}"
-    return (accepted.campaign, accepted.model) == (campaign, model) and leg in (None, accepted.leg)
-
-
-def _speaks_of(accepted: Accepted, delta: float) -> bool:
-    """Whether a leg's certificate is about (a, b, l) within `delta` mm of some center; its box is rounded outward."""
-    sides = zip(accepted.lo[: len(PARAMETERS)], accepted.hi, strict=False)
-    slack = F(1, 2**49)
-    return all(2 * delta <= hi - lo <= 2 * F(delta) + (abs(lo) + abs(hi)) * slack for lo, hi in sides)
-
-
-def _middle(accepted: Accepted) -> Floats:
-    """The point that a certificate claims, or the middle of its box."""
-    middle = [(lo + hi) / 2 for lo, hi in zip(accepted.lo, accepted.hi, strict=True)]
-    point = accepted.claims.point
-    return np.array([float(v) for v in (middle if point is None else point.at)[:-1]])
-
-
-def _repeated(what: str, items: Sequence[object]) -> Iterator[str]:
-    if len(set(items)) < len(items):
-        yield f"{what}, which names one twice,"
-
-
-def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
-    """Certificates beside the file that it does not name."""
-    yield from (f"{printable(name)}, which it does not name," for name in sorted(claimed.keys() - set(named)))
-
-
-# many campaigns -------------------------------------------------------------------------------------------
-
-
-def of_campaigns(runs: Path) -> Iterator[Statement]:
-    """Each run of a folder, and the table of them all. Raises InputError."""
+def of_runs(folder: Path) -> Iterator[Statement]:
+    """Each run of a folder, and the table of many campaigns. Raises InputError."""
     from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
         SUMMARY_TABLE,
         row_of,
         summary_table,
     )
 
-    try:
-        text = (runs / SUMMARY_TABLE).read_bytes()
-    except OSError as error:
-        raise InputError(
-            [Problem(str(runs / SUMMARY_TABLE), f"cannot be read: {error.strerror}", "certify again")]
-        ) from None
-    rows = []
-    for run in sorted(path.parent for path in runs.glob(f"*/{RESULT_NAME}")):
+    rows, table = [], folder / SUMMARY_TABLE
+    for run in runs_in(folder):
         yield True, f"{run.name}:"
         yield from of_folder(run)
         found = result_of(run)
-        rows += [] if isinstance(found, str) else [row_of(run.name, found)]
-    if text != summary_table(rows).encode():
+        rows += [] if isinstance(found, str) or not found.legs else [row_of(run.name, found)]
+    if table.exists() and table.read_bytes() != summary_table(rows).encode():
         yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 
 

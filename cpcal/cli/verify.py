@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from fractions import Fraction as F
@@ -27,7 +27,7 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
-from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, RUN, unfinished
+from cpcal.files.run_folder import ACCURACY, HANDEYE, HANDEYE_WRONG, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
 if TYPE_CHECKING:
@@ -207,9 +207,9 @@ def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
     return {name: checked_certificate(folder / name, among) for name in sorted(among.names)}
 
 
-def check_all(folders: Iterable[Path]) -> tuple[bool, str]:
+def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, str]:
     """Whether all certificates of these folders are accepted, and a sentence."""
-    found = [one for folder in folders for one in checked_certificates(folder).items()]
+    found = [one for folder in folders for one in folder.items()]
     refused = [f"{name} ({reason})" for name, reason in found if isinstance(reason, str)]
     of = f"{len(found)} certificates"
     if refused:
@@ -221,7 +221,7 @@ def check_all(folders: Iterable[Path]) -> tuple[bool, str]:
 # ------------------------------------------------------------------------------------------------------------------
 # The verb.
 
-KINDS = (RUN, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
+KINDS = (RUN, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
 def verify(
@@ -286,19 +286,19 @@ def of_folder(folder: Path) -> Iterator[Statement]:
             from cpcal.cli.verified import of_run  # while the legs are being checked
 
             yield from of_run(folder, legs)
-    else:
-        from cpcal.cli import verified
+    elif runs_in(folder):
+        from cpcal.cli.verified import of_runs
 
-        if not heads and any(folder.glob(f"*/{RUN.head}")):
-            yield from verified.of_campaigns(folder)
-        else:
-            _there(folder, heads)
-            found = checked_certificates(folder)
-            for name, accepted in found.items():
-                yield from _said_of(name, accepted)
-            yield from verified.of_others(
-                folder, {name: one for name, one in found.items() if not isinstance(one, str)}
-            )
+        yield from of_runs(folder)
+    else:
+        _there(folder)
+        for name, accepted in checked_certificates(folder).items():
+            yield from _said_of(name, accepted)
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """The runs of many campaigns, or of one in several models."""
+    return sorted(path.parent for path in folder.glob(f"*/{RUN.head}"))
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
@@ -311,17 +311,20 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
         return
     from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 
-    kept = load_campaign_json(target if target.is_dir() else target.parent)
-    if campaign_sha256(kept) != campaign_sha256(load_campaign(campaign)):
-        yield False, "campaign.json: REFUSED, the campaign is another one: its SHA-256 differs"
+    folder, asked = target if target.is_dir() else target.parent, campaign_sha256(load_campaign(campaign))
+    inner = [] if (folder / RESULT_NAME).exists() else runs_in(folder)
+    for run in inner or [folder]:
+        if campaign_sha256(load_campaign_json(run)) != asked:
+            name = f"{run.name}/" * (run != folder) + "campaign.json"
+            yield False, f"{name}: REFUSED, the campaign is another one: its SHA-256 differs"
 
 
-def _there(folder: Path, heads: list[str]) -> None:
+def _there(folder: Path) -> None:
     """Raises InputError where a folder without result.json has nothing to check."""
     if unfinished(folder):
         what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
         raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
-    if not heads and not any(folder.glob("*.cert.jsonl")):
+    if not any(folder.glob("*.cert.jsonl")):
         what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
         raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
 

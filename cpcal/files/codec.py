@@ -175,21 +175,6 @@ def keys_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
             raise TypeError(f"{key} does not say how it is checked")
 
 
-def differing(stated: Any, proved: Any, where: str = "") -> Iterator[str]:
-    """The keys at which two values of a dataclass differ, but for the information."""
-    layout = _layout(stated.__class__)
-    proofs = _proofs(stated, layout)
-    for part in (part for part in layout if part.is_beside(proofs)):
-        key, one, other = where + part.key, getattr(stated, part.name), getattr(proved, part.name)
-        if not part.how and is_dataclass(one) and type(one) is type(other):
-            yield from differing(one, other, f"{key}.")
-        elif not part.how and isinstance(one, tuple) and len(one) == len(other):
-            for k, pair in enumerate(zip(one, other, strict=True)):
-                yield from differing(*pair, f"{key}[{k}].")
-        elif encoded(one) != encoded(other):
-            yield key
-
-
 def _dataclass(kind: Any, value: Any, where: str) -> Any:
     layout, found = _layout(kind), dict(_object(value, where))
     proved = {key for key, part in found.items() if part}

@@ -45,9 +45,8 @@ class FolderKind:
 
 
 RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
-COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
-FITTED = FolderKind("fits.json")
+FITTED = FolderKind("campaign.json")  # certificates alone
 HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))
 HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"study\.json",))
 POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))

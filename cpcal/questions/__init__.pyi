@@ -1,8 +1,6 @@
 from .ask import certify, with_ranges
 from .bracket import PointResult, certify_point
 from .compare import COMPARED, compare
-from .compare_networks import compare_networks
-from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .data_check import DataCheck, Finding, check_data
 from .result import (
     ARITHMETICS,
@@ -32,13 +30,7 @@ from .result import (
 )
 from .verdict import (
     INFORMATION,
-    Bounded,
-    Explained,
     LegVerdict,
-    Uncompared,
-    Undecided,
-    Undetermined,
-    Unexplained,
     contractors_sentences,
     information,
     proved_sentence,
@@ -51,18 +43,13 @@ __all__ = [
     "ARITHMETICS",
     "CENTERS",
     "COMPARED",
-    "COMPARISON_NAME",
     "INFORMATION",
     "METHODS",
     "RESULT_NAME",
     "SUPPORTS",
-    "Bounded",
     "CampaignNote",
-    "Comparison",
     "DataCheck",
     "Determination",
-    "Entry",
-    "Explained",
     "Finding",
     "LegBracket",
     "LegResult",
@@ -77,26 +64,18 @@ __all__ = [
     "Support",
     "SupportProof",
     "Uncertified",
-    "Uncompared",
-    "Undecided",
-    "Undetermined",
-    "Unexplained",
     "VerifiedPoint",
     "Work",
     "certify",
     "certify_point",
     "check_data",
     "compare",
-    "compare_networks",
-    "comparison_text",
     "contractors_sentences",
     "information",
-    "load_comparison",
     "load_result",
     "model_of",
     "proved_sentence",
     "result_text",
-    "save_comparison",
     "save_result",
     "status_of",
     "verdict_of",

@@ -84,7 +84,7 @@ def certify_leg(question: Question, leg: int | LegResult) -> tuple[LegResult, bo
     if question.options.outliers:
         return robust_leg(question, leg.leg if isinstance(leg, LegResult) else leg), asked() is not None
     if isinstance(leg, LegResult):
-        prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.bracket.center)), leg, False
+        prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg, False
     else:
         prepared = PreparedLeg.of(question, leg)
         result, stopped = _bracketed(prepared)
@@ -162,13 +162,14 @@ def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...], p
             lo=lo,
             hi=float(found.hi),
             point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
-            center=tuple(float(v) for v in center),
+            center=tuple(float(v) for v in center[:7]),
             enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
             certificate=answer.certificate,
         ),
         support=Support(tuple(ids[k] for k in few), proof),
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
+        extra=tuple(float(v) for v in center[7:]),
         determination=_determination(question, leg, center, found),
         found=None
         if beyond is None
@@ -280,8 +281,9 @@ def certify(
 
     Raises InputError, PluginError, LostWorkerError.
     """
-    options, corrected = checked_options(
+    question = question_of(
         campaign,
+        progress=progress,
         legs=legs,
         delta=delta,
         center=center,
@@ -298,20 +300,21 @@ def certify(
         model=model,
         half_widths=half_widths or {},
     )
-    question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
     with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         if certificates is None:
             return answered(question, place)
         with answers_into(certificates, RUN, campaign) as draft:
-            kept = Checkpoints.for_run(Path(certificates), campaign, options, corrected, resume=resume)
+            kept = Checkpoints.for_run(Path(certificates), question, resume=resume)
             kept.begin()
             result = answered(replace(question, certificates=draft, checkpoints=kept), place)
     kept.end_after(result)
     return result
 
 
-def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given: Any) -> tuple[Options, LegModel]:
-    """Options that this campaign can be asked about, and their leg model.
+def question_of(
+    campaign: Campaign, others: Sequence[Problem] = (), *, progress: Progress | None = None, **given: Any
+) -> Question:
+    """What is asked with the options that are `given`, if this campaign can be asked it.
 
     Raises InputError with every problem at once, `others` among them; PluginError for a contractor that is not there.
     """
@@ -331,7 +334,7 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
     if problems:
         raise InputError(problems)
     plugins.check_names(options.contractors)
-    return options, model
+    return Question(campaign=campaign, options=options, model=model, progress=progress)
 
 
 def with_ranges(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, stated
 from cpcal.questions.result import LegResult, Result
-from cpcal.questions.verdict import EpsBracket, verdict_of, verdict_on
+from cpcal.questions.verdict import verdict_of, verdict_on
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def leg_html(leg: LegResult) -> str:
     """The proved bounds. The verdict needs the question, which the result has."""
     hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-    said = verdict_on(EpsBracket(leg.bracket.lo, hi), None).sentence
+    said = verdict_on(leg.bracket.lo, hi, None).sentence
     return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
 
 
@@ -62,7 +62,7 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "leg": leg.leg,
             "parameter": name,
             "unit": result.model.unit(name),
-            "center": leg.bracket.center[k],
+            "center": leg.center[k],
             "certified": math.nan if leg.bracket.point is None else leg.bracket.point[k],
             "range_lo": math.nan if known is None else float(known.box.lo[k]),
             "range_hi": math.nan if known is None else float(known.box.hi[k]),

@@ -106,13 +106,14 @@ def _result(search: _Search, state: _Progress, outliers: int, seconds: float) ->
             lo=float(lo),
             hi=float(state.hi),
             point=None if witness is None else tuple(map(float, witness.point[:-1])),
-            center=tuple(map(float, search.center)),
+            center=tuple(map(float, search.center[:7])),
             enclosure=leg_box(search.center, question.options.delta, question.model),
             proofs=proofs,
             point_certificate=at_point,
             left_out=tuple(ids[k] for k in sorted(state.without)),
         ),
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
+        extra=tuple(map(float, search.center[7:])),
         work=Work(nodes=state.searches, seconds=seconds),
     )
 

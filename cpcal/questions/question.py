@@ -69,15 +69,16 @@ class Checkpoints:
     resume: bool = False
 
     @classmethod
-    def for_run(cls, run: Path, campaign: Campaign, options: Options, model: LegModel, *, resume: bool) -> Checkpoints:
+    def for_run(cls, run: Path, question: Question, *, resume: bool) -> Checkpoints:
         """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
+        campaign, options = question.campaign, question.options
         asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
         text = json.dumps(encoded(asked), sort_keys=True)
         of = {
             "version": __version__,
             "campaign": campaign_sha256(campaign),
             "options": hashlib.sha256(text.encode()).hexdigest(),
-            "model": _model_digest(campaign, model),
+            "model": _model_digest(campaign, question.model),
         }
         return cls(run / FOLDER, of, resume)
 

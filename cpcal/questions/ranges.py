@@ -47,7 +47,7 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
         return None, False
     options = replace(question.options, eps=eps, method="bound")
     asked = replace(question, options=options, prefix=PREFIX, checkpoints=None)
-    start = np.append(leg.bracket.center if leg.bracket.point is None else leg.bracket.point, eps)
+    start = np.append(leg.center if leg.bracket.point is None else leg.bracket.point, eps)
     answer = by_bound(prepared.asking(asked), start, lambda _: None, domain=domain, hull_only=True)
     box = answer.minimum.enclosure
     if box.is_empty or answer.minimum.interrupted:

@@ -380,7 +380,7 @@ def wide(enclosure: Box, delta: float) -> Wide:
     return Wide(tuple((enclosure.names[k], float(lo[k]), float(hi[k])) for k in found))
 
 
-FORMAT = "cpcal-result/7"
+FORMAT = "cpcal-result/8"
 RESULT_NAME = "result.json"
 
 
@@ -462,8 +462,9 @@ class LegBracket:
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. `verdict` PROVED: the bracket is closed (or,
     when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit came first. `point` is
-    (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved point; the box is around
-    `center`; `enclosure` holds every x with eps <= hi. `certificate`: the file that claims exactly these.
+    (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved point. The box is around
+    `center`, (a, b, l), and around 0 in the extra parameters; `enclosure` holds every x with eps <= hi. `certificate`:
+    the file that claims exactly these.
 
     When some measurements may be wrong: whichever so many are left out, no x satisfies all others for any eps < `lo`,
     since one of the `proofs` does without them; `point` satisfies all but those `left_out` at `hi`, which
@@ -490,8 +491,8 @@ class LegBracket:
     )
 
     def __post_init__(self) -> None:
-        size = len(self.center)
-        if (self.point is not None and len(self.point) != size) or len(self.enclosure.names) != size:
+        size = len(self.enclosure.names)
+        if len(self.center) != _LENGTHS or (self.point is not None and len(self.point) != size):
             raise ValueError("center, point and enclosure have not the same parameters")
         if not all(map(math.isfinite, (*self.center, *(self.point or ())))):
             raise ValueError("the center or the point is not finite")
@@ -530,6 +531,7 @@ class LegResult:
     support        few measurements that prove the lower bound
     ranges         of the parameters at a tolerance; see cpcal.questions.ranges
     verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
+    extra          the model's own parameters of the fit that the box is around; they are no part of the box
     determination  None: nothing is to be determined, or it was not asked
     projections    what the page draws; see cpcal.questions.ranges
     found          what all contractors together found, where the certificate proves less: nobody can check it
@@ -541,6 +543,7 @@ class LegResult:
     ranges: Ranges | None = None
     not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
     verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
+    extra: tuple[float, ...] = field(default=(), metadata=INFORMED)
     determination: Determination | None = field(default=None, metadata=INFORMED)
     projections: Projections | None = field(default=None, metadata=INFORMED)
     found: Found | None = field(default=None, metadata=INFORMED)
@@ -551,6 +554,13 @@ class LegResult:
             raise ValueError("a leg with a certificate is certified")
         if self.leg < 1:
             raise ValueError("the leg's number is no number of a leg")
+        if len(self.center) != len(self.bracket.enclosure.names) or not all(map(math.isfinite, self.extra)):
+            raise ValueError("the extra parameters of the center are not those of the model")
+
+    @property
+    def center(self) -> tuple[float, ...]:
+        """All parameters of the fit, or of the nominal values, that the box is around."""
+        return self.bracket.center + self.extra
 
     @property
     def certified(self) -> bool:

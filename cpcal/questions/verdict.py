@@ -1,28 +1,27 @@
 """The verdict on a leg: how well its model explains the data, and whether that is good enough.
 
 "Explains the data to within e" means: some parameters in the box satisfy every equation to within e, THERE EXISTS for
-each measurement a reading in its set. Both sides of a verdict are proved; what is not known is of a type of its own.
+each measurement a reading in its set. Both sides of a verdict are proved. Its kinds:
 
-    Explained       within the tolerance, or without any error: a pass
-    Unexplained     no parameters reach the tolerance: a fail
-    Bounded         no tolerance was given; the smallest error is known from both sides
-    Undecided       a limit came first
-    Undetermined    the parameters fit, but the data are too poor to say that the model does
-    Uncompared      a fit, but of constraints that the certificates of a user-defined model state themselves: no pass
+    explained       within the tolerance, or without any error: a pass
+    unexplained     no parameters reach the tolerance: a fail
+    bounded         no tolerance was given; the smallest error is known from both sides
+    undecided       a limit came first
+    undetermined    the parameters fit, but so would those of many another robot: the data are too poor for a verdict
+    uncompared      a fit, but of constraints that the certificates of a user-defined model state themselves: no pass
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Literal
 
 from cpcal.common.numbers import bracket_text, gap_text, short, stated
 from cpcal.questions.result import (
     NOTHING_WIDE,
     Determination,
     LegResult,
-    ModelNote,
     Options,
     Result,
     Wide,
@@ -32,130 +31,89 @@ from cpcal.questions.result import (
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
 
+Found = Literal["explained", "unexplained", "bounded", "undecided", "undetermined"]
+
 
 @dataclass(frozen=True)
-class EpsBracket:
-    """Proved: no error below `lo` explains the data, `hi` does (infinite: none is known to). `unit`: "mm", or none."""
+class LegVerdict:
+    """What was `found`. Proved: no error below `lo` explains the data, `hi` does (infinite: none is known to), in mm.
 
+    tolerance      None: none was given
+    beyond         the one error that was asked about, if it is refuted
+    determination  if the measurements leave parameters open; `wide`: ranges that do
+    model          a user-defined one, whose constraints nobody compared with the campaign
+    """
+
+    found: Found
     lo: float
     hi: float
-    unit: str = "mm"
+    tolerance: float | None = None
+    beyond: float | None = None
+    determination: Determination | None = None
+    wide: Wide = NOTHING_WIDE
+    model: str = ""
+
+    @property
+    def kind(self) -> Found | Literal["uncompared"]:
+        return "uncompared" if self.model and self.found in ("explained", "bounded") else self.found
+
+    @property
+    def passes(self) -> bool:
+        return self.kind == "explained"
+
+    @property
+    def word(self) -> str:
+        """For a table."""
+        if self.kind == "uncompared":
+            return "not compared"
+        if self.found == "unexplained":
+            return "does not explain" if self.tolerance is None else "fail"
+        if self.found not in ("explained", "bounded"):
+            return self.found
+        return "pass" if self.tolerance is not None else f"explains {self.within if self.hi else 'the data'}"
+
+    @property
+    def sentence(self) -> str:
+        said = self._said()
+        if self.tolerance is not None and self.found != "undetermined" and math.isfinite(self.lo):
+            said += f"; the tolerance is {stated(self.tolerance)} mm"
+        said += "." * (self.found != "undetermined")
+        return f"{said} {not_compared(self.model)}" if self.model else said
+
+    def _said(self) -> str:
+        explains = "The model explains the data"
+        if self.found == "undetermined":
+            but = (
+                "which is no test of the model" if self.determination is not None else "and so may very different ones"
+            )
+            return self.reason + f" Some parameters explain the data {self.within}, {but}." * math.isfinite(self.hi)
+        if self.found == "unexplained":
+            if self.beyond is not None:
+                error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} mm"
+                return f"The model cannot explain the data {error}"
+            if math.isinf(self.lo):
+                return "The model cannot explain the data at any error that it allows"
+            return f"{explains} {self.no_better}"
+        known = [self.within] * math.isfinite(self.hi)
+        known += [self.no_better] * (self.found == "bounded" or (self.found == "undecided" and self.lo > 0.0))
+        return f"{explains} {', and '.join(known)}" if known else "Nothing is known of the error"
 
     @property
     def no_better(self) -> str:
-        return f"no better than {self._text(0)}"
+        return f"no better than {self._bounds()[0]}"
 
     @property
     def within(self) -> str:
-        return "exactly" if self.hi == 0.0 else f"to within {self._text(1)}"
+        return "exactly" if self.hi == 0.0 else f"to within {self._bounds()[1]}"
 
     @property
     def range(self) -> str:
         """Both bounds."""
-        return f"{self._text(0)} to {self._text(1)}" if math.isfinite(self.hi) else f"at least {self._text(0)}"
+        lo, hi = self._bounds()
+        return f"{lo} to {hi}" if math.isfinite(self.hi) else f"at least {lo}"
 
-    def _text(self, side: int) -> str:
-        text = bracket_text(self.lo, self.hi)[side]
-        return f"{text if self.lo > 0.0 else short(text)} {self.unit}".strip()
-
-
-@dataclass(frozen=True)
-class Explained:
-    """Pass. `tolerance` None: none was given, and the data are explained without any error, or to the one asked."""
-
-    bracket: EpsBracket
-    tolerance: float | None
-    kind: ClassVar[str] = "explained"
-
-    @property
-    def word(self) -> str:
-        if self.tolerance is not None:
-            return "pass"
-        return "explains the data" if self.bracket.hi == 0.0 else f"explains {self.bracket.within}"
-
-    @property
-    def sentence(self) -> str:
-        return f"The model explains the data {self.bracket.within}{_asked(self.tolerance, self.bracket)}."
-
-
-@dataclass(frozen=True)
-class Unexplained:
-    """Fail. `beyond`: the error asked about, which is refuted; None when `bracket.lo` is what is proved."""
-
-    bracket: EpsBracket
-    tolerance: float | None
-    beyond: float | None = None
-    kind: ClassVar[str] = "unexplained"
-
-    @property
-    def word(self) -> str:
-        return "does not explain" if self.tolerance is None else "fail"
-
-    @property
-    def sentence(self) -> str:
-        if self.beyond is not None:
-            error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} {self.bracket.unit}"
-            return f"The model cannot explain the data {error}{_asked(self.tolerance, self.bracket)}."
-        if math.isinf(self.bracket.lo):
-            return "The model cannot explain the data at any error that it allows."
-        asked = _asked(self.tolerance, self.bracket)
-        return f"The model explains the data {self.bracket.no_better}{asked}."
-
-
-@dataclass(frozen=True)
-class Bounded:
-    """Neither pass nor fail: no tolerance was given."""
-
-    bracket: EpsBracket
-    kind: ClassVar[str] = "bounded"
-
-    @property
-    def word(self) -> str:
-        return f"explains {self.bracket.within}"
-
-    @property
-    def sentence(self) -> str:
-        return f"The model explains the data {self.bracket.within}, and {self.bracket.no_better}."
-
-
-@dataclass(frozen=True)
-class Undecided:
-    bracket: EpsBracket
-    tolerance: float | None
-    kind: ClassVar[str] = "undecided"
-    word: ClassVar[str] = "undecided"
-
-    @property
-    def sentence(self) -> str:
-        known = []
-        if math.isfinite(self.bracket.hi):
-            known.append(self.bracket.within)
-        if self.bracket.lo > 0.0:
-            known.append(self.bracket.no_better)
-        said = f"The model explains the data {', and '.join(known)}" if known else "Nothing is known of the error"
-        return f"{said}{_asked(self.tolerance, self.bracket)}."
-
-
-@dataclass(frozen=True)
-class Undetermined:
-    """Some parameters fit, but so would those of many another robot. No pass, whatever the tolerance.
-
-    `determination`: None where only the ranges are `wide`.
-    """
-
-    bracket: EpsBracket
-    determination: Determination | None
-    tolerance: float | None
-    wide: Wide = NOTHING_WIDE
-    kind: ClassVar[str] = "undetermined"
-    word: ClassVar[str] = "undetermined"
-
-    @property
-    def sentence(self) -> str:
-        if math.isinf(self.bracket.hi):
-            return self.reason
-        but = "which is no test of the model" if self.determination is not None else "and so may very different ones"
-        return f"{self.reason} Some parameters explain the data {self.bracket.within}, {but}."
+    def _bounds(self) -> list[str]:
+        return [f"{text if self.lo > 0.0 else short(text)} mm" for text in bracket_text(self.lo, self.hi)]
 
     @property
     def reason(self) -> str:
@@ -170,57 +128,16 @@ class Undetermined:
         return tuple(dict.fromkeys((*rank, *self.wide.names)))
 
 
-@dataclass(frozen=True)
-class Uncompared:
-    """Whatever was found with a user-defined `model`: nobody compared its constraints with the campaign. No pass."""
-
-    found: Explained | Unexplained | Bounded | Undecided | Undetermined
-    model: str
-
-    @property
-    def bracket(self) -> EpsBracket:
-        return self.found.bracket
-
-    @property
-    def fits(self) -> bool:
-        """Whether it would be a pass, or a fit, of a model of cpcal."""
-        return isinstance(self.found, Explained | Bounded)
-
-    @property
-    def kind(self) -> str:
-        return "uncompared" if self.fits else self.found.kind
-
-    @property
-    def word(self) -> str:
-        return "not compared" if self.fits else self.found.word
-
-    @property
-    def sentence(self) -> str:
-        return f"{self.found.sentence} {not_compared(self.model)}"
-
-
-LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined | Uncompared
-
-
 def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
     """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
-    return compared(_verdict(result, leg, tolerance), result.model.name)
-
-
-def compared(verdict: LegVerdict, model: str) -> LegVerdict:
-    """The verdict; of a user-defined model as one on constraints that were not compared with the campaign."""
-    return verdict if ModelNote(model).is_ours or isinstance(verdict, Uncompared) else Uncompared(verdict, model)
-
-
-def _verdict(result: Result, leg: LegResult, tolerance: float | None) -> LegVerdict:
-    at = result.options.tolerance if tolerance is None else tolerance
-    eps = result.options.eps
+    at, eps = result.options.tolerance if tolerance is None else tolerance, result.options.eps
     if eps is not None:
-        return _verdict_at(result.options, eps, leg, at)
-    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-    closed = leg.bracket.verdict is Verdict.PROVED
-    bracket, known = EpsBracket(leg.bracket.lo, hi), _wide(result.options, leg)
-    return verdict_on(bracket, at, closed=closed, determination=leg.determination, ranges=known)
+        found = _verdict_at(result.options, eps, leg, at)
+    else:
+        hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
+        closed, known = leg.bracket.verdict is Verdict.PROVED, _wide(result.options, leg)
+        found = verdict_on(leg.bracket.lo, hi, at, closed=closed, determination=leg.determination, ranges=known)
+    return found if result.model.is_ours else replace(found, model=result.model.name)
 
 
 def _wide(options: Options, leg: LegResult) -> Wide:
@@ -239,40 +156,34 @@ def _wide(options: Options, leg: LegResult) -> Wide:
 def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
     """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
     if leg.bracket.verdict is Verdict.REFUTED:
-        bracket = EpsBracket(eps, math.inf)
-        failed = tolerance is None or eps >= tolerance
-        return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
-    bracket = EpsBracket(0.0, eps if leg.bracket.verdict is Verdict.PROVED else math.inf)
-    at = eps if tolerance is None else tolerance
-    found = verdict_on(bracket, at, determination=leg.determination, ranges=_wide(options, leg))
-    return replace(found, tolerance=tolerance) if isinstance(found, Explained | Undecided | Undetermined) else found
+        if tolerance is None or eps >= tolerance:
+            return LegVerdict("unexplained", eps, math.inf, tolerance, beyond=eps)
+        return LegVerdict("undecided", eps, math.inf, tolerance)
+    hi, at = eps if leg.bracket.verdict is Verdict.PROVED else math.inf, eps if tolerance is None else tolerance
+    found = verdict_on(0.0, hi, at, determination=leg.determination, ranges=_wide(options, leg))
+    return replace(found, tolerance=tolerance)
 
 
 def verdict_on(
-    bracket: EpsBracket,
+    lo: float,
+    hi: float,
     tolerance: float | None,
     *,
     closed: bool = False,
     determination: Determination | None = None,
-    ranges: Wide | None = None,
+    ranges: Wide = NOTHING_WIDE,
 ) -> LegVerdict:
     """The verdict on a proved bracket; `closed`: it is as narrow as was asked for. `ranges`: those that are wide."""
-    if math.isinf(bracket.lo) or (tolerance is not None and bracket.lo > tolerance):
-        return Unexplained(bracket, tolerance)
-    poor = determination is not None and not determination.tests_the_model
-    if poor or (ranges is not None and ranges.names):
-        return Undetermined(bracket, determination if poor else None, tolerance, ranges or NOTHING_WIDE)
-    if bracket.hi == 0.0 or (tolerance is not None and bracket.hi <= tolerance):
-        return Explained(bracket, tolerance)
-    if tolerance is None and closed and math.isfinite(bracket.hi):
-        return Bounded(bracket)
-    return Undecided(bracket, tolerance)
-
-
-def _asked(tolerance: float | None, bracket: EpsBracket) -> str:
-    if tolerance is None:
-        return ""
-    return f"; the tolerance is {f'{stated(tolerance)} {bracket.unit}'.strip()}"
+    if math.isinf(lo) or (tolerance is not None and lo > tolerance):
+        return LegVerdict("unexplained", lo, hi, tolerance)
+    poor = determination if determination is not None and not determination.tests_the_model else None
+    if poor is not None or ranges.names:
+        return LegVerdict("undetermined", lo, hi, tolerance, determination=poor, wide=ranges)
+    if hi == 0.0 or (tolerance is not None and hi <= tolerance):
+        return LegVerdict("explained", lo, hi, tolerance)
+    if tolerance is None and closed and math.isfinite(hi):
+        return LegVerdict("bounded", lo, hi)
+    return LegVerdict("undecided", lo, hi, tolerance)
 
 
 # ------------------------------------------------------------------------------------------------------------------

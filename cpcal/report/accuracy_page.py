@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -109,41 +108,38 @@ _SIDE, _LEFT, _TOP, _GAP, _BOTTOM = 150.0, 44.0, 18.0, 22.0, 36.0  # points
 _STEPS = 5  # shades
 
 
-def slices(found: WorkspaceAccuracy) -> list[float]:
-    """Heights, mm."""
-    lo, hi = found.lo[2], found.hi[2]
-    return [lo] if lo == hi else [lo + share * (hi - lo) for share in (1 / 6, 0.5, 5 / 6)]
-
-
-def shades(found: WorkspaceAccuracy) -> list[float]:
-    """Upper ends of the shades, mm."""
+def _shades(found: WorkspaceAccuracy) -> list[tuple[float, str]]:
+    """Their upper ends, mm, and how opaque they are."""
     bounds = [cell.position_bound for cell in found.cells if cell.proved]
     if not bounds:
         return []
-    low, high = min(bounds), max(bounds)
-    return [low + (high - low) * (k + 1) / _STEPS for k in range(_STEPS)]
-
-
-def opacity(shade: int) -> str:
-    return nearest(0.1 + 0.75 * shade / (_STEPS - 1), 2)
+    low, step = min(bounds), (max(bounds) - min(bounds)) / _STEPS
+    return [(low + step * (k + 1), nearest(0.1 + 0.75 * k / (_STEPS - 1), 2)) for k in range(_STEPS)]
 
 
 def map_svg(found: WorkspaceAccuracy) -> Svg:
     """Slices side by side, seen from above."""
-    heights = slices(found)
+    (*_, lo), (*_, hi) = found.lo[:3], found.hi[:3]
+    heights = [lo] if lo == hi else [lo + share * (hi - lo) for share in (1 / 6, 0.5, 5 / 6)]
     figure = Figure(_LEFT + len(heights) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM)
     sides = zip(found.lo[:2], found.hi[:2], strict=True)
-    span = [(lo - 0.5 * (lo == hi), hi + 0.5 * (lo == hi)) for lo, hi in sides]
-    ends, thickness = shades(found), (found.hi[2] - found.lo[2]) / len(heights) or np.inf
+    span = [(low - 0.5 * (low == high), high + 0.5 * (low == high)) for low, high in sides]
+    shades, thickness = _shades(found), (hi - lo) / len(heights) or np.inf
     for n, height in enumerate(heights):
         left = _LEFT + n * (_SIDE + _GAP)
         axes = Axes(figure, (left, _TOP, left + _SIDE, _TOP + _SIDE), span[0], span[1])
         figure.text(left + 0.5 * _SIDE, 7.0, f"z = {nearest(height, 0)} mm", anchor="middle")
-        met = [
-            cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]
-        ]  # of several rotations the worst last
+        met = [cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]]
+        # of several rotations the worst last
         for cell in sorted(met, key=lambda cell: (not cell.proved, cell.position_bound if cell.proved else 0.0)):
-            _draw(axes, cell, ends)
+            (x0, y0), (x1, y1) = cell.lo[:2], cell.hi[:2]
+            square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+            if not cell.proved:
+                axes.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
+                continue
+            opacity = next((shade for end, shade in shades if cell.position_bound <= end), shades[-1][1])
+            axes.area("var(--paper)", square)
+            axes.area(f"{EDGE}; fill-opacity: {opacity}", square)
         if n == 0:
             axes.y_axis(ticks(*span[1], 5), "y [mm]")
         axes.x_axis(ticks(*span[0], 5), "x [mm]")
@@ -152,29 +148,20 @@ def map_svg(found: WorkspaceAccuracy) -> Svg:
     return figure.svg("Slices of the workspace, each cell shaded by the proved bound of the position")
 
 
-def _draw(axes: Axes, cell: CellAccuracy, ends: list[float]) -> None:
-    (x0, y0), (x1, y1) = cell.lo[:2], cell.hi[:2]
-    square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    if not cell.proved:
-        axes.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
-        return
-    shade = next((k for k, end in enumerate(ends) if cell.position_bound <= end), _STEPS - 1)
-    axes.area("var(--paper)", square)
-    axes.area(f"{EDGE}; fill-opacity: {opacity(shade)}", square)
-
-
-def dominating(
-    found: WorkspaceAccuracy, where: Callable[[CellAccuracy], bool] = lambda _: True
-) -> list[tuple[str, float]]:
+def _dominating(found: WorkspaceAccuracy) -> list[tuple[str, str]]:
     """Pairs of legs whose uncertainty moves the platform most, and the share of the proved volume where they do."""
-    volume: Counter[tuple[int, int]] = Counter()
+    volume: dict[str, float] = {}
     for cell in found.cells:
-        if cell.proved and where(cell):
-            first, second = sorted(np.argsort(-np.array(cell.shares))[:2].tolist())
+        if cell.proved:
             sides = [hi - lo for lo, hi in zip(cell.lo, cell.hi, strict=True) if hi > lo]
-            volume[(first + 1, second + 1)] += float(np.prod(sides))  # type: ignore[assignment]
-    total = sum(volume.values())
-    return [(f"{a} and {b}", share / total) for (a, b), share in volume.most_common()]
+            pair = _two_legs(cell.shares)
+            volume[pair] = volume.get(pair, 0.0) + float(np.prod(sides))
+    total, largest = sum(volume.values()), sorted(volume.items(), key=lambda pair: -pair[1])
+    return [(pair, f"{nearest(100.0 * size / total, 0)} %") for pair, size in largest]
+
+
+def _two_legs(shares: Sequence[float]) -> str:
+    return " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(shares))[:2].tolist()))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -217,7 +204,7 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         return
     swatch = Markup('<i class="key" style="background: {}; opacity: {}"></i>')
     legend: dict[str, Words] = {
-        swatch.format(EDGE, opacity(k)): f"up to {at_most(end)} mm" for k, end in enumerate(shades(over))
+        swatch.format(EDGE, opacity): f"up to {at_most(end)} mm" for end, opacity in _shades(over)
     }
     caption = (
         "Proved bounds of the position for all poses of each cell, seen from above at three heights. Cells of several "
@@ -225,7 +212,7 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
     )
     legend |= {"dashed": "left out", "": "× worst pose met"}
-    legs = [(name, f"{nearest(100.0 * share, 0)} %") for name, share in dominating(over)[:6]]
+    legs = _dominating(over)[:6]
     dominates = Section(
         "Legs that dominate",
         tables=[Table(("the two legs that move the platform most", "share of the workspace"), legs)],
@@ -317,9 +304,15 @@ def _origin(found: Accuracy) -> Section:
 
 def _pose_row(pose: PoseAccuracy, truth: bool) -> tuple[str, ...]:
     e = pose.estimated
-    legs = " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(pose.shares))[:2].tolist()))
     box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
-    row = (pose.name, at_most(pose.position_bound), degrees_up(pose.rotation_bound), *box, about(e.u_position), legs)
+    row = (
+        pose.name,
+        at_most(pose.position_bound),
+        degrees_up(pose.rotation_bound),
+        *box,
+        about(e.u_position),
+        _two_legs(pose.shares),
+    )
     return (*row, about(e.true_position or 0.0)) if truth else row
 
 

@@ -18,12 +18,8 @@ from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.legs import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
 from cpcal.questions import (
-    Bounded,
     LegResult,
     Result,
-    Uncompared,
-    Undetermined,
-    Unexplained,
     verdict_of,
 )
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
@@ -48,7 +44,7 @@ class Fitted:
 def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Fitted:
     """The fit that was the center of the box, or else one made now."""
     known = result.options.center == "fit"
-    x = np.array(leg.bracket.center) if known else fit_model(campaign, leg.leg, model)
+    x = np.array(leg.center) if known else fit_model(campaign, leg.leg, model)
     with np.errstate(all="ignore"):  # the center of a damaged result may be anywhere
         values, slopes = model_residuals(campaign, leg.leg, x, model), model_jacobian(campaign, leg.leg, x, model)
         return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))
@@ -92,11 +88,9 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     """`model`: the result's, and its fit, None where it is not known here: then no residuals can be looked at."""
     verdict, support = verdict_of(result, leg), support_numbers(campaign, leg)
     few = support if len(support) <= FIRST else ()
-    if isinstance(verdict, Uncompared):
-        if verdict.fits:
-            what = "Compare the constraints that the certificates state with the model: no program has."
-            return Advice("compare the constraints", what, few)
-        verdict = verdict.found
+    if verdict.kind == "uncompared":
+        what = "Compare the constraints that the certificates state with the model: no program has."
+        return Advice("compare the constraints", what, few)
     step = _STEPS[verdict.kind]
     if model is None or found is None:
         return Advice(*step, few)
@@ -104,12 +98,12 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     among = np.array((support if len(support) <= FEW else ()) or range(len(found.residuals)))
     order = np.argsort(-np.abs(found.residuals[among]), kind="stable")
     first = tuple(int(k) for k in among[order[:FIRST]])
-    if isinstance(verdict, Undetermined):
+    if verdict.kind == "undetermined":
         return Advice(step[0], _where(campaign, verdict.names, found), first)
-    if not isinstance(verdict, Bounded | Unexplained):
+    if verdict.kind not in ("bounded", "unexplained"):
         return Advice(*step, first)
     better = _another_model(campaign, leg, model, found) or _without(campaign, found, first)
-    if isinstance(verdict, Unexplained):
+    if verdict.kind == "unexplained":
         return Advice(*(better or _MECHANICS), first)
     if better is None:
         return Advice(*step, first)

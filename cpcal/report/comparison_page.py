@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -16,177 +16,161 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
-from cpcal.questions import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
+from cpcal.questions import LegResult, Result, verdict_of
 from cpcal.report.section import Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
-from cpcal.solver.contract import Verdict
 
 COMPARISON_PAGE = "compare.html"
-_MOST_LINES = 8  # subjects that have a line in a terminal
-_WORDS = {  # of a model at a tolerance, by the kind of the verdict
-    "explained": "pass",
-    "unexplained": "fail",
-    "bounded": "",
-    "undecided": "undecided",
-    "undetermined": "undetermined",
-    "uncompared": "not compared",
+_MOST_LINES = 8  # legs that have a line in a terminal
+_WORDS = {  # of a model, by the kind of the verdict
+    "explained": " pass",
+    "unexplained": " fail",
+    "undecided": " undecided",
+    "undetermined": " undetermined",
+    "uncompared": " not compared",
 }
 
-
-def _unit(comparison: Comparison) -> str:
-    """Of eps: that of user-defined networks is known to their makers."""
-    return " mm" if comparison.campaign_sha256 else ""
+Compared = Mapping[str, Result]  # of one campaign, by the leg model
 
 
-def comparison_table(comparison: Comparison) -> Table:
-    """A row an entry. Bounds are rounded to the side on which they stay proved."""
-    of_legs, tolerance = bool(comparison.campaign_sha256), comparison.tolerance
-    at = "at the tolerance" if tolerance is None else f"at {stated(tolerance)}{_unit(comparison)}"
-    bounds = ("eps_lo [mm]", "eps_hi [mm]") if of_legs else ("eps_lo", "eps_hi")
+def _legs(found: Compared) -> dict[int, dict[str, LegResult]]:
+    """The legs of all results, each with its models."""
+    out: dict[int, dict[str, LegResult]] = {}
+    for model, result in found.items():
+        for leg in result.legs:
+            out.setdefault(leg.leg, {})[model] = leg
+    return dict(sorted(out.items()))
+
+
+def _asked(found: Compared) -> Result:
+    """The first result: the campaign and the tolerance are the same in all."""
+    return next(iter(found.values()))
+
+
+def _at(found: Compared) -> str | None:
+    tolerance = _asked(found).options.tolerance
+    return None if tolerance is None else f"{stated(tolerance)} mm"
+
+
+def passing(found: Compared, leg: int) -> list[str]:
+    """The models that pass for a leg."""
+    legs = _legs(found)[leg]
+    return [model for model, one in legs.items() if verdict_of(found[model], one).passes]
+
+
+def comparison_table(found: Compared) -> Table:
+    """A row a leg and model. Bounds are rounded to the side on which they stay proved."""
     rows: list[Sequence[Words]] = []
-    for entry in comparison.entries:
-        word: Words = entry.word(tolerance, comparison.options)
-        if tolerance is not None:
-            word = verdict(word, entry.leg_verdict(tolerance, comparison.options).kind)
-        between = bracket_text(entry.eps_lo, entry.eps_hi)
-        extra = (_extra(entry),) * of_legs
-        rows.append((entry.subject, entry.model, *between, word, entry.certificate or "none", *extra))
-    head = ("of", "model", *bounds, at, "certificate", *(("extra parameters",) * of_legs))
+    for number, legs in _legs(found).items():
+        for model, leg in legs.items():
+            judged, bracket = verdict_of(found[model], leg), leg.bracket
+            extra = [] if bracket.enclosure.is_empty else bracket.enclosure.names[7:]
+            ranges = (
+                f"{name} in [{', '.join(map(short, bracket_text(side.lo, side.hi)))}]"
+                for name, side in ((name, bracket.enclosure[name]) for name in extra)
+            )
+            between = bracket_text(bracket.lo, bracket.hi)
+            word = verdict(judged.word, judged.kind)
+            file = bracket.certificate or "none"
+            rows.append((f"leg {number}", model, *between, word, file, ", ".join(ranges)))
+    at = "verdict" if (asked := _at(found)) is None else f"at {asked}"
+    head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", at, "certificate", "extra parameters")
     return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
 
 
-def _extra(entry: Entry) -> str:
-    """Enclosures of a leg's parameters beyond (a, b, l), of all parameters with eps <= eps_hi."""
-    box = entry.enclosure
-    if box.is_empty:
-        return ""
-    texts = []
-    for k, name in enumerate(box.names[7:], start=7):
-        lo, hi = bracket_text(float(box.lo[k]), float(box.hi[k]))
-        texts.append(f"{name} in [{short(lo)}, {short(hi)}]")
-    return ", ".join(texts)
-
-
-def said(comparison: Comparison) -> str:
-    """For which readings, and of which legs, all of it is meant."""
-    if comparison.campaign_sha256:
-        return f"{QUANTIFIER} {LONGER}"
-    return "A point satisfies a network when one value of every reading in its set satisfies all constraints."
-
-
-def comparison_sentences(comparison: Comparison) -> list[str]:
+def comparison_sentences(found: Compared) -> list[str]:
     """What the comparison shows, a sentence a model; refutations first say with which proof."""
-    tolerance = comparison.tolerance
+    tolerance, out = _asked(found).options.tolerance, list[str]()
     if tolerance is None:
-        return []
-    out, at = [], f"{stated(tolerance)}{_unit(comparison)}"
-    for model in comparison.models:
-        entries = [e for e in comparison.entries if e.model == model]
-        refuted = [e for e in entries if e.verdict(tolerance) is Verdict.REFUTED]
-        open_ones = [e for e in entries if e.verdict(tolerance) is Verdict.UNKNOWN]
-        if refuted:
-            names = ", ".join(f"{e.subject} ({e.certificate or 'unchecked'})" for e in refuted)
-            text = f"{model} is refuted at {at} for {len(refuted)} of {len(entries)}: {names}."
-        else:
-            text = f"{model} is refuted at {at} for none of {len(entries)}."
-        if open_ones:
-            text += f" Not known for {', '.join(e.subject for e in open_ones)}."
-        poor = [e for e in entries if e.leg_verdict(tolerance, comparison.options).kind == Undetermined.kind]
+        return out
+    for model, result in found.items():
+        legs, poor, unknown = result.legs, [], []
+        refuted = [leg for leg in legs if leg.bracket.lo > tolerance]
+        for leg in legs:
+            kind = verdict_of(result, leg).kind
+            poor += [f"leg {leg.leg}"] * (kind == "undetermined")
+            unknown += [f"leg {leg.leg}"] * (leg.bracket.lo <= tolerance < leg.bracket.hi)
+        names = ", ".join(f"leg {leg.leg} ({leg.bracket.certificate or 'unchecked'})" for leg in refuted)
+        count = f"{len(refuted)} of {len(legs)}: {names}" if refuted else f"none of {len(legs)}"
+        text = f"{model} is refuted at {_at(found)} for {count}."
+        if unknown:
+            text += f" Not known for {', '.join(unknown)}."
         if poor:
-            text += f" Undetermined for {', '.join(e.subject for e in poor)}: the measurements leave parameters open."
+            text += f" Undetermined for {', '.join(poor)}: the measurements leave parameters open."
         out.append(text)
     return out
 
 
-def comparison_lines(comparison: Comparison) -> list[str]:
-    """A line a subject, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
-    out = [f"{comparison.title}: smallest error of each model{_unit(comparison).replace(' ', ', ', 1)}"]
-    subjects = list(dict.fromkeys(entry.subject for entry in comparison.entries))
-    for subject in subjects[:_MOST_LINES]:
-        entries = [entry for entry in comparison.entries if entry.subject == subject]
-        line = f"{subject}: " + ", ".join(_short(comparison, entry) for entry in entries)
-        if comparison.tolerance is not None:
-            good = [
-                e.model
-                for e in entries
-                if isinstance(e.leg_verdict(comparison.tolerance, comparison.options), Explained)
-            ]
+def comparison_lines(found: Compared) -> list[str]:
+    """A line a leg, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
+    out, every = [f"{_asked(found).robot}: smallest error of each model, mm"], _legs(found)
+    for number, legs in list(every.items())[:_MOST_LINES]:
+        line = f"leg {number}: " + ", ".join(_short(found[model], leg) for model, leg in legs.items())
+        if _at(found) is not None:
+            good = passing(found, number)
             line += f"; next: accept {good[0]}" if good else "; next: no model passes"
         out.append(printable(line))
-    if len(subjects) > _MOST_LINES:
-        out.append(f"and {len(subjects) - _MOST_LINES} more, which the page shows")
+    if len(every) > _MOST_LINES:
+        out.append(f"and {len(every) - _MOST_LINES} more, which the page shows")
     return out
 
 
-def _short(comparison: Comparison, entry: Entry) -> str:
-    hi = at_most(entry.eps_hi) if math.isfinite(entry.eps_hi) else f"above {at_least(entry.eps_lo)}"
-    word = (
-        ""
-        if comparison.tolerance is None
-        else f" {_WORDS[entry.leg_verdict(comparison.tolerance, comparison.options).kind]}"
-    )
-    return f"{entry.model} {hi}{word}"
+def _short(result: Result, leg: LegResult) -> str:
+    hi = at_most(leg.bracket.hi) if math.isfinite(leg.bracket.hi) else f"above {at_least(leg.bracket.lo)}"
+    word = "" if result.options.tolerance is None else _WORDS[verdict_of(result, leg).kind]
+    return f"{result.model.name} {hi}{word}"
 
 
-def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
-    """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
-    at = None if comparison.tolerance is None else f"{stated(comparison.tolerance)}{_unit(comparison)}"
-    stopped = "Interrupted: what is shown was proved until then; the rest is missing."
+def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False) -> Path:
+    """Write `compare.html` beside the runs of the models; its path. The same results give the same bytes."""
+    at, robot = _at(found), _asked(found).robot
+    notice = "Interrupted: what is shown was proved until then; the rest is missing."
     page = Page(
-        f"Models compared: {comparison.title}",
+        f"Models compared: {robot}",
         "models compared",
-        comparison.title,
-        [_answers(comparison), _models(comparison), _origin(comparison)],
-        [stopped] if comparison.interrupted else [],
+        robot,
+        [_answers(found), _models(found), _origin(found)],
+        [notice] if stopped else [],
         f"Which models do the measurements refute at {at}?" if at else "How small can the error of each model be?",
     )
     return page.write(Path(folder) / COMPARISON_PAGE)
 
 
-def _answers(comparison: Comparison) -> Section:
+def _answers(found: Compared) -> Section:
     note = (
         "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
-        "some reach eps_hi. “Refuted”: eps_lo lies above the tolerance. “Not refuted”: some parameters are proved to "
-        "reach it. “Unchecked”: proved in outward-rounded arithmetic, without a certificate."
+        "some reach eps_hi. Without a certificate both are proved in outward-rounded arithmetic only. Extra "
+        "parameters: all parameters with eps ≤ eps_hi lie there."
     )
-    extra = " Extra parameters: all parameters with eps ≤ eps_hi lie there."
+    quantifier = Mark(f"{QUANTIFIER} {LONGER}", "quantifier")
     return Section(
         "Answers",
-        items=[*comparison_lines(comparison)[1:], *comparison_sentences(comparison)],
-        parts=[
-            Section(
-                sentences=[Mark(said(comparison), "quantifier")],
-                tables=[comparison_table(comparison)],
-                notes=[note + (extra if comparison.campaign_sha256 else "")],
-            ),
-        ],
+        items=[*comparison_lines(found)[1:], *comparison_sentences(found)],
+        parts=[Section(sentences=[quantifier], tables=[comparison_table(found)], notes=[note])],
         style="names",
     )
 
 
-def _models(comparison: Comparison) -> Section:
-    of_legs = bool(comparison.campaign_sha256)
+def _models(found: Compared) -> Section:
     same = (
         "All models look for (a, b, l) in the same box, and contain the plain one where their extra parameters vanish: "
         "none has a larger smallest eps than the plain one."
     )
-    what = "The length of a leg is " * of_legs
-    data = {name: Mark(f"{what}{summary}.", "names") for name, summary in comparison.models.items()}
-    return Section("The models", data=data, notes=[same] * of_legs)
+    data = {
+        name: Mark(f"The length of a leg is {result.model.summary}.", "names", link=f"{quote(name)}/{REPORT_NAME}")
+        for name, result in found.items()
+    }
+    strange = [result.model.not_compared for result in found.values() if result.model.not_compared]
+    return Section("The models", data=data, notes=[same, *strange])
 
 
-def _origin(comparison: Comparison) -> Section:
-    sha256 = comparison.campaign_sha256
-    data: dict[str, Words] = {} if sha256 is None else {"Campaign, SHA-256": Mark(sha256, "code")}
-    if any(entry.certificate for entry in comparison.entries):
-        about = (
-            "FOLDER: where this page is. Certificates speak of the campaign; those of a user-defined model state their "
-            "constraints themselves, which were not compared with the campaign."
-        )
-        data["To check the proofs again"] = (
-            Mark(f"cpcal verify FOLDER{' --campaign CAMPAIGN' if sha256 else ''}", "command"),
-            Mark(about if sha256 else "FOLDER: where this page is.", "small"),
-        )
+def _origin(found: Compared) -> Section:
+    about = "FOLDER: where this page is. It holds a run of each model, with its certificates and a page of its own."
+    command = Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command")
+    data: dict[str, Words] = {
+        "Campaign, SHA-256": Mark(_asked(found).campaign_sha256, "code"),
+        "To check the proofs again": (command, Mark(about, "small")),
+    }
     return origin(data)
 
 

@@ -518,7 +518,7 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
     assert leg.projections is not None
     eps, box = leg.projections.eps, leg.projections.box
     point = None if leg.bracket.point is None else np.array(leg.bracket.point[:7])
-    fit = np.array(leg.bracket.center[:7]) if result.options.center == "fit" else None
+    fit = np.array(leg.bracket.center) if result.options.center == "fit" else None
     nominal, start = campaign.robot.parameters[leg.leg - 1], box.mid[:7] if point is None else point
     panels, figures = [], []
     for pair in leg.projections.pairs:

@@ -11,16 +11,10 @@ import numpy.typing as npt
 from cpcal.common.numbers import about, stated
 from cpcal.legs import PLAIN
 from cpcal.questions import (
-    Bounded,
-    Explained,
     LegResult,
     LegVerdict,
     Result,
     Uncertified,
-    Uncompared,
-    Undecided,
-    Undetermined,
-    Unexplained,
     proved_sentence,
     verdict_of,
 )
@@ -52,18 +46,18 @@ def overall(result: Result) -> Overall | None:
     if result.options.tolerance is None or not result.legs:
         return None
     verdicts = [verdict_of(result, leg) for leg in result.legs]
-    if any(verdict.kind == Unexplained.kind for verdict in verdicts):
-        return Overall(Unexplained.kind, "FAIL")
-    if all(isinstance(verdict, Explained) for verdict in verdicts) and not result.interrupted:
-        return Overall(Explained.kind, "PASS")
-    return Overall(Undecided.kind, "UNDECIDED")
+    if any(verdict.kind == "unexplained" for verdict in verdicts):
+        return Overall("unexplained", "FAIL")
+    if all(verdict.passes for verdict in verdicts) and not result.interrupted:
+        return Overall("explained", "PASS")
+    return Overall("undecided", "UNDECIDED")
 
 
 def leg_sentence(result: Result, leg: LegResult) -> str:
     """The answer for one leg, without its number: the verdict, what was proved, and whether that can be checked."""
     verdict = verdict_of(result, leg)
     said = [verdict.sentence]
-    if verdict.kind != Undetermined.kind:
+    if verdict.found != "undetermined":
         said.append(proved_sentence(result.options, leg))
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")
@@ -72,50 +66,47 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
 
 def fit_sentence(verdict: LegVerdict) -> str:
     """The verdict as a calibration engineer would say it: how well the measurements fit, and what is allowed."""
-    bracket = verdict.bracket
-    if isinstance(verdict, Uncompared):
-        return f"{fit_sentence(verdict.found)} {not_compared(verdict.model)}"
-    if isinstance(verdict, Undetermined):
-        return f"Cannot be judged: {_lowered(verdict.reason)}"
-    if isinstance(verdict, Explained):
-        said = f"All measurements fit {bracket.within}"
-    elif isinstance(verdict, Bounded):
-        said = f"All measurements fit {bracket.within}, and {bracket.no_better}, whatever the parameters"
-    elif isinstance(verdict, Undecided):
-        known = [f"all measurements fit {bracket.within}"] if math.isfinite(bracket.hi) else []
-        known += [bracket.no_better] if bracket.lo > 0.0 else []
-        said = f"Not decided: {', and '.join(known) or 'nothing is known of the error yet'}"
+    if verdict.found == "undetermined":
+        said = f"Cannot be judged: {_lowered(verdict.reason)}"
     else:
-        said = _misfit(verdict)
-    tolerance = None if isinstance(verdict, Bounded) else verdict.tolerance
-    return f"{said}." if tolerance is None else f"{said}; {stated(tolerance)} {bracket.unit} are allowed."
+        said = (
+            _fit(verdict) + ("" if verdict.tolerance is None else f"; {stated(verdict.tolerance)} mm are allowed") + "."
+        )
+    return f"{said} {not_compared(verdict.model)}" if verdict.model else said
+
+
+def _fit(verdict: LegVerdict) -> str:
+    whatever = f"{verdict.no_better}, whatever the parameters"
+    if verdict.found == "explained":
+        return f"All measurements fit {verdict.within}"
+    if verdict.found == "bounded":
+        return f"All measurements fit {verdict.within}, and {whatever}"
+    if verdict.found == "undecided":
+        known = [f"all measurements fit {verdict.within}"] if math.isfinite(verdict.hi) else []
+        known += [verdict.no_better] if verdict.lo > 0.0 else []
+        return f"Not decided: {', and '.join(known) or 'nothing is known of the error yet'}"
+    if verdict.beyond is not None:
+        error = "exactly" if verdict.beyond == 0.0 else f"to within {stated(verdict.beyond)} mm"
+        return f"With no parameters do all measurements fit {error}"
+    if math.isinf(verdict.lo):
+        return "With no parameters do all measurements fit, whatever the error"
+    return f"All measurements fit {whatever}"
 
 
 def short_fit(verdict: LegVerdict) -> str:
     """The same in a few words, for a line of a terminal."""
-    bracket = verdict.bracket
-    if isinstance(verdict, Uncompared):
-        return f"not compared, {bracket.range}" if verdict.fits else short_fit(verdict.found)
-    if isinstance(verdict, Undetermined):
-        return f"undetermined: {', '.join(verdict.names)}" if verdict.names else "undetermined: too few measurements"
-    if isinstance(verdict, Undecided):
-        return f"undecided, {bracket.range}"
-    if isinstance(verdict, Unexplained):
+    if verdict.kind == "uncompared":
+        return f"not compared, {verdict.range}"
+    if verdict.kind == "undetermined":
+        return f"undetermined: {', '.join(verdict.names) or 'too few measurements'}"
+    if verdict.kind == "undecided":
+        return f"undecided, {verdict.range}"
+    if verdict.kind == "unexplained":
         word = "does not fit" if verdict.tolerance is None else "fail"
         if verdict.beyond is not None:
-            return f"{word} to within {stated(verdict.beyond)} {bracket.unit}" if verdict.beyond else f"{word} exactly"
-        return f"{word}, {bracket.no_better}" if math.isfinite(bracket.lo) else word
-    passed = "pass, " if isinstance(verdict, Explained) and verdict.tolerance is not None else ""
-    return f"{passed}fits {bracket.within}"
-
-
-def _misfit(verdict: Unexplained) -> str:
-    if verdict.beyond is not None:
-        error = "exactly" if verdict.beyond == 0.0 else f"to within {stated(verdict.beyond)} {verdict.bracket.unit}"
-        return f"With no parameters do all measurements fit {error}"
-    if math.isinf(verdict.bracket.lo):
-        return "With no parameters do all measurements fit, whatever the error"
-    return f"All measurements fit {verdict.bracket.no_better}, whatever the parameters"
+            return f"{word} to within {stated(verdict.beyond)} mm" if verdict.beyond else f"{word} exactly"
+        return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
+    return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
 
 
 def _lowered(text: str) -> str:

@@ -50,25 +50,21 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
     assert "U (k = 2)" in outcome.stdout
 
 
-def test_certify_goes_on_from_its_campaign(study, tmp_path):
-    assert run("calibrate", study, "-o", tmp_path).exit_code == 0
-    outcome = run("certify", tmp_path / "campaign", "-o", tmp_path / "run", "--legs", 1, "--eps", 0)
-    assert outcome.exit_code == 0, outcome.stderr
-    assert "Leg 1: does not fit exactly" in outcome.stdout
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
-    [(["--factor", "0"], "--factor"), (["--factor", "nan"], "--factor"), (["--method", "tsai"], "--method")],
+    [
+        (["--factor", "0"], "--factor"),
+        (["--factor", "nan"], "--factor"),
+        (["--lens", "-1"], "lens"),
+        (["--trials", "50"], "has no meaning without a standard uncertainty"),
+        (["--lens", "0.1", "--trials", "3"], "trials"),
+    ],
 )
 def test_senseless_options_are_refused(study, tmp_path, arguments, text):
     outcome = run("calibrate", study, "-o", tmp_path / "c", *arguments)
     assert outcome.exit_code == 2
     assert text in outcome.stderr
-    assert not (tmp_path / "c").exists()
-
-
-def test_no_study(tmp_path):
+    assert not (tmp_path / "c" / "campaign").exists()
     outcome = run("calibrate", tmp_path / "absent", "-o", tmp_path / "c")
     assert outcome.exit_code == 2
     assert "does not exist" in outcome.stderr
@@ -85,8 +81,3 @@ def test_a_budget_is_printed_with_what_was_stated_and_kept_in_the_record(study, 
     assert (record.budget.inputs.camera_scale, record.budget.inputs.temperature) == (1e-4, 2.0)
     assert max(max(row) for row in record.budget.expanded) == pytest.approx(2.0 * record.budget.largest)
     assert record.budget.monte_carlo is None
-
-
-@pytest.mark.parametrize("arguments", [("--lens", "-1"), ("--trials", "50"), ("--lens", "0.1", "--trials", "3")])
-def test_a_budget_without_a_meaning_is_refused(study, tmp_path, arguments):
-    assert run("calibrate", study, "-o", tmp_path / "c", *arguments).exit_code == 2

@@ -1,15 +1,16 @@
 """`cpcal demo`: the whole study, here a small one and one leg of it."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 
 import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli.demo import DemoPlan, _is_earlier_demo
-from cpcal.cli.verify import check_all
+from cpcal.cli.verify import check_all, checked_certificates
 from cpcal.files import campaign_sha256, load_study
-from cpcal.questions.fits import load_fits
+from cpcal.questions.fits import fits_of
 from tests.cli.command import run
 
 SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
@@ -24,6 +25,10 @@ def demo(tmp_path_factory):
     return folder, outcome
 
 
+def fits_in(folder):
+    return fits_of(folder / "fits", checked_certificates(folder / "fits"))
+
+
 def test_it_goes_the_whole_way(demo):
     folder, outcome = demo
     assert outcome.exit_code == 0, outcome.stderr
@@ -33,7 +38,7 @@ def test_it_goes_the_whole_way(demo):
     result, timeout, fits = (
         cpcal.load_result(folder / "run"),
         cpcal.load_result(folder / "timeout"),
-        load_fits(folder / "fits"),
+        fits_in(folder),
     )
     assert load_study(folder / "study").truth.seed == 3
     hashes = {found.campaign_sha256 for found in (record, result, timeout, fits)}
@@ -49,7 +54,7 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
     assert leg.bracket.lo > 0.0
     assert timed.bracket.lo <= leg.bracket.hi
     assert leg.bracket.lo <= timed.bracket.hi
-    for _, verified in load_fits(folder / "fits").both:
+    for _, verified in fits_in(folder).both:
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     for text in (
         "in their sets: refuted for leg 6.",
@@ -58,10 +63,7 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
         "report.html",
     ):
         assert text in outcome.stdout
-
-
-def test_the_page_has_both_methods(demo):
-    page = (demo[0] / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8")
     for text in ("Table 7", "accepted all 4 certificates", "bound: none below", "24.01"):
         assert text in page
 
@@ -76,10 +78,10 @@ def test_report_writes_the_same_page_again(demo, tmp_path):
     assert outcome.exit_code == 0, outcome.stderr
     assert page.read_bytes() == first
     assert run("report", folder, "--campaign", folder / "campaign").exit_code == 2
-    (folder / "fits" / "fits.json").unlink()
+    next((folder / "fits").glob("x_c.leg*")).unlink()
     refused = run("report", folder)
     assert refused.exit_code == 2
-    assert "fits.json" in refused.stderr
+    assert "lacks a certificate of a leg" in refused.stderr
 
 
 def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
@@ -101,23 +103,23 @@ def test_a_demo_may_replace_a_demo_and_nothing_else(tmp_path):
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):
-    folder = demo[0]
-    good = sorted((folder / "fits").glob("*.cert.jsonl"))
-    accepted, said = check_all(good)
+    fits = Path(shutil.copytree(demo[0] / "fits", tmp_path / "fits"))
+    accepted, said = check_all([checked_certificates(fits)])
     assert accepted
     assert "all 2 certificates (exact arithmetic" in said
-    shutil.copyfile(folder / "fits" / "campaign.json", tmp_path / "campaign.json")
-    forged = tmp_path / "forged.cert.jsonl"
-    shutil.copyfile(good[0], forged)
-    forged.write_text(forged.read_text().replace('"fails"', '"holds"', 1), encoding="utf-8")
-    accepted, said = check_all([*good, forged])
+    good, forged = next(fits.glob("*.cert.jsonl")), fits / "forged.cert.jsonl"
+    forged.write_text(good.read_text().replace('"fails"', '"holds"', 1), encoding="utf-8")
+    accepted, said = check_all([checked_certificates(fits)])
     assert not accepted
-    assert "REFUSED 1: forged.cert.jsonl" in said
+    assert f"REFUSED 1: {forged.name}" in said
 
 
 @pytest.mark.parametrize(
     ("file", "old", "new"),
-    [("run/result.json", '"hi": ', '"hi": 1'), ("fits/fits.json", '"fails": ', '"fails": 1')],
+    [
+        ("run/result.json", '"hi": ', '"hi": 1'),
+        ("fits/x_c.leg6.cert.jsonl", '"fails":[', '"fails":[["upper",0],["upper",0],'),
+    ],
 )
 def test_no_page_is_made_of_a_study_that_was_touched(demo, tmp_path, file, old, new):
     copy = tmp_path / "demo"

@@ -149,10 +149,9 @@ def test_a_library_that_cannot_be_loaded_is_named(campaign_folder, tmp_path):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_a_log_on_a_full_disk_costs_one_sentence(campaign_folder, tmp_path):
-    code = "from cpcal.__main__ import main; main()"
     limits = ["--legs", "1", "--time-limit", "0.01", "--log", "/dev/full"]
-    done = run(code, "certify", campaign_folder, "-o", tmp_path / "run", *limits)
-    assert done.returncode in (0, 1)
+    done = CliRunner().invoke(app, ["certify", str(campaign_folder), "-o", str(tmp_path / "run"), *limits])
+    assert done.exit_code in (0, 1)
     assert done.stderr.count("the record ends here") == 1
     assert "No space left" in done.stderr
     assert "Traceback" not in done.stderr

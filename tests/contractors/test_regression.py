@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,13 +15,6 @@ from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
 
-@pytest.fixture(scope="module", params=[0.0, 3.0], ids=["exact", "uncertain"])
-def campaign(request: pytest.FixtureRequest) -> Campaign:
-    return simulate(
-        seed=5, joint_error=0.0, noise=0.0 if request.param == 0.0 else 1.0, truncate=3.0, factor=request.param
-    )
-
-
 def network(campaign: Campaign, delta: float) -> tuple[ConstraintNetwork, np.ndarray]:
     truth = true_robot(campaign)
     assert truth is not None
@@ -28,10 +23,17 @@ def network(campaign: Campaign, delta: float) -> tuple[ConstraintNetwork, np.nda
     return net, x
 
 
-@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+SLOW = pytest.param("arb", 3.0, {}, marks=pytest.mark.nightly)
+FEW = {"extremal": False, "random_poses": 24}
+
+
+@pytest.mark.parametrize(
+    ("arithmetic", "factor", "poses"), [("float64", 0.0, {}), ("float64", 3.0, {}), ("arb", 0.0, FEW), SLOW]
+)
 def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_truth(
-    campaign: Campaign, arithmetic: str
+    arithmetic: str, factor: float, poses: dict[str, Any]
 ) -> None:
+    campaign = simulate(seed=5, joint_error=0.0, noise=min(factor, 1.0), truncate=3.0, factor=factor, **poses)
     net, x = network(campaign, 100.0)
     left = Regression(net, objective="eps", arithmetic=arithmetic).contract(net.domain)
     assert (left.box.width[:7] < 0.65 * 200.0).all()

@@ -47,5 +47,6 @@ def test_its_fit_finds_the_sag(exact):
 
 def test_proofs_enclose_it(exact):
     found = cpcal.compare(bent(exact, 2.0), ["plain", "sag"], legs=[3], tolerance=0.1)
-    assert [entry.word(0.1).split(",")[0] for entry in found.entries] == ["refuted", "not refuted"]
-    assert 2.0 in found.entry("leg 3", "sag").enclosure["c"]
+    assert [cpcal.verdict_of(result, result.legs[0]).word for result in found.values()] == ["fail", "not compared"]
+    assert found["sag"].legs[0].bracket.hi <= 0.1
+    assert 2.0 in found["sag"].legs[0].bracket.enclosure["c"]

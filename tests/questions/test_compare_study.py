@@ -25,42 +25,45 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cpcal.save_campaign(calibrate_study(study).campaign, folder / "campaign")
     campaign = cpcal.load_campaign(folder / "campaign")
     assert campaign.position_radius.all()
-    comparison = cpcal.compare(
-        campaign, ["plain", "gain", "lateral"], legs=[1], tolerance=TOLERANCE, certificates=folder / "run"
-    )
-    cpcal.save_comparison(comparison, folder / "run")
+    models = ["plain", "gain", "lateral"]
+    found = cpcal.compare(campaign, models, legs=[1], tolerance=TOLERANCE, certificates=folder / "run")
+    for model, result in found.items():
+        cpcal.save_result(result, folder / "run" / model)
     return folder
 
 
 def test_a_sensor_gain_error_is_found_in_a_study(run: Path) -> None:
-    comparison = cpcal.load_comparison(run / "run")
-    entries = {entry.model: entry for entry in comparison.entries}
-    assert entries["plain"].word(TOLERANCE) == "refuted"
-    assert entries["lateral"].word(TOLERANCE) == "refuted"
-    assert entries["gain"].word(TOLERANCE) == "not refuted"
-    assert entries["gain"].eps_hi == 0.0  # the readings and a gain explain everything
-    assert abs(entries["gain"].enclosure["s"].mid) > 0.01
+    found = {model: cpcal.load_result(run / "run" / model) for model in ("plain", "gain", "lateral")}
+    assert [cpcal.verdict_of(result, result.legs[0]).word for result in found.values()] == ["fail", "pass", "fail"]
+    bracket = found["gain"].legs[0].bracket
+    assert bracket.hi == 0.0  # the readings and a gain explain everything
+    assert abs(bracket.enclosure["s"].mid) > 0.01
 
 
-def test_the_checker_proves_the_same(run: Path) -> None:
-    for entry in cpcal.load_comparison(run / "run").entries:
-        assert entry.certificate == f"{entry.model}-leg1.cert.jsonl"
-        found = check(run / "run" / entry.certificate)
-        claims = found.claims
-        assert (found.leg, found.model) == (1, entry.model)
-        assert found.unknowns == ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l", *entry.enclosure.names[7:], "eps")
-        assert (claims.eps_lo, claims.eps_hi) == (entry.eps_lo, entry.eps_hi)
-        assert (claims.eps_lo > TOLERANCE) == (entry.model != "gain")
-        assert claims.point is not None
-        assert claims.point.holds == tuple(range(found.count))
-        for side, numbers in zip(claims.enclosure, (entry.enclosure.lo, entry.enclosure.hi), strict=True):
-            assert side[:-1] == tuple(map(Fraction, map(float, numbers)))
+@pytest.mark.parametrize("model", ["plain", "gain", "lateral"])
+def test_the_checker_proves_the_same(run: Path, model: str) -> None:
+    bracket = cpcal.load_result(run / "run" / model).legs[0].bracket
+    assert bracket.certificate == "leg1.cert.jsonl"
+    found = check(run / "run" / model / bracket.certificate)
+    claims = found.claims
+    assert (found.leg, found.model) == (1, model)
+    assert found.unknowns == ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l", *bracket.enclosure.names[7:], "eps")
+    assert (claims.eps_lo, claims.eps_hi) == (bracket.lo, bracket.hi)
+    assert claims.eps_lo is not None
+    assert (claims.eps_lo > TOLERANCE) == (model != "gain")
+    assert claims.point is not None
+    assert claims.point.holds == tuple(range(found.count))
+    assert claims.enclosure is not None
+    for side, numbers in zip(claims.enclosure, (bracket.enclosure.lo, bracket.enclosure.hi), strict=True):
+        assert side[:-1] == tuple(map(Fraction, map(float, numbers)))
 
 
 def test_the_sentences_name_the_model(run: Path) -> None:
     outcome = CliRunner().invoke(app, ["verify", str(run / "run")])
     assert outcome.exit_code == 0, outcome.output
-    lines = [line for line in outcome.output.splitlines() if line.startswith("gain-leg1")]
+    output = outcome.output.splitlines()
+    runs = {name: output[output.index(f"{name}:") :] for name in ("plain", "gain")}
+    lines = [line for line in runs["gain"] if line.startswith("leg1.cert")]
     assert "s in [-0.05, 0.05] satisfies all" in lines[0]
     assert "equations of leg 1 in the gain model with |g| < 0 mm for any readings" in lines[0]
     assert (
@@ -68,5 +71,5 @@ def test_the_sentences_name_the_model(run: Path) -> None:
         in lines[1]
     )
     assert "mm long, s in [-0.02" in lines[2]
-    plain = [line for line in outcome.output.splitlines() if line.startswith("plain-leg1")]
+    plain = [line for line in runs["plain"] if line.startswith("leg1.cert")]
     assert "equations of leg 1 with |g| <" in plain[0]

@@ -1,13 +1,13 @@
-"""x_c and x_c_sigma as solutions: what is verified is written and read again."""
+"""x_c and x_c_sigma as solutions: what is known of them is what their certificates prove."""
 
-import json
+import shutil
 
 import pytest
 
 import cpcal
 from cpcal.calibration import calibrate_study
-from cpcal.checker import check
-from cpcal.questions.fits import certify_fits, load_fits
+from cpcal.cli.verify import checked_certificates
+from cpcal.questions.fits import certify_fits, fits_of
 from cpcal.simulate import simulate_study
 
 
@@ -16,28 +16,56 @@ def found():
     return calibrate_study(simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0))
 
 
-def test_both_fits_are_verified_with_certificates(found, tmp_path):
-    fits = certify_fits(found.campaign, found.record, tmp_path / "fits", legs=[2, 5])
-    assert load_fits(tmp_path / "fits") == fits
-    cpcal.save_campaign(found.campaign, tmp_path / "campaign")
-    for (name, verified), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
+@pytest.fixture(scope="module")
+def folder(found, tmp_path_factory):
+    return tmp_path_factory.mktemp("fits") / "fits"
+
+
+@pytest.fixture(scope="module")
+def fits(found, folder):
+    return certify_fits(found.campaign, found.record, folder, legs=[5, 2])
+
+
+def test_both_fits_are_verified_with_certificates(found, fits, folder):
+    accepted = checked_certificates(folder)
+    assert fits_of(folder, accepted) == fits
+    assert sorted(accepted) == [f"{name}.leg{leg}.cert.jsonl" for name in ("x_c", "x_c_sigma") for leg in (2, 5)]
+    for (_, verified), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
         assert [leg.leg for leg in verified] == [2, 5]
         for leg in verified:
-            assert leg.certificate == f"{name}.leg{leg.leg}.cert.jsonl"
             alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
             assert (leg.verified, leg.point) == (alone.verified, alone.point)
             assert leg.verified.verdict is cpcal.Verdict.REFUTED
-            point = check(tmp_path / "fits" / leg.certificate).claims.point
-            assert (len(point.holds), len(point.fails)) == (leg.verified.holds, leg.verified.fails)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda run: (run / "x_c.leg2.cert.jsonl").unlink(), "lacks a certificate of a leg"),
+        (lambda run: (run / "x_c.leg2.cert.jsonl").rename(run / "x_c.leg1.cert.jsonl"), "is called so"),
+        (lambda run: (run / "x_c.leg2.cert.jsonl").rename(run / "best.cert.jsonl"), "is called so"),
+        (lambda run: (run / "x_c.leg2.cert.jsonl").write_text(""), "it is empty"),
+        (lambda run: [path.unlink() for path in run.glob("*.jsonl")], "lacks a certificate of a leg"),
+    ],
+)
+def test_a_folder_that_was_touched_is_refused(fits, folder, tmp_path, change, reason):
+    run = tmp_path / "run"
+    shutil.copytree(folder, run)
+    change(run)
+    with pytest.raises(cpcal.InputError, match=reason):
+        fits_of(run, checked_certificates(run))
+
+
+def test_a_point_of_another_model_or_of_some_measurements_is_no_fit(found, fits, folder, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(folder, run)
+    at = [*fits.x_c[0].point, 0.0]
+    path = run / "x_c.leg2.cert.jsonl"
+    cpcal.certify_point(found.campaign, 2, at, model="gain", certificate=path)
+    with pytest.raises(cpcal.InputError, match="is called so"):
+        fits_of(run, checked_certificates(run))
 
 
 def test_another_campaign_is_refused(found, tmp_path):
     with pytest.raises(cpcal.InputError, match="another campaign"):
         certify_fits(cpcal.simulate(seed=2), found.record, tmp_path)
-
-
-@pytest.mark.parametrize("data", [[], {}, {"format": "cpcal-fits/2"}, {"format": "cpcal-fits/3"}])
-def test_a_garbled_file_is_refused(tmp_path, data):
-    (tmp_path / "fits.json").write_text(json.dumps(data))
-    with pytest.raises(cpcal.InputError, match=r"is not JSON|is not of format|lacks"):
-        load_fits(tmp_path)

@@ -51,6 +51,12 @@ def certified(bent: Campaign) -> LegResult:
     return only(bent)
 
 
+@pytest.fixture(scope="module")
+def exact(bent: Campaign) -> LegResult:
+    """The same without the sets."""
+    return only(without_sets(bent))
+
+
 # exact readings ---------------------------------------------------------------------------------------------
 
 
@@ -75,18 +81,16 @@ def test_brackets_close_in_small_and_large_boxes_and_agree(joint_error: float, l
     assert far.bracket.lo <= near.bracket.hi  # the larger box holds the smaller one's optimum
 
 
-def test_no_point_does_better_than_the_lower_bound(bent: Campaign) -> None:
-    campaign = without_sets(bent)
-    found = only(campaign)
+def test_no_point_does_better_than_the_lower_bound(bent: Campaign, exact: LegResult) -> None:
+    campaign, found = without_sets(bent), exact
     rng = np.random.default_rng(0)
     for size in (1e-4, 1e-2, 1.0, 30.0):
         for x in np.add(found.bracket.point, size * rng.normal(size=(100, 7))):
             assert np.abs(residuals(campaign, 1, x)).max() >= found.bracket.lo
 
 
-def test_the_support_alone_forces_the_bound(bent: Campaign) -> None:
-    campaign = without_sets(bent)
-    found = only(campaign)
+def test_the_support_alone_forces_the_bound(bent: Campaign, exact: LegResult) -> None:
+    campaign, found = without_sets(bent), exact
     rows = [campaign.measurement_ids.index(name) for name in found.support.ids]
     fewer = only(part(campaign, rows, exact=True), center="nominal", delta=110.0)
     assert len(rows) < len(campaign)
@@ -94,9 +98,8 @@ def test_the_support_alone_forces_the_bound(bent: Campaign) -> None:
     assert fewer.bracket.lo >= 0.9 * found.bracket.lo
 
 
-def test_results_are_the_same_twice(bent: Campaign) -> None:
-    first, second = only(bent), only(bent)
-    assert leg_with(first, seconds=0.0) == leg_with(second, seconds=0.0)
+def test_results_are_the_same_twice(bent: Campaign, certified: LegResult) -> None:
+    assert leg_with(only(bent), seconds=0.0) == leg_with(certified, seconds=0.0)
 
 
 # reading sets -----------------------------------------------------------------------------------------------
@@ -117,8 +120,7 @@ def sampled(campaign: Campaign, leg: int, x: Floats, rng: np.random.Generator, c
     return best
 
 
-def test_bracket_with_reading_sets(bent: Campaign, certified: LegResult) -> None:
-    exact = only(without_sets(bent))
+def test_bracket_with_reading_sets(certified: LegResult, exact: LegResult) -> None:
     assert 0.0 < certified.bracket.lo <= certified.bracket.hi < exact.bracket.lo
     assert certified.bracket.hi - certified.bracket.lo <= 2e-3
     assert certified.bracket.verdict is Verdict.PROVED
@@ -194,10 +196,10 @@ def test_arb_gives_the_same_verdicts(bent: Campaign, exact: bool) -> None:
     assert slow.bracket.lo <= fast.bracket.hi
 
 
-@pytest.mark.parametrize("exact", [True, False])
-def test_questions_about_one_eps(bent: Campaign, certified: LegResult, exact: bool) -> None:
-    campaign = without_sets(bent) if exact else bent
-    known = only(campaign) if exact else certified
+@pytest.mark.parametrize("kind", ["exact", "certified"])
+def test_questions_about_one_eps(bent: Campaign, request: pytest.FixtureRequest, kind: str) -> None:
+    campaign = without_sets(bent) if kind == "exact" else bent
+    known: LegResult = request.getfixturevalue(kind)
     above, below = only(campaign, eps=known.bracket.hi * 1.001), only(campaign, eps=known.bracket.lo * 0.98)
     assert above.bracket.verdict is Verdict.PROVED
     assert above.bracket.point is not None
@@ -209,7 +211,7 @@ def test_questions_about_one_eps(bent: Campaign, certified: LegResult, exact: bo
     assert (above.bracket.lo, below.bracket.lo) == (0.0, known.bracket.lo * 0.98)  # of no other eps anything is said
 
 
-def test_center_and_delta_define_the_box(bent: Campaign) -> None:
+def test_center_and_delta_define_the_box(bent: Campaign, exact: LegResult) -> None:
     campaign = without_sets(bent)
     nominal = Robot.from_parameters("x", bent.robot.parameters)
     found = only(campaign, center="nominal", delta=0.5)
@@ -218,7 +220,7 @@ def test_center_and_delta_define_the_box(bent: Campaign) -> None:
         found.bracket.point is None
         or np.abs(np.subtract(found.bracket.point, found.bracket.center)).max() <= 0.5 + 1e-12
     )
-    assert found.bracket.lo > only(campaign).bracket.hi  # the true leg is further off
+    assert found.bracket.lo > exact.bracket.hi  # the true leg is further off
     point = only(campaign, delta=0.0)
     assert point.bracket.hi == pytest.approx(np.abs(residuals(campaign, 1, point.bracket.center)).max(), rel=1e-9)
     assert point.bracket.lo == pytest.approx(point.bracket.hi, rel=2e-6)

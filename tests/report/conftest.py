@@ -10,8 +10,8 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study
 from cpcal.files import campaign_sha256
-from cpcal.legs import PARAMETERS
-from cpcal.questions import Comparison, Entry, Projection, Projections
+from cpcal.legs import PARAMETERS, Parameter
+from cpcal.questions import ModelNote, Projection, Projections
 from cpcal.questions.fits import CertifiedFits, VerifiedFit
 from cpcal.report import write_report
 from cpcal.report.comparison_page import write_comparison
@@ -70,41 +70,35 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="package")
 def comparison(tmp_path_factory):
-    """The page of a comparison with entries of every kind; with long and hostile names."""
-    names = (*PARAMETERS, *(f"c{k}" for k in range(7)))
+    """The page of compared models with legs of every kind; with long and hostile names."""
+    campaign = cpcal.simulate(seed=1)
+    robot = dataclasses.replace(campaign.robot, name="<b>" + "Supercalifragilistic" * 8)
+    campaign = dataclasses.replace(campaign, robot=robot)
+    extra = tuple(Parameter(f"c{k}", "mm", 1.0) for k in range(7))
+    names = (*PARAMETERS, *(p.name for p in extra))
 
-    def entry(leg, model, lo, hi, certificate=None):
+    def result(model, lo, hi, *, certified=False):
         box = cpcal.Box(names, [-1.0] * 14, [1.0] * 14) if hi < math.inf else cpcal.Box.empty(names)
-        return Entry(
-            subject=f"leg {leg}",
-            model=model,
-            eps_lo=lo,
-            eps_hi=hi,
-            enclosure=box,
-            certificate=certificate,
-            seconds=0.5,
-        )
+        point = (0.0,) * 14 if hi < math.inf else None
+        legs = [
+            made_leg(
+                leg, lo, hi, point, (0.0,) * 7, box, 0.0, (), 1, 9, 0.5,
+                extra=(0.0,) * 7,
+                certificate=f"leg{leg}.cert.jsonl" if certified else None,
+                verdict=cpcal.Verdict.PROVED if hi < math.inf else cpcal.Verdict.UNKNOWN,
+            )
+            for leg in range(1, 7)
+        ]  # fmt: skip
+        fields = vars(made_result(campaign, tolerance=0.3, interrupted=True))
+        return cpcal.Result(**fields | {"model": ModelNote(model, extra), "legs": tuple(legs)})
 
-    entries = [
-        entry(leg, *rest)
-        for leg in range(1, 7)
-        for rest in (
-            ("plain", 0.75045, 0.75046, f"plain-leg{leg}.cert.jsonl"),
-            ("linear", 0.5, 0.5000001),
-            ("mine", 0.1, math.inf),
-            ("gain", 0.0, 0.0, f"gain-leg{leg}.cert.jsonl"),
-        )
-    ]
-    models = {name: f"<i>{name}</i> {'Supercalifragilistic' * 8}" for name in ("plain", "linear", "mine", "gain")}
-    found = Comparison(
-        title="<b>" + "Supercalifragilistic" * 8,
-        tolerance=0.3,
-        models=models,
-        entries=tuple(entries),
-        campaign_sha256="0" * 64,
-        interrupted=True,
-    )
-    return write_comparison(found, tmp_path_factory.mktemp("comparison"))
+    found = {
+        "plain": result("plain", 0.75045, 0.75046, certified=True),
+        "linear": result("linear", 0.5, 0.5000001),
+        "Supercalifragilistic" * 8: result("Supercalifragilistic" * 8, 0.1, math.inf),
+        "gain": result("gain", 0.0, 0.0, certified=True),
+    }
+    return write_comparison(found, tmp_path_factory.mktemp("comparison"), stopped=True)
 
 
 @pytest.fixture(scope="package")
@@ -142,10 +136,7 @@ def study():
     def verified(name, solutions):
         legs = [(k, (64, 0) if k in solutions else (12, 51)) for k in range(1, 7)]
         values = getattr(record, name).values
-        return tuple(
-            VerifiedFit(k, tuple(values[k - 1]), cpcal.VerifiedPoint(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl")
-            for k, counts in legs
-        )
+        return tuple(VerifiedFit(k, tuple(values[k - 1]), cpcal.VerifiedPoint(0.0, *counts, 64)) for k, counts in legs)
 
     fits = CertifiedFits(campaign_sha256(campaign), verified("x_c", ()), verified("x_c_sigma", (6,)))
     said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."

@@ -59,7 +59,7 @@ def test_poses_are_asked_for_where_parameters_are_open():
 def test_without_a_tolerance_one_is_asked_for():
     found, verdict = advised(CAMPAIGN)
     assert found.short == "state a tolerance"
-    lo, hi = bracket_text(verdict.bracket.lo, verdict.bracket.hi)  # that nothing is better is proved of the lower one
+    lo, hi = bracket_text(verdict.lo, verdict.hi)  # that nothing is better is proved of the lower one
     said = f"All measurements fit to within {hi} mm, and no better than {lo} mm, whatever the parameters."
     assert fit_sentence(verdict) == said
 

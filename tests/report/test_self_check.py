@@ -98,6 +98,11 @@ def runs(campaign, tmp_path_factory):
     return {name: made(name) for name in ASKED}
 
 
+@pytest.fixture(scope="module")
+def pages(runs, campaign):
+    return {name: Page(render(campaign, result, run=folder)) for name, (folder, result) in runs.items()}
+
+
 def judged(engine, page, **changed):
     """What the page's script finds."""
     data = json.loads(page.scripts["proof-data"])
@@ -115,9 +120,8 @@ def texts(page, claim):
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_an_untouched_page_agrees_with_its_certificates(engine, runs, campaign, name):
-    folder, result = runs[name]
-    page = Page(render(campaign, result, run=folder))
+def test_an_untouched_page_agrees_with_its_certificates(engine, pages, name):
+    page = pages[name]
     found = judged(engine, page)
     assert [(n, f) for n, f in zip(page.shown, found["faults"], strict=True) if f != ""] == []
     assert set(found["refused"]) == {""}
@@ -170,9 +174,8 @@ def test_a_model_that_looks_like_one_of_ours_is_refused_wherever_its_name_comes_
         assert "is of another leg or campaign" in judged(engine, page, certificates=[certificate])["refused"][0]
 
 
-def test_every_number_edited_is_found(engine, runs, campaign):
-    folder, result = runs["mid"]
-    page = Page(render(campaign, result, run=folder))
+def test_every_number_edited_is_found(engine, pages):
+    page = pages["mid"]
     numbers = [k for k, number in enumerate(page.shown) if re.search(r"\d", number["text"])]
     claims = {page.shown[k]["claim"] for k in numbers}
     sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi", "width")}
@@ -186,9 +189,8 @@ def test_every_number_edited_is_found(engine, runs, campaign):
     assert all(judged(engine, page, shown=edited)["faults"])
 
 
-def test_a_number_edited_with_its_value_is_found(engine, runs, campaign):
-    folder, result = runs["mid"]
-    page = Page(render(campaign, result, run=folder))
+def test_a_number_edited_with_its_value_is_found(engine, pages):
+    page = pages["mid"]
     for claim, text, value in (("eps_hi", "0.01", 0.01), ("enclosure.lo", "1", 1.0), ("ranges.eps", "0.25", 0.25)):
         number = texts(page, claim)[0]
         fault = judged(engine, page, shown=[{**number, "text": text, "value": value.hex()}])["faults"]
@@ -196,8 +198,8 @@ def test_a_number_edited_with_its_value_is_found(engine, runs, campaign):
 
 
 @pytest.mark.parametrize(("name", "other"), [("pass", "fail"), ("fail", "pass")])
-def test_a_verdict_turned_round_is_found(engine, runs, campaign, name, other):
-    page = Page(render(campaign, runs[name][1], run=runs[name][0]))
+def test_a_verdict_turned_round_is_found(engine, pages, name, other):
+    page = pages[name]
     words = [number for number in texts(page, "verdict") if number["text"] == name]
     assert words
     assert judged(engine, page, shown=words)["faults"] == [""] * len(words)
@@ -220,16 +222,16 @@ def test_a_verdict_turned_round_is_found(engine, runs, campaign, name, other):
         ("pass", "tolerance", "4", "4 is not the number that is proved"),
     ],
 )
-def test_badge_and_headline_say_what_is_proved_of_all_legs(engine, runs, campaign, name, claim, text, fault):
-    page = Page(render(campaign, runs[name][1], run=runs[name][0]))
+def test_badge_and_headline_say_what_is_proved_of_all_legs(engine, pages, name, claim, text, fault):
+    page = pages[name]
     (number,) = texts(page, claim)
     verdicts = texts(page, "verdict")
     assert judged(engine, page, shown=[number, *verdicts])["faults"][0] == ""
     assert judged(engine, page, shown=[{**number, "text": text}, *verdicts])["faults"][0] == fault
 
 
-def test_whether_parameters_are_determined_is_not_judged_and_the_page_says_so(engine, runs, campaign):
-    page = Page(render(campaign, runs["pass"][1], run=runs["pass"][0]))
+def test_whether_parameters_are_determined_is_not_judged_and_the_page_says_so(engine, pages):
+    page = pages["pass"]
     (summary,), (word, *_) = texts(page, "summary"), texts(page, "verdict")
     shown = [
         {**summary, "text": "Leg 1: undetermined."},
@@ -247,18 +249,17 @@ def test_whether_parameters_are_determined_is_not_judged_and_the_page_says_so(en
     assert "Not judged here: whether the measurements determine the parameters" in script
 
 
-def test_a_tolerance_changed_in_the_headline_alone_is_found(engine, runs, campaign):
-    page = Page(render(campaign, runs["fail"][1], run=runs["fail"][0]))
+def test_a_tolerance_changed_in_the_headline_alone_is_found(engine, pages):
+    page = pages["fail"]
     (number,) = texts(page, "tolerance")
     changed = {**number, "text": "9", "value": (9.0).hex()}
     faults = judged(engine, page, shown=[changed, *texts(page, "verdict")])["faults"]
     assert faults[0] == "another tolerance stands elsewhere"
 
 
-def test_another_campaign_or_certificate_is_refused(engine, runs, campaign):
-    folder, result = runs["mid"]
-    page = Page(render(campaign, result, run=folder))
-    content = (folder / "campaign.json").read_text(encoding="utf-8")
+def test_another_campaign_or_certificate_is_refused(engine, pages, runs):
+    page = pages["mid"]
+    content = (runs["mid"][0] / "campaign.json").read_text(encoding="utf-8")
     found = judged(engine, page, campaign=content.replace('"', ' "', 1))
     assert all(found["refused"])
     about = [fault for fault, number in zip(found["faults"], page.shown, strict=True) if number["claim"] not in FREE]

@@ -10,7 +10,6 @@ import pytest
 import cpcal
 from cpcal.legs import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
-from cpcal.questions.comparison import Entry
 from cpcal.questions.verdict import proved_sentence
 from cpcal.report.run_page import _sides, _trial
 from cpcal.report.words import leg_sentence, overall
@@ -87,19 +86,3 @@ def test_at_one_eps_only_a_verdict_is_proved(verdict):
 )
 def test_a_point_is_a_solution_if_it_holds_everywhere(holds, fails, verdict):
     assert VerifiedPoint(0.1, holds, fails, 5).verdict is verdict
-
-
-@pytest.mark.parametrize(
-    ("lo", "hi", "verdict", "word"),
-    [
-        (0.1, 0.5, Verdict.PROVED, "not refuted, unchecked"),
-        (0.4, 0.6, Verdict.UNKNOWN, "undecided"),
-        (0.5, 0.6, Verdict.UNKNOWN, "undecided"),
-        (0.6, 0.7, Verdict.REFUTED, "refuted, unchecked"),
-    ],
-)
-def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(lo, hi, verdict, word):
-    entry = Entry(subject="leg 1", model="plain", eps_lo=lo, eps_hi=hi, enclosure=BOX, certificate=None, seconds=0.1)
-    assert entry.verdict(0.5) is verdict
-    assert entry.word(0.5) == word
-    assert "unchecked" not in replace(entry, certificate="leg1.cert.jsonl").word(0.5)

@@ -455,7 +455,9 @@ function readPoint(problem, value) {
   const held = holds === "all" ? problem.numbers : ascending(holds, Number.MAX_SAFE_INTEGER);
   need(held.every(k => problem.spoken.has(k)), "a point holds where a measurement is left out");
   const signs = readings === null ? held.map(() => "0".repeat(problem.signs)) : list(readings, held.length).map(v => readSigns(problem, v));
-  return {at: numbers(at, problem.n), held, signs, fails: list(fails).map(row => readRow(problem, row)), all: held.length === problem.numbers.length};
+  const failing = list(fails).map(row => readRow(problem, row));
+  need(new Set(failing.map(row => row[1])).size === failing.length, "a measurement stands twice in fails");
+  return {at: numbers(at, problem.n), held, signs, fails: failing, all: held.length === problem.numbers.length};
 }
 function provePoint(problem, {at, held, signs, fails}) {
   const x = at.map(constant), here = {lo: at, hi: at}, value = poly => poly.t.size ? D(poly.t.get(""), poly.e) : ZERO;

@@ -603,23 +603,24 @@ class SearchKeeper(Checkpoint):
 
     def __call__(self, saved: Callable[[], Saved]) -> None:
         """After every round: `saved` says where the search stands."""
-        self.after(partial(self._said, saved))
+        self.after(partial(_kept_lines, self._recording, saved))  # without self: a circle stays in memory
 
     def keep(self) -> None:
         """A recording that lacks steps is nothing to go on with."""
         if self._recording is None or self._recording.whole:
             super().keep()
 
-    def _said(self, saved: Callable[[], Saved]) -> Iterator[Line]:
-        yield from ({"search": line} for line in saved().lines())
-        if self._recording is not None:
-            yield from self._recording.saved()
-
     def end(self, found: Minimum) -> None:
         """The search is over. Keep it where boxes are left, or it took long, for what comes next may be interrupted."""
         torn = found.interrupted and not asked()  # an exception broke it off between any two lines
         if not torn and (found.pending or found.seconds > _LONG):
             self.keep()
+
+
+def _kept_lines(recording: Recording | None, saved: Callable[[], Saved]) -> Iterator[Line]:
+    yield from ({"search": line} for line in saved().lines())
+    if recording is not None:
+        yield from recording.saved()
 
 
 # ------------------------------------------------------------------------------------------------------------------

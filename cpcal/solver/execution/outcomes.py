@@ -11,8 +11,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
@@ -67,122 +67,76 @@ def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Itera
     begun any more; those at work in processes of ours are told, and what they answer within ten seconds still comes.
     Raises LostWorkerError where nobody takes tasks any more.
     """
-    given = TasksAtWork(executor, work, partial(next, iter(tasks), None), most)
+    pool, source = executor if isinstance(executor, Processes) else None, iter(tasks)
+    again: deque[tuple[A, int]] = deque()
+    finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
+    running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
+    stopped: float | None = None  # when
+    reached = time.monotonic()  # a scheduler, last
     try:
         while True:
-            given.fill()
-            if not given.running:
+            while (
+                len(running) < most and not asked() and not any(begun >= _TRIES for _, begun in running.values())
+            ):  # one that lost its worker twice runs alone
+                if again and again[0][1] + 1 >= _TRIES and running:
+                    break
+                try:
+                    task, begun = again.popleft() if again else (next(source), 0)
+                except StopIteration:
+                    break
+                try:
+                    future = executor.submit(work, task)
+                except (RuntimeError, ValueError, OSError) as error:  # of a client without scheduler, say
+                    raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
+                running[future] = task, begun + 1
+                future.add_done_callback(finished.put)
+            if not running:
                 return
-            yield from given.done()
-    finally:
-        given.cancel()
-
-
-class TasksAtWork(Generic[A, T]):
-    """Tasks that an executor does. `task` gives the next one; None where there is none at the moment."""
-
-    def __init__(self, executor: Executor, work: Callable[[A], T], task: Callable[[], A | None], most: int) -> None:
-        self._executor, self._work, self._task, self._most = executor, work, task, most
-        self._pool = executor if isinstance(executor, Processes) else None
-        self._again: deque[tuple[A, int]] = deque()
-        self._finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
-        self._stopped: float | None = None  # when
-        self._reached = time.monotonic()  # a scheduler, last
-        self.running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
-
-    def fill(self) -> None:
-        """Give out tasks, as many as may run; one that lost its worker twice runs alone."""
-        while (
-            len(self.running) < self._most
-            and not asked()
-            and not any(begun >= _TRIES for _, begun in self.running.values())
-        ):
-            if self._again and (self._again[0][1] + 1 < _TRIES or not self.running):
-                task, begun = self._again.popleft()
-            elif self._again:
-                return
-            else:
-                fresh = self._task()
-                if fresh is None:
-                    return
-                task, begun = fresh, 0
-            try:
-                future = self._executor.submit(self._work, task)
-            except (RuntimeError, ValueError, OSError) as error:  # of a client without scheduler, say
-                raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
-            self.running[future] = task, begun + 1
-            future.add_done_callback(self._finished.put)
-
-    def done(self) -> Iterator[TaskOutcome[A, T]]:
-        """Wait for some task to be done, or for a moment. Raises LostWorkerError."""
-        for future in self._ended():
-            if future not in self.running:  # given up
-                continue
-            task, begun = self.running.pop(future)
-            cancelled = future.cancelled()  # by a Dask client that lost its scheduler, and looks for it again
-            error = None if cancelled else future.exception()
-            lost = cancelled or isinstance(error, BrokenExecutor)
-            if isinstance(error, Stopped) or (lost and asked()):
-                continue
-            if lost and begun < _TRIES and (cancelled or self._pool is not None):
-                self._again.append((task, begun))
-            elif lost:
-                yield _lost(task, f"it was cancelled: {_GONE}" if cancelled else _KILLED)
-            else:
+            for future in _ended(finished):
+                if future not in running:  # given up
+                    continue
+                task, begun = running.pop(future)
+                cancelled = future.cancelled()  # by a Dask client that lost its scheduler, and looks for it again
+                raised = None if cancelled else future.exception()
+                lost = cancelled or isinstance(raised, BrokenExecutor)
+                if isinstance(raised, Stopped) or (lost and asked()):
+                    continue
+                if lost and begun < _TRIES and (cancelled or pool is not None):
+                    again.append((task, begun))
+                    continue
+                if lost:
+                    future = Future()
+                    future.set_exception(LostWorkerError(f"it was cancelled: {_GONE}" if cancelled else _KILLED))
                 yield TaskOutcome(task, future)
-        if asked():
-            self._stop()
-        self._look_for_scheduler()
-
-    def _ended(self) -> Iterator[Future[T]]:
-        try:
-            yield self._finished.get(timeout=_LOOK)
-            while True:
-                yield self._finished.get_nowait()
-        except Empty:
-            return
-
-    def _stop(self) -> None:
-        """What is at work elsewhere than in processes of ours cannot be told: it is given up. These are killed if they
-        do not end soon: one that a SIGSTOP holds, say."""
-        if self._pool is None:
-            self.cancel()
-            return
-        if self._stopped is None:
-            self._stopped = time.monotonic()
-            self._pool.ask_to_stop()
-            for future in list(self.running):
-                if future.cancel():
-                    del self.running[future]
-        elif insisted() or time.monotonic() > self._stopped + PATIENCE:
-            self._pool.kill()
-
-    def _look_for_scheduler(self) -> None:
-        """Raises LostWorkerError where a Dask client has found none for too long, or looks for none any more."""
-        status = dask_status(self._executor)
-        if status in (None, "running"):
-            self._reached = time.monotonic()
-        elif status in ("closing", "closed") or time.monotonic() > self._reached + DESERTED:
-            self.running.clear()
-            raise LostWorkerError(
-                f"the scheduler is gone: it did not answer for {int(DESERTED)} s, or the client is closed"
-            )
-
-    def cancel(self) -> None:
-        """Give up what is on its way. Processes of ours that are to stop are told."""
-        if asked() and self.running and self._pool is not None:
-            self._pool.ask_to_stop()
-        given_up, self.running = self.running, {}
-        dask = dask_status(self._executor)
+            if asked() and pool is None:  # what is at work elsewhere cannot be told: it is given up
+                return
+            if asked() and pool is not None and stopped is None:
+                stopped = time.monotonic()
+                pool.ask_to_stop()
+                running = {future: given for future, given in running.items() if not future.cancel()}
+            elif pool is not None and stopped is not None and (insisted() or time.monotonic() > stopped + PATIENCE):
+                pool.kill()  # one that a SIGSTOP holds, say
+            status = dask_status(executor)
+            if status in (None, "running"):
+                reached = time.monotonic()
+            elif status in ("closing", "closed") or time.monotonic() > reached + DESERTED:
+                running = {}
+                what = f"did not answer for {int(DESERTED)} s, or the client is closed"
+                raise LostWorkerError(f"the scheduler is gone: it {what}")
+    finally:
+        if asked() and running and pool is not None:
+            pool.ask_to_stop()
+        dask = dask_status(executor)
         if dask is None or (dask == "running" and asked()):  # else it complains of them: they end by themselves
-            for future in given_up:
+            for future in running:
                 future.cancel()
 
 
-def _lost(task: A, why: str) -> TaskOutcome[A, T]:
-    future: Future[T] = Future()
-    future.set_exception(LostWorkerError(why))
-    return TaskOutcome(task, future)
+def _ended(finished: SimpleQueue[Future[T]]) -> Iterator[Future[T]]:
+    with suppress(Empty):
+        yield finished.get(timeout=_LOOK)
+        while True:
+            yield finished.get_nowait()
 
 
 class Shared(Generic[V]):

@@ -181,6 +181,17 @@ def the_point_fails_where_it_holds(lines: Lines, proof: Any) -> str:
 
 
 @forgery()
+def the_point_fails_twice_at_one_measurement(lines: Lines, proof: Any) -> str:
+    """Counts of what a point fails are made of these rows."""
+    claims = lines[proof.head]
+    x = [*proof.point[:-1], 0.5 * proof.eps_hi]
+    bad = next([row[0], k, *row[2:]] for k in range(proof.problem.count) if (row := proof.fails(k, x)) is not None)
+    claims["epsilon"]["hi"] = None
+    claims["point"] = {"at": [v.hex() for v in x], "holds": [], "readings": None, "fails": [bad, bad]}
+    return "claims"
+
+
+@forgery()
 def the_point_judged_by_all_but_one(lines: Lines, proof: Any) -> str:
     lines[proof.head]["point"]["holds"] = list(range(1, proof.problem.count))
     return "claims"

@@ -103,22 +103,16 @@ def once_answered(run, happens):
     return thread
 
 
-def test_six_legs_have_the_same_certificates(cluster, campaigns, tmp_path):
-    there = certified(tmp_path / "there", campaigns[0], options=["--scheduler", cluster.complete()])
-    assert there.exit_code in (0, 1), there.output
-    assert certified(tmp_path / "alone", campaigns[0]).exit_code == there.exit_code
-    assert len(certificates(tmp_path / "there")) >= 6
-    assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
-
-
-def test_a_worker_that_is_killed_changes_nothing(cluster, campaigns, longer, tmp_path):
+def test_six_legs_have_the_same_certificates_and_a_worker_that_is_killed_changes_nothing(cluster, campaigns, tmp_path):
+    alone = certified(tmp_path / "alone", campaigns[0])
     address = cluster.complete()
-    killed = once_answered(tmp_path, cluster.workers[0].kill)
-    found = certified(tmp_path, campaigns[0], options=[*LONGER, "--scheduler", address])
+    killed = once_answered(tmp_path / "there", cluster.workers[0].kill)
+    there = certified(tmp_path / "there", campaigns[0], options=["--scheduler", address])
     killed.join(10)
     assert cluster.workers[0].wait(10) < 0
-    assert found.exit_code in (0, 1), found.output
-    assert certificates(tmp_path) == longer
+    assert there.exit_code == alone.exit_code in (0, 1), there.output
+    assert len(certificates(tmp_path / "there")) >= 6
+    assert certificates(tmp_path / "there") == certificates(tmp_path / "alone")
 
 
 def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaigns, longer, tmp_path, monkeypatch):

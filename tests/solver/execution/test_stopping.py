@@ -5,6 +5,7 @@ import os
 import pickle
 import signal
 import threading
+from dataclasses import replace
 from fractions import Fraction as F
 
 import pytest
@@ -12,8 +13,7 @@ import pytest
 import cpcal
 from cpcal.checker import check
 from cpcal.files.folders import save_campaign_json
-from cpcal.questions.ask import answered, checked_options
-from cpcal.questions.question import Question
+from cpcal.questions.ask import answered, question_of
 from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,
@@ -103,8 +103,7 @@ def campaign():
 def stopped_after(campaign, looks, folder=None, **options):
     """A certify that is asked to stop when it looks for the so-maniest time."""
     left = iter(range(looks))
-    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
-    question = Question(campaign=campaign, options=given, model=model, certificates=folder)
+    question = replace(question_of(campaign, delta=0.5, legs=[1, 2], **options), certificates=folder)
     source = lambda: None if next(left, None) is not None else Reason.INTERRUPTED  # noqa: E731
     with heard(), also_asked_by(source):
         return answered(question)
@@ -118,9 +117,9 @@ def looks_of(campaign, **options):
         nonlocal count
         count += 1
 
-    given, model = checked_options(campaign, delta=0.5, legs=[1, 2], **options)
+    question = question_of(campaign, delta=0.5, legs=[1, 2], **options)
     with also_asked_by(source):
-        whole = answered(Question(campaign=campaign, options=given, model=model))
+        whole = answered(question)
     return count, whole
 
 
@@ -128,7 +127,7 @@ def looks_of(campaign, **options):
 def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
     count, whole = looks_of(campaign, support=support)
     numbers = set()
-    for looks in range(0, count, max(count // 12, 1)):
+    for looks in range(0, count, max(count // 6, 1)):
         part = stopped_after(campaign, looks, support=support)
         assert part.interrupted or len(part.legs) == 2
         numbers.add(len(part.legs))
@@ -140,7 +139,7 @@ def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
 
 def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
     count, _ = looks_of(campaign)
-    for looks in range(2, count, max(count // 6, 1)):
+    for looks in range(2, count, max(count // 4, 1)):
         run = tmp_path / str(looks)
         run.mkdir()
         save_campaign_json(campaign, run)
