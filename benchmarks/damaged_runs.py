@@ -120,7 +120,8 @@ def verified(folder: Path) -> tuple[list[str], dict[str, Any]]:
     assert done.exit_code == 0, said or repr(done.exception)
     lines = (re.sub(r"(, | \()\d+ steps\b|, [\d.]+ s\b", "", line) for line in done.stdout.splitlines())
     proved = sorted(line for line in lines if "PROVED" in line or "CERTIFIED" in line)
-    return proved, {path.name: _stated(json.loads(path.read_bytes())) for path in sorted(run.rglob("*.json"))}
+    files = sorted(run.rglob("*.json"))
+    return proved, {str(path.relative_to(run)): _stated(json.loads(path.read_bytes())) for path in files}
 
 
 def _stated(value: Any) -> Any:
@@ -131,8 +132,9 @@ def _stated(value: Any) -> Any:
 
 
 def _claimed_otherwise(kind: str) -> Callable[[Any, Any], str | None]:
-    """Nothing is stated beside the certificate of `cpcal solve`: what it claims instead it proves."""
-    return lambda good, found: "the certificate itself claims otherwise, and proves it" if kind == "solve" else None
+    """Nothing is stated beside the certificates of `cpcal solve` and of fits: what they claim instead they prove."""
+    said = "the certificate itself claims otherwise, and proves it" if kind in ("solve", "fits") else None
+    return lambda good, found: said
 
 
 SUBJECTS = {

@@ -157,20 +157,13 @@ def mid_range(length: Floats) -> Floats:
     return np.asarray(0.5 * (length.min(axis=0) + length.max(axis=0)))
 
 
-def _gain(equations: LegEquations, x: Floats, up: Floats) -> Floats:
-    return np.asarray(equations.length - mid_range(equations.length))
-
-
-def _sag(equations: LegEquations, x: Floats, up: Floats) -> Floats:
-    middle = x[:, 6] + mid_range(equations.length)
-    return -sag_shape(equations.vectors(x)[0], equations.length + x[:, 6], middle, up)
-
-
-def _lateral(equations: LegEquations, x: Floats, up: Floats) -> Floats:
-    return np.asarray(0.5 / (equations.length + x[:, 6]))
-
-
-COLUMNS: dict[str, Column] = {"gain": _gain, "sag": _sag, "lateral": _lateral}
+COLUMNS: dict[str, Column] = {
+    "gain": lambda equations, x, up: equations.length - mid_range(equations.length),
+    "sag": lambda equations, x, up: (
+        -sag_shape(equations.vectors(x)[0], equations.length + x[:, 6], x[:, 6] + mid_range(equations.length), up)
+    ),
+    "lateral": lambda equations, x, up: 0.5 / (equations.length + x[:, 6]),
+}
 
 
 def _common(c: Floats, covariance: Floats, known: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Floats, frozen_array
+from cpcal.common.values import Floats, fill, frozen_array
 from cpcal.robot import Campaign, quaternion_from_rotation_vector, rotation_matrix
 
 _SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
@@ -45,14 +45,13 @@ class LegEquations:
 
     def by_parameters(self, x: Floats) -> Floats:
         """dg/dx, (N, n, 7): [-v/||v||, R' v/||v||, -1]."""
-        along = self._along(self.vectors(x)[0])
+        along, _ = self._directions(x)
         turned = np.einsum("kni,kij->knj", along, self.rotation)
         return np.concatenate([-along, turned, np.full((*along.shape[:2], 1), -1.0)], axis=-1)
 
     def by_pose(self, x: Floats) -> Floats:
         """dg/d(P, theta), (N, n, 6): [v, R b x v] / ||v||; per mm and per rad. By the leg readings it is -1."""
-        vector, arm = self.vectors(x)
-        along = self._along(vector)
+        along, arm = self._directions(x)
         return np.concatenate([along, np.cross(arm, along)], axis=-1)
 
     def vectors(self, x: Floats) -> tuple[Floats, Floats]:
@@ -60,10 +59,10 @@ class LegEquations:
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
         return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
 
-    @staticmethod
-    def _along(vector: Floats) -> Floats:
-        """Unit vectors (N, n, 3)."""
-        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST))
+    def _directions(self, x: Floats) -> tuple[Floats, Floats]:
+        """v / ||v|| and R b, each (N, n, 3)."""
+        vector, arm = self.vectors(x)
+        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST)), arm
 
 
 def weighted_jacobian(equations: LegEquations, weight: Floats, x: Floats) -> Floats:
@@ -106,10 +105,9 @@ class Noise:
     freedom: float = np.inf
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", frozen_array(self.pose))
-        object.__setattr__(self, "length", frozen_array(self.length))
+        fill(self, pose=frozen_array(self.pose), length=frozen_array(self.length))
         if self.correlation is not None:
-            object.__setattr__(self, "correlation", frozen_array(self.correlation))
+            fill(self, correlation=frozen_array(self.correlation))
         pose, length, joint = self.pose, self.length, self.correlation
         if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
             what = f"has the shapes {pose.shape} and {length.shape}"

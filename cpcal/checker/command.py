@@ -13,7 +13,7 @@ from .certificate import check
 from .claims import Accepted
 from .files import ACCURACY_NAME, POSE_SET_SUFFIX, STUDY_NAME, WORK
 from .refusal import Refused, Unusable
-from .run import RobustChecked, check_run
+from .run import RESULT_NAME, RobustChecked, check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
 
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str]) -> int:
         if (given.target / ACCURACY_NAME).is_file():
             return _accuracy(given.target, given.work or 0)
         if given.target.is_dir():
-            return _run(given.target, given.work or 0)
+            return _runs(given.target, given.work or 0)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
         return PROVED
     except Refused as reason:
@@ -46,6 +46,22 @@ def main(arguments: Sequence[str]) -> int:
         traceback.print_exc()
         print("The checker itself failed: this says nothing of the certificate.", file=sys.stderr)
         return INTERNAL
+
+
+def _runs(folder: Path, work: int) -> int:
+    """A run, or the runs of several models or campaigns: all are looked at, and the worst decides."""
+    inner = sorted(path.parent for path in folder.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
+    if (folder / RESULT_NAME).exists() or not inner:
+        return _run(folder, work)
+    worst = PROVED
+    for run in inner:
+        print(f"{run.name}:")
+        try:
+            worst = max(worst, _run(run, work))
+        except Refused as reason:
+            print(f"REFUSED: {reason}")
+            worst = REFUSED
+    return worst
 
 
 def _run(folder: Path, work: int) -> int:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,12 +18,6 @@ from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
 from cpcal.questions import load_result
 from cpcal.report.accuracy_page import ACCURACY_PAGE, assumption, sentences, write_accuracy
-
-
-class Controller(StrEnum):
-    NOMINAL = "nominal"
-    FIT = "fit"
-    PROVED = "proved"
 
 
 def accuracy(
@@ -46,7 +39,9 @@ def accuracy(
             metavar="MM", help="ASSUMED model error everywhere: one number, or one a leg.", show_default="suggested"
         ),
     ] = None,
-    controller: Annotated[Controller, typer.Option(help="Whose parameters the controller has.")] = Controller.FIT,
+    controller: Annotated[
+        Literal["nominal", "fit", "proved"], typer.Option(help="Whose parameters the controller has.")
+    ] = "fit",
     validation: Annotated[
         Path | None, typer.Option(metavar="CAMPAIGN", help="More poses to judge the model error by, same frames.")
     ] = None,
@@ -77,7 +72,7 @@ def accuracy(
             poses=named,
             workspace=space,
             model_error=error,
-            controller=controller.value,
+            controller=controller,
             validation=known,
             gap=gap,
             cells=cells,

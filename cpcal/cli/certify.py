@@ -6,9 +6,8 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.text import Text
@@ -419,28 +418,6 @@ def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, t
 # The verb.
 
 
-class Center(StrEnum):
-    FIT = "fit"
-    PLAIN = "plain"
-    NOMINAL = "nominal"
-
-
-class Engine(StrEnum):
-    FLOAT64 = "float64"
-    ARB = "arb"
-
-
-class MethodName(StrEnum):
-    BOUND = "bound"
-    TIMEOUT = "timeout"
-
-
-class Support(StrEnum):
-    FEW = "few"
-    IRREDUCIBLE = "irreducible"
-    NONE = "none"
-
-
 @dataclass(frozen=True)
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
@@ -462,17 +439,21 @@ class CertifyFlags:
     time_limit: TimeLimit = None
     eps: Annotated[float | None, expert(metavar="MM", help="Ask instead whether any parameters reach this eps.")] = None
     delta: Annotated[float, expert(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
-    center: Annotated[Center, expert(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
+    center: Annotated[
+        Literal["fit", "plain", "nominal"], expert(help="Middle of that box: a least-squares fit, or nominal.")
+    ] = "fit"
     gap: Annotated[float, expert(help="Relative width at which the bracket counts as closed.")] = 1e-6
     node_limit: Annotated[int | None, expert(metavar="N", min=1, help="Boxes a leg, at most.")] = None
     contractors: Annotated[str, expert(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
-    arithmetic: Annotated[Engine, expert(help="Rigorous arithmetic.")] = Engine.FLOAT64
+    arithmetic: Annotated[Literal["float64", "arb"], expert(help="Rigorous arithmetic.")] = "float64"
     support: Annotated[
-        Support, expert(help="Few measurements that prove the bound alone, or none that could be left out.")
-    ] = Support.FEW
+        Literal["few", "irreducible", "none"],
+        expert(help="Few measurements that prove the bound alone, or none that could be left out."),
+    ] = "few"
     method: Annotated[
-        MethodName, expert(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
-    ] = MethodName.BOUND
+        Literal["bound", "timeout"],
+        expert(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
+    ] = "bound"
     half_width: Annotated[
         list[str] | None, expert(metavar="NAME=X", help="Of an extra parameter of the model; repeat for others.")
     ] = None
@@ -481,12 +462,14 @@ class CertifyFlags:
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
-        shared = ("time_limit", "delta", "gap", "eps", "tolerance", "outliers", "node_limit", "model")
+        shared = [
+            *("time_limit", "delta", "gap", "eps", "tolerance", "outliers", "node_limit", "model"),
+            *("center", "arithmetic", "support", "method"),
+        ]
         return {name: getattr(self, name) for name in shared} | {
             "legs": numbers_of(self.legs),
             "contractors": names_of(self.contractors),
             "half_widths": half_widths_of(self.half_width or []),
-            **{name: getattr(self, name).value for name in ("center", "arithmetic", "support", "method")},
         }
 
     def only(self, *names: str, where: Where, because: str) -> None:

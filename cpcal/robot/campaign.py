@@ -19,7 +19,7 @@ import numpy.typing as npt
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Value, as_floats, frozen_array, frozen_mapping
+from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, frozen_mapping
 from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
 from cpcal.robot.units import (
@@ -327,11 +327,8 @@ class Campaign(Value):
     files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in ARRAYS:
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
-        object.__setattr__(self, "pose", tuple(self.pose))
-        object.__setattr__(self, "run", tuple(self.run))
-        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        fill(self, **{name: frozen_array(getattr(self, name)) for name in ARRAYS})
+        fill(self, pose=tuple(self.pose), run=tuple(self.run), provenance=frozen_mapping(self.provenance))
         legs, stated = self.robot.legs, self.uncertainty
         columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
         every = [(name, (getattr(self, name), width)) for name, width in columns]

@@ -7,9 +7,9 @@ calibrated one and for a simulated true one.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,19 +25,9 @@ from cpcal.robot.robot import Robot
 # and in exact arithmetic, whether q has unit norm or not (DESIGN section 1).
 
 
-class Ring(Protocol):
-    """How numbers of some kind are added, subtracted and multiplied: module `operator`, or an interval arithmetic."""
-
-    @property
-    def add(self) -> Callable[[Any, Any], Any]: ...
-    @property
-    def sub(self) -> Callable[[Any, Any], Any]: ...
-    @property
-    def mul(self) -> Callable[[Any, Any], Any]: ...
-
-
-def rotation_numerators(quaternion: Iterable[Any], ring: Ring = operator) -> tuple[list[list[Any]], Any]:
+def rotation_numerators(quaternion: Iterable[Any], ring: Any = operator) -> tuple[list[list[Any]], Any]:
     """The nine entries of |q|^2 R(q), row by row, and |q|^2, over any ring: arrays, fractions, expressions, intervals.
+    A `ring` has add, sub and mul: module `operator`, or an interval arithmetic.
 
     Every product is formed once. What R(q) is stands here alone; the checker has its own.
     """

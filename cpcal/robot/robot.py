@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, shown
 from cpcal.common.files import NAME_REMEDY, is_name
-from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.common.values import Floats, Value, fill, frozen_array
 
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 
@@ -46,25 +46,22 @@ class Robot(Value):
             except (TypeError, ValueError) as error:
                 problems.append(Problem(f"robot {field}", f"is not an array of numbers ({error})", "give mm"))
                 continue
-            object.__setattr__(self, field, array)
-        problems = problems or self._problems()
+            fill(self, **{field: array})
         if problems:
             raise InputError(problems)
-
-    def _problems(self) -> list[Problem]:
-        found = []
         legs = self.base.shape[0] if self.base.ndim else 0
         for field, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
-            array: Floats = getattr(self, field)
+            array = getattr(self, field)
             if array.shape != shape or legs == 0:
                 remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
-                found.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
+                problems.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
             elif not good_numbers(array).all():
                 what = f"holds a number that is NaN, infinite or above {LARGEST:g}"
-                found.append(Problem(f"robot {field}", what, "give numbers in mm"))
+                problems.append(Problem(f"robot {field}", what, "give numbers in mm"))
         if not is_name(self.name):
-            found.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
-        return found
+            problems.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
+        if problems:
+            raise InputError(problems)
 
     @property
     def legs(self) -> int:
@@ -119,7 +116,7 @@ class Uncertainty(Value):
         problems = []
         for kind in KINDS:
             array = frozen_array(getattr(self, kind))
-            object.__setattr__(self, kind, array)
+            fill(self, **{kind: array})
             if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
                 what = f"has the shape {array.shape}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
@@ -164,8 +161,7 @@ class PoseRange(Value):
     turn: Floats
 
     def __post_init__(self) -> None:
-        for name in ("low", "high", "turn"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        fill(self, **{name: frozen_array(getattr(self, name)) for name in ("low", "high", "turn")})
         bounds = self.bounds if all(a.shape == (3,) for a in (self.low, self.high, self.turn)) else None
         if bounds is None or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
             remedy = "give low <= high (3,) in mm and turn >= 0 (3,) in rad"
@@ -379,23 +375,18 @@ class Mechanisms(Value):
     def __post_init__(self) -> None:
         for name, width in FIELDS.items():
             value: Any = getattr(self, name)
-            object.__setattr__(self, name, float(value) if width is None else frozen_array(value))
-        problems = self._problems()
+            fill(self, **{name: float(value) if width is None else frozen_array(value)})
+        problems, legs = [], len(self.backlash) if self.backlash.ndim else 0
+        for name, width in FIELDS.items():
+            held = np.asarray(getattr(self, name))
+            shape = () if width is None else (legs,) if width == 1 else (legs, width)
+            if held.shape != shape:
+                remedy = f"give an array of the shape {shape}"
+                problems.append(Problem(f"mechanisms {name}", f"has the shape {held.shape}", remedy))
+            elif (wrong := wrong_value(name, held)) is not None:
+                problems.append(Problem(f"mechanisms {name}", *wrong))
         if problems:
             raise InputError(problems)
-
-    def _problems(self) -> list[Problem]:
-        found = []
-        legs = len(self.backlash) if self.backlash.ndim else 0
-        for name, width in FIELDS.items():
-            value = np.asarray(getattr(self, name))
-            shape = () if width is None else (legs,) if width == 1 else (legs, width)
-            if value.shape != shape:
-                remedy = f"give an array of the shape {shape}"
-                found.append(Problem(f"mechanisms {name}", f"has the shape {value.shape}", remedy))
-            elif (wrong := wrong_value(name, value)) is not None:
-                found.append(Problem(f"mechanisms {name}", *wrong))
-        return found
 
     @property
     def legs(self) -> int:

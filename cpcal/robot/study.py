@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cpcal.common.errors import InputError, Problem, Problems
-from cpcal.common.values import Floats, Value, frozen_array, frozen_mapping
+from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.robot.campaign import provenance_problems, table_problems
 from cpcal.robot.kinematics import Pose, compose, inverse
 from cpcal.robot.robot import Mechanisms, Robot
@@ -43,19 +43,16 @@ class PoseTable(Value):
     shared: Floats | None = None
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
-        if self.shared is not None:
-            object.__setattr__(self, "shared", frozen_array(self.shared))
-        for name in ("pose", "run", "image"):
-            names = getattr(self, name)
-            object.__setattr__(self, name, None if names is None else tuple(names))
+        arrays = [name for name in (*_ARRAYS, "shared") if getattr(self, name) is not None]
+        fill(self, **{name: frozen_array(getattr(self, name)) for name in arrays})
+        names = {name: tuple(some) for name in ("pose", "run", "image") if (some := getattr(self, name)) is not None}
+        fill(self, **names)
         legs = self.length.shape[1] if self.length.ndim == 2 else 1
-        names = {name: some for name in ("pose", "run", "image") if (some := getattr(self, name)) is not None}
-        arrays = {name: (getattr(self, name), width) for name, width in zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True)}
+        widths = zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True)
         deviations = {} if self.shared is None else {"shared deviation": (self.shared, 6)}
         problems = Problems()
-        for problem in table_problems("table", "row", names, arrays, deviations):
+        values = {name: (getattr(self, name), width) for name, width in widths}
+        for problem in table_problems("table", "row", names, values, deviations):
             problems.add(problem)
         problems.raise_any()
 
@@ -103,7 +100,7 @@ class Truth(Value):
     def __post_init__(self) -> None:
         for name in ("camera", "target"):
             pose: Pose = getattr(self, name)
-            object.__setattr__(self, name, Pose(frozen_array(pose.position), frozen_array(pose.quaternion)))
+            fill(self, **{name: Pose(frozen_array(pose.position), frozen_array(pose.quaternion))})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         super().__setstate__(state)
@@ -134,7 +131,7 @@ class Study(Value):
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        fill(self, provenance=frozen_mapping(self.provenance))
         problems = []
         for name in ("calibration", "validation"):
             found = getattr(self, name).legs

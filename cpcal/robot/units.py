@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.common.files import NAME_MAX
-from cpcal.common.values import Bools, Floats, Value, as_floats, frozen_mapping
+from cpcal.common.values import Bools, Floats, Value, as_floats, fill, frozen_mapping
 from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
@@ -290,7 +290,7 @@ class ModelChoice(Value):
 
     def __post_init__(self) -> None:
         widths = {str(k): float(v) for k, v in self.half_widths.items()}
-        object.__setattr__(self, "half_widths", frozen_mapping(widths))
+        fill(self, half_widths=frozen_mapping(widths))
         problems = []
         if not (self.name.isidentifier() and len(self.name) <= NAME_MAX):
             problems.append(Problem("model", f"{shown(self.name)} cannot be a name", 'give one such as "gain"'))

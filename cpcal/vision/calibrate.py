@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -485,38 +486,46 @@ def _rms(residuals: Floats) -> float:
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from images of a target: dots, identification without a camera, calibration.
 
-Size = tuple[int, int]
-
 _FIRST = 4  # images that a rough camera is calibrated from
 
+Image = str | os.PathLike[str] | npt.NDArray[Any]
 
-@dataclass(frozen=True)
+
+@dataclass
 class _Seen:
-    """An image's dots, or the reason why there are none; and the view that was made of them, or why not."""
+    """An image's dots, or the reason why there are none; and the view that was made of them last, or why not."""
 
+    image: Image
     name: str
     reason: str = ""
-    size: Size | None = None
+    size: tuple[int, int] | None = None
     dots: Dots | None = None
     view: TargetView | None = None
 
-    def identified(self, target: Target, size: Size, camera: Camera | None = None) -> _Seen:
+    def observe(self, target: Target) -> None:
+        try:
+            if isinstance(self.image, str | os.PathLike):
+                self.name = printable(self.image)
+            pixels = _pixels(self.image)
+            self.dots, self.size = observe_dots(pixels, bright=target.bright), (pixels.shape[1], pixels.shape[0])
+        except UnreadableImageError as error:
+            self.reason = str(error)
+        except InputError as error:
+            self.reason = "; ".join(problem.what for problem in error.problems)
+
+    def identify(self, target: Target, size: tuple[int, int], camera: Camera | None = None) -> None:
         if self.dots is None:
-            return self
+            return
         try:
             pairs = identify(self.dots.centers, target, camera, size=size)
         except Unidentified as error:
-            return replace(self, view=None, reason=str(error))
+            self.view, self.reason = None, str(error)
+            return
         of_dot = self.dots.centers[pairs.found], self.dots.covariance[pairs.found]
-        return replace(self, view=TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), reason="")
+        self.view, self.reason = TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), ""
 
 
-def calibrate_from_images(
-    images: Sequence[str | os.PathLike[str] | npt.NDArray[Any]],
-    target: Target,
-    *,
-    refine_dots: bool = False,
-) -> Calibration:
+def calibrate_from_images(images: Sequence[Image], target: Target, *, refine_dots: bool = False) -> Calibration:
     """The camera that took `images` of the target: files (PNG, JPEG, TIFF), or arrays as `observe_dots` takes them.
 
     See `calibrate_camera`. A few images are identified without a camera, all of them with the rough one that they give,
@@ -525,71 +534,53 @@ def calibrate_from_images(
 
     Raises NotCalibratedError where the usable images do not determine the camera.
     """
-    seen = [_seen(image, target, f"image {i}") for i, image in enumerate(images, start=1)]
-    sizes = Counter(image.size for image in seen if image.size is not None)
+    seen = [_Seen(image, f"image {i}") for i, image in enumerate(images, start=1)]
+    for one in seen:
+        one.observe(target)
+    sizes = Counter(one.size for one in seen if one.size is not None)
     if not sizes:
-        said = "".join(f"\n  {image.name}: {image.reason}" for image in seen)
-        raise NotCalibratedError(f"there is no image that can be used{said}")
+        raise NotCalibratedError(f"there is no image that can be used{_reasons(seen)}")
     ((size, _),) = sizes.most_common(1)
-    for row, image in enumerate(seen):
-        if image.size is not None and image.size != size:  # a camera's numbers belong to a size
-            reason = "has {} x {} pixels, most have {} x {}".format(*image.size, *size)
-            seen[row] = replace(image, reason=reason, dots=None)
+    for one in seen:
+        if one.size is not None and one.size != size:  # a camera's numbers belong to a size
+            one.reason, one.dots = "has {} x {} pixels, most have {} x {}".format(*one.size, *size), None
 
     def calibrated(some: list[_Seen], refine: bool = False) -> Calibration:
-        views = [one.view for one in some if one.view is not None]
         try:
+            views = [one.view for one in some if one.view is not None]
             result = calibrate_camera(views, target, size, refine_dots=refine)
         except NotCalibratedError as error:
-            said = "".join(f"\n  {one.name}: {one.reason}" for one in some if one.view is None)
-            raise NotCalibratedError(f"{error}{said}") from None
+            raise NotCalibratedError(f"{error}{_reasons([one for one in some if one.view is None])}") from None
         used, nothing = iter(result.views), np.zeros((0, 2))
         every = (next(used) if o.view is not None else CalibratedView(o.name, o.reason, None, nothing) for o in some)
         return replace(result, views=tuple(every))
 
-    def rough() -> Calibration:
-        """From the first images that give one: without a camera identification takes its time."""
-        some: list[_Seen] = []
-        enough = _FIRST
-        for image in seen[:-1]:
-            some.append(image.identified(target, size))
-            if some[-1].view is not None and sum(one.view is not None for one in some) == enough:
-                try:
-                    return calibrated(some)
-                except NotCalibratedError:
-                    enough *= 2
-        return calibrated([*some, seen[-1].identified(target, size)])
-
-    camera = rough().camera
-    for row, (image, pixels) in enumerate(zip(seen, images, strict=True)):
-        seen[row] = _refitted(pixels, image, target, camera)
-    first = calibrated([image.identified(target, size, camera) for image in seen], refine_dots)
-    return calibrated([image.identified(target, size, first.camera) for image in seen], refine_dots)
-
-
-def _seen(image: str | os.PathLike[str] | npt.NDArray[Any], target: Target, name: str) -> _Seen:
-    try:
-        if isinstance(image, (str, os.PathLike)):
-            name = printable(image)
-        pixels = _pixels(image)
-        dots = observe_dots(pixels, bright=target.bright)
-    except UnreadableImageError as error:
-        return _Seen(name, str(error))
-    except InputError as error:
-        return _Seen(name, "; ".join(problem.what for problem in error.problems))
-    return _Seen(name, size=(pixels.shape[1], pixels.shape[0]), dots=dots)
+    camera, enough = None, _FIRST
+    for count, one in enumerate(seen, start=1):  # the first images that give one: without a camera it takes its time
+        one.identify(target, size)
+        if count == len(seen):
+            camera = calibrated(seen).camera
+        elif one.view is not None and sum(some.view is not None for some in seen) == enough:
+            try:
+                camera = calibrated(seen[:count]).camera
+                break
+            except NotCalibratedError:
+                enough *= 2
+    for one in seen:
+        if one.dots is not None:  # the target's dots under their own light (see `refitted`), where they are identified
+            with suppress(Unidentified, UnreadableImageError):
+                pairs = identify(one.dots.centers, target, camera)
+                one.dots = refitted(_pixels(one.image), one.dots, pairs.found)
+        one.identify(target, size, camera)
+    first = calibrated(seen, refine_dots).camera
+    for one in seen:
+        one.identify(target, size, first)
+    return calibrated(seen, refine_dots)
 
 
-def _pixels(image: str | os.PathLike[str] | npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return read_image(Path(image)) if isinstance(image, (str, os.PathLike)) else image
+def _pixels(image: Image) -> npt.NDArray[Any]:
+    return read_image(Path(image)) if isinstance(image, str | os.PathLike) else image
 
 
-def _refitted(image: str | os.PathLike[str] | npt.NDArray[Any], seen: _Seen, target: Target, camera: Camera) -> _Seen:
-    """With the target's dots under their own light (see `refitted`), where they are identified."""
-    if seen.dots is None:
-        return seen
-    try:
-        pairs = identify(seen.dots.centers, target, camera)
-        return replace(seen, dots=refitted(_pixels(image), seen.dots, pairs.found))
-    except (Unidentified, UnreadableImageError):
-        return seen
+def _reasons(some: list[_Seen]) -> str:
+    return "".join(f"\n  {one.name}: {one.reason}" for one in some)

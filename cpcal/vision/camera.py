@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -108,32 +108,20 @@ def _angle_by_radius(s: float) -> Four:
 
 
 @compiled
-def bent(lens: Floats, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """d(x, y), and the derivatives of the first component by x, of it by y (and of the other by x), of the other by
-    y."""
-    p1, p2 = lens[1], lens[2]
-    r2 = x * x + y * y
-    g, slope, _, _ = radial(lens, r2)
-    return (
-        x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-        y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        g + 2.0 * slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
-        2.0 * slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y,
-        g + 2.0 * slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
-    )
-
-
-@compiled
 def jet(lens: Floats, x: float, y: float, out: Floats) -> None:
     """d (2), and its derivatives of the first (3: xx, xy, yy), second (4) and third (5) order at (x, y)."""
-    out[0], out[1], out[2], out[3], out[4] = bent(lens, x, y)
-    _, g1, g2, g3 = radial(lens, x * x + y * y)
     p1, p2 = lens[1], lens[2]
-    out[5] = 6.0 * g1 * x + 4.0 * g2 * x * x * x + 6.0 * p2
-    out[6] = 2.0 * g1 * y + 4.0 * g2 * x * x * y + 2.0 * p1
-    out[7] = 2.0 * g1 * x + 4.0 * g2 * x * y * y + 2.0 * p2
-    out[8] = 6.0 * g1 * y + 4.0 * g2 * y * y * y + 6.0 * p1
     xx, xy, yy = x * x, x * y, y * y
+    g, g1, g2, g3 = radial(lens, xx + yy)
+    out[0] = x * g + 2.0 * p1 * xy + p2 * (3.0 * xx + yy)
+    out[1] = y * g + p1 * (xx + 3.0 * yy) + 2.0 * p2 * xy
+    out[2] = g + 2.0 * g1 * xx + 2.0 * p1 * y + 6.0 * p2 * x
+    out[3] = 2.0 * g1 * xy + 2.0 * p1 * x + 2.0 * p2 * y
+    out[4] = g + 2.0 * g1 * yy + 6.0 * p1 * y + 2.0 * p2 * x
+    out[5] = 6.0 * g1 * x + 4.0 * g2 * x * xx + 6.0 * p2
+    out[6] = 2.0 * g1 * y + 4.0 * g2 * xx * y + 2.0 * p1
+    out[7] = 2.0 * g1 * x + 4.0 * g2 * x * yy + 2.0 * p2
+    out[8] = 6.0 * g1 * y + 4.0 * g2 * y * yy + 6.0 * p1
     out[9] = 6.0 * g1 + 24.0 * g2 * xx + 8.0 * g3 * xx * xx
     out[10] = 12.0 * g2 * xy + 8.0 * g3 * xx * xy
     out[11] = 2.0 * g1 + 4.0 * g2 * (xx + yy) + 8.0 * g3 * xx * yy
@@ -152,18 +140,20 @@ def jets(lens: Floats, points: Floats, out: Floats) -> None:
 def unbent(lens: Floats, wanted: Floats, out: Floats) -> None:
     """The directions (n, 2) that are bent to those wanted (n, 2), by Newton's method; nan where there is none
     nearby."""
+    bend = np.empty(JET)
     for i in range(len(wanted)):
         u, v = wanted[i, 0], wanted[i, 1]
         x, y = u, v
         for _ in range(_NEWTON_STEPS):
-            dx, dy, xx, xy, yy = bent(lens, x, y)
-            off_x, off_y, determinant = u - dx, v - dy, xx * yy - xy * xy
+            jet(lens, x, y, bend)
+            off_x, off_y, xx, xy, yy = u - bend[0], v - bend[1], bend[2], bend[3], bend[4]
+            determinant = xx * yy - xy * xy
             step_x, step_y = (yy * off_x - xy * off_y) / determinant, (xx * off_y - xy * off_x) / determinant
             x, y = x + step_x, y + step_y
             if not (abs(step_x) > _LAST or abs(step_y) > _LAST):
                 break
-        dx, dy, _, _, _ = bent(lens, x, y)
-        near = abs(dx - u) < _EXACT and abs(dy - v) < _EXACT
+        jet(lens, x, y, bend)
+        near = abs(bend[0] - u) < _EXACT and abs(bend[1] - v) < _EXACT
         out[i, 0], out[i, 1] = (x, y) if near else (np.nan, np.nan)
 
 
@@ -200,7 +190,7 @@ class Camera(Value):
             array = frozen_array(getattr(self, name))
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
-            object.__setattr__(self, name, array)
+            fill(self, **{name: array})
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.common.values import Floats, Value, fill, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 MOST_LINES = 20  # identifying rows
@@ -45,8 +45,8 @@ class Target(Value):
     dot_sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "dots", frozen_array(self.dots))
-        object.__setattr__(self, "lines", tuple(tuple(int(i) for i in line) for line in self.lines))
+        lines = tuple(tuple(int(i) for i in line) for line in self.lines)
+        fill(self, dots=frozen_array(self.dots), lines=lines)
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
         problems = self.problems_of(self.dots, self.radius, self.lines)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.checker import check
+from cpcal.checker.command import PROVED, REFUSED, main
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.report import write_report
@@ -251,6 +252,7 @@ def test_the_command(exact, tmp_path):
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"plain", "gain", "compare.html"}
     names = {path.name for path in (tmp_path / "run" / "gain").iterdir()}
     assert names == {"campaign.json", "result.json", "report.html", "leg1.cert.jsonl"}
+    assert main([str(tmp_path / "run")]) == PROVED
     verified = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(tmp_path / "campaign")])
     assert verified.exit_code == 0
     assert "s in [-0.05, 0.05] satisfies all" in verified.output
@@ -258,6 +260,9 @@ def test_the_command(exact, tmp_path):
     other = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(tmp_path / "other")])
     assert other.exit_code == 1
     assert "gain/campaign.json: REFUSED, the campaign is another one" in other.output
+    result = tmp_path / "run" / "gain" / "result.json"
+    result.write_text(result.read_text("utf-8").replace('"lo": ', '"lo": 1', 1), encoding="utf-8")
+    assert main([str(tmp_path / "run")]) == REFUSED
     bad = CliRunner().invoke(app, [*words, "--model", "plain,gian,plain"])
     assert bad.exit_code == 2
     assert "2 problems" in bad.output

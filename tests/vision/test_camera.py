@@ -52,7 +52,9 @@ def test_each_derivative_of_the_lens_is_that_of_differences(camera):
     points = rng.uniform(-0.5, 0.5, (200, 2)) * rng.uniform(0.0, 1.0, (200, 1))
     points[0] = 0.0  # the axis, and just about where a fisheye's series ends
     points[1:3] = [[0.0999, 0.0], [0.1001, 0.0]]
+    points = np.concatenate([points, camera.normalised(image_grid(camera)).reshape(-1, 2)])
     found, step = camera.jets(points), 1e-5
+    np.testing.assert_array_equal(camera.distortion_jacobian(points), found[:, [[2, 3], [3, 4]]])
     for axis in range(2):
         move = step * np.eye(2)[axis]
         slope = (camera.jets(points + move) - camera.jets(points - move)) / (2.0 * step)
@@ -114,13 +116,3 @@ def test_cameras_are_equal_by_value_and_cannot_be_written_to():
 def test_what_is_no_camera_is_refused(changed, said):
     with pytest.raises(InputError, match=said):
         replace(DELTALAB_CAMERA, **changed)
-
-
-@pytest.mark.parametrize("camera", LENSES)
-def test_derivatives_of_the_distortion_are_those_of_differences(camera):
-    points = camera.normalised(image_grid(camera))
-    step = 1e-6
-    for axis in range(2):
-        move = step * np.eye(2)[axis]
-        slope = (camera.distorted(points + move) - camera.distorted(points - move)) / (2 * step)
-        np.testing.assert_allclose(camera.distortion_jacobian(points)[..., axis], slope, atol=1e-8)

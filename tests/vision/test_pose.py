@@ -44,13 +44,13 @@ def test_without_noise_the_pose_is_exact(pose: Pose) -> None:
 def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_residuals() -> None:
     """Cameras off by what their covariance says, ten times what the dots' noise makes of a pose: NEES/6 is still 1."""
     rng = np.random.default_rng(4)
-    poses = facing_poses(rng, 150)
+    poses = facing_poses(rng, 80)
     sigma = np.array([0.3, 0.3, 0.2, 0.2, 1e-4, 2e-4, 2e-5, 2e-5, 0.0])
     mixed = np.eye(9)
     mixed[1, 0] = 0.9  # fx and fy err together
     factor = sigma[:, None] * mixed
     squares, scales, without = [], [], []
-    for k in range(150):
+    for k in range(80):
         true = one(poses, k)
         centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, true) + 0.005 * rng.standard_normal((133, 2))
         stated = DELTALAB_CAMERA.with_numbers(DELTALAB_CAMERA.numbers + factor @ rng.standard_normal(9))
@@ -61,7 +61,7 @@ def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_resi
         scales.append(found.scale)
         own = found.covariance - found.shared_part
         without.append(error @ np.linalg.solve(own, error) / 6.0)
-    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.047
+    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.065
     assert np.mean(without) > 20.0
     assert np.max(scales) < 2.0
 
@@ -70,10 +70,10 @@ def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_resi
 def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigma: float) -> None:
     """Plates off by what the target says, far more than the dots' noise in the image: NEES/6 is still 1."""
     rng = np.random.default_rng(7)
-    poses = facing_poses(rng, 150)
+    poses = facing_poses(rng, 80)
     plate = replace(DELTALAB_TARGET, scale_sigma=scale_sigma, dot_sigma=dot_sigma)
     squares, without, p_values = [], [], []
-    for k in range(150):
+    for k in range(80):
         shape = (1.0 + scale_sigma * rng.standard_normal()) * plate.dots + dot_sigma * rng.standard_normal((133, 2))
         seen = predicted_centers(replace(plate, dots=shape, lines=()), DELTALAB_CAMERA, one(poses, k))
         spread = 0.003**2 * np.tile(np.eye(2), (133, 1, 1))
@@ -83,7 +83,7 @@ def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigm
         own = found.covariance - found.shared_part
         without.append(error @ np.linalg.solve(own, error) / 6.0)
         p_values.append(found.p_value)
-    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.047
+    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.065
     assert np.mean(without) > 2.0
     assert np.mean(np.array(p_values) < 1e-3) < 0.05  # the residuals are as stated: no doubt
 

@@ -59,28 +59,25 @@ def normal_equations(p: Floats, x: Single, y: Single, level: Single, count: int,
     """The products (used + 1, used + 1) of the first `used` derivatives (PLAIN or PARAMETERS), and in the last row and
     column those of the residuals, over the first `count` pixels; `rows` is room for 1 + PARAMETERS + SCRATCH
     arrays of them."""
-    s = singles(p)
+    s = p.astype(np.float32)
     r = rows[: (1 + PARAMETERS + SCRATCH) * count].reshape(1 + PARAMETERS + SCRATCH, count)
     slope, depth, double, twice, wide = r[used + 1], r[used + 2], r[used + 3], r[used + 4], r[used + 5]
     sharp = np.float32(np.exp(-p[7]))
-    _slopes(s, x, y, count, slope)
+    depths(s, x, y, count, depth, slope)
     _directions(s, x, y, slope, count, double, twice)
     _widths(s[8], s[9], double, twice, count, wide)
-    depths(s, x, y, count, depth)
     light, share, bell = r[5], r[6], r[7]
     _lights(s, x, y, count, light)
     _shares(sharp, depth, wide, count, bell, share)
     _residuals(s[5], s[6], level, light, share, count, r[used])
-    _steepness(sharp * s[6], wide, light, count, bell)
+    if used > PLAIN:
+        _by_growth(s, x, y, share, count, r[10], r[11])
+        _by_cubes(s, x, y, r[10], count, r[12], r[14])
+        _by_cubes(s, x, y, r[11], count, r[13], r[15])
+    _by_levels(sharp * s[6], wide, light, count, bell, share)
     _by_center(s, x, y, bell, slope, count, r[0], r[1])
     _by_form(s, x, y, bell, slope, count, r[2], r[3])
     _by_last_form(s[1], y, bell, slope, count, r[4])
-    if used > PLAIN:
-        _even(s[5], s[6], share, count, slope)  # slopes are no longer needed
-        _by_growth(s, x, y, slope, count, r[10], r[11])
-        _by_cubes(s, x, y, r[10], count, r[12], r[14])
-        _by_cubes(s, x, y, r[11], count, r[13], r[15])
-    _times(light, count, share)
     _by_blur(depth, count, bell)
     _by_width(bell, wide, double, count, r[8])
     _by_width(bell, wide, twice, count, r[9])
@@ -89,32 +86,16 @@ def normal_equations(p: Floats, x: Single, y: Single, level: Single, count: int,
 
 
 @compiled
-def singles(p: Floats) -> Single:
-    out = np.empty(PARAMETERS, np.float32)
-    for i in range(PARAMETERS):
-        out[i] = p[i]
-    return out
-
-
-@compiled
-def depths(s: Single, x: Single, y: Single, count: int, depth: Single) -> None:
-    """The signed distances of pixels inside the ellipse, to first order (exact for circles)."""
+def depths(s: Single, x: Single, y: Single, count: int, depth: Single, slope: Single) -> None:
+    """The signed distances of pixels inside the ellipse, to first order (exact for circles), and one over the quadratic
+    form's half gradient."""
     px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
     for k in range(count):
         dx, dy = x[k] - px, y[k] - py
         to_x, to_y = a * dx + b * dy, b * dx + c * dy
         root = np.sqrt(max(to_x * dx + to_y * dy, _TINY))
-        depth[k] = (_ONE - root) * root / np.sqrt(max(to_x * to_x + to_y * to_y, _FLAT))
-
-
-@compiled
-def _slopes(s: Single, x: Single, y: Single, count: int, slope: Single) -> None:
-    """One over the quadratic form's half gradient."""
-    px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
-    for k in range(count):
-        dx, dy = x[k] - px, y[k] - py
-        to_x, to_y = a * dx + b * dy, b * dx + c * dy
         slope[k] = _ONE / np.sqrt(max(to_x * to_x + to_y * to_y, _FLAT))
+        depth[k] = (_ONE - root) * root * slope[k]
 
 
 @compiled
@@ -171,10 +152,10 @@ def _residuals(
 
 
 @compiled
-def _steepness(factor: np.float32, wide: Single, light: Single, count: int, bell: Single) -> None:
-    """The density becomes the levels' derivative by the depth."""
+def _by_levels(factor: np.float32, wide: Single, light: Single, count: int, bell: Single, share: Single) -> None:
+    """The density becomes the levels' derivative by the depth, and the share that by the contrast."""
     for k in range(count):
-        bell[k] = factor * bell[k] * light[k] * np.sqrt(wide[k])
+        bell[k], share[k] = factor * bell[k] * light[k] * np.sqrt(wide[k]), share[k] * light[k]
 
 
 @compiled
@@ -203,17 +184,11 @@ def _by_last_form(py: np.float32, y: Single, steep: Single, slope: Single, count
 
 
 @compiled
-def _even(back: np.float32, contrast: np.float32, share: Single, count: int, out: Single) -> None:
-    """The levels under even light."""
+def _by_growth(s: Single, x: Single, y: Single, share: Single, count: int, right: Single, down: Single) -> None:
+    px, py, back, contrast = s[0], s[1], s[5], s[6]
     for k in range(count):
-        out[k] = back + contrast * share[k]
-
-
-@compiled
-def _by_growth(s: Single, x: Single, y: Single, even: Single, count: int, right: Single, down: Single) -> None:
-    px, py = s[0], s[1]
-    for k in range(count):
-        right[k], down[k] = even[k] * (x[k] - px), even[k] * (y[k] - py)
+        even = back + contrast * share[k]
+        right[k], down[k] = even * (x[k] - px), even * (y[k] - py)
 
 
 @compiled
@@ -223,12 +198,6 @@ def _by_cubes(s: Single, x: Single, y: Single, growth: Single, count: int, first
     for k in range(count):
         dx, dy = x[k] - px, y[k] - py
         first[k], second[k] = growth[k] * dx * dx, growth[k] * dy * dy
-
-
-@compiled
-def _times(light: Single, count: int, share: Single) -> None:
-    for k in range(count):
-        share[k] = share[k] * light[k]
 
 
 @compiled
@@ -350,7 +319,7 @@ def fit_dots(
         unit = _begin(p, center[i], spread[i], light[i])
         at_x, at_y = int(np.rint(center[i, 0])), int(np.rint(center[i, 1]))
         size, third = square(grey.shape, at_x, at_y, reach(spread[i]), unit, x, y)
-        depths(singles(p), x, y, size, depth)
+        depths(p.astype(np.float32), x, y, size, depth, level)  # the levels are not there yet
         count, rough = gathered(grey, at_x, at_y, unit, room[i], size, third, x, y, depth, level)
         if count <= 2 * PLAIN:
             continue

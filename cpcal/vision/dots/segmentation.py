@@ -211,9 +211,7 @@ def gaps(found: Spots) -> Floats:
     """The pixels (n,) between a spot and its neighbours; inf where none is."""
     apart, other = cKDTree(found.center).query(found.center, 1 + _NEIGHBOURS)  # the first is the spot itself
     long = np.append(2.0 * np.sqrt(eigenvalues(found.spread)[:, 1]), 0.0)
-    return np.asarray(
-        (apart - long[other]).min(axis=1, initial=np.inf, where=np.arange(1 + _NEIGHBOURS) > 0) - long[:-1]
-    )
+    return np.asarray((apart - long[other])[:, 1:].min(axis=1) - long[:-1])
 
 
 @dataclass(frozen=True)
@@ -246,7 +244,8 @@ def _looked_at(image: Grey8, half: Grey8, bright: bool | None) -> list[Survey]:
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    looks = [_by_size(_doubled(_standing_out(_excess(half, mean, kind), least, kind))) for kind in kinds]
+    inside = [_standing_out(_excess(half, mean, kind), least, kind) for kind in kinds]
+    looks = [_by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, some.bright)) for some in inside]
     most = max(looks, key=_first_number)
     if _first_number(most) < _ENOUGH or median(most[0].radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
@@ -283,11 +282,6 @@ def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
     cv2 = opencv()
     mean: Grey8 = cv2.resize(cv2.blur(half, (odd, odd)), image.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return mean
-
-
-def _doubled(found: Spots) -> Spots:
-    """In an image of twice the size."""
-    return Spots(2.0 * found.center + 0.5, 4.0 * found.spread, found.bright)
 
 
 def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
@@ -338,7 +332,11 @@ def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None
     ends = np.cumsum(np.fromiter(map(len, outlines), dtype=np.int64, count=count))
     ellipses(np.concatenate(outlines)[:, 0], ends, mask.shape[1], mask.shape[0], center, spread, keep)
     found = Spots(center[keep], spread[keep], bright)
-    return _alike(found.kept(found.radius < _LARGEST), usual)
+    radius = found.radius
+    keep = radius < _LARGEST
+    if usual is not None:
+        keep &= (radius < _ALIKE * usual) & (_ALIKE * radius > usual)
+    return found.kept(keep)
 
 
 def _too_many(mask: Grey8) -> bool:
@@ -347,11 +345,3 @@ def _too_many(mask: Grey8) -> bool:
         return False
     corners = (mask[1:, 1:] > 0) & (mask[:-1, 1:] == 0) & (mask[1:, :-1] == 0)
     return int(np.count_nonzero(corners)) > _MOST_SPOTS
-
-
-def _alike(found: Spots, usual: float | None) -> Spots:
-    """Those whose radius is within a ratio of the usual one."""
-    if usual is None:
-        return found
-    radius = found.radius
-    return found.kept((radius < _ALIKE * usual) & (_ALIKE * radius > usual))

@@ -1,40 +1,45 @@
-"""How target.toml and camera.toml are opened: files of few sections, read with every problem and its line."""
+"""target.toml and camera.toml (docs/images.md): read with every problem and its line, written as canonical bytes."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
+from typing import TypeVar
 
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_file
-from cpcal.common.values import Floats, Value, frozen_array, frozen_mapping
+from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.files.settings import Table, TomlReader, matrix, provenance_lines, quoted, vector
 from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, wrong_deviations
 
-__all__ = ["Table", "TomlReader", "opened"]
+T = TypeVar("T")
 
 
-def opened(
-    path: str | os.PathLike[str], format_: str, sections: tuple[str, ...], problems: Problems
-) -> TomlReader | None:
-    """A reader of the TOML file `path`, its format and the names of its sections looked at; None if it is none."""
-    file = Path(path)
+def _loaded(
+    path: str | os.PathLike[str], format_: str, sections: tuple[str, ...], read: Callable[[TomlReader], T | None]
+) -> T:
+    """What `read` makes of the TOML file `path`. Raises one InputError that lists every problem of the file."""
+    problems, file = Problems(), Path(path)
     content = small_file(file, problems, "write one as docs/images.md shows")
-    if content is None:
-        return None
-    return TomlReader.of(content, str(file), format_, (*sections, "provenance"), problems)
+    reader = None
+    if content is not None:
+        reader = TomlReader.of(content, str(file), format_, (*sections, "provenance"), problems)
+    found = None if reader is None else read(reader)
+    problems.raise_any()
+    assert found is not None  # what keeps it from being read is a problem, and was raised
+    return found
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# camera.toml (docs/images.md): read with every problem and its line, written as canonical bytes.
+# The camera.
 
 CAMERA_FORMAT = "cpcal-camera/1"
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -61,10 +66,10 @@ class CameraRecord(Value):
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        fill(self, provenance=frozen_mapping(self.provenance))
         problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
         if self.covariance is not None:
-            object.__setattr__(self, "covariance", frozen_array(self.covariance))
+            fill(self, covariance=frozen_array(self.covariance))
             problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
             if self.camera.model != BROWN:
                 what = f"goes with a lens of the model {self.camera.model}"
@@ -98,12 +103,7 @@ def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
     """
     if Path(path).suffix.lower() in YAML_SUFFIXES:
         return CameraRecord(camera_yaml().camera_from_yaml(Path(path)))
-    problems = Problems()
-    reader = opened(path, CAMERA_FORMAT, ("camera", "calibration"), problems)
-    record = None if reader is None else _record(reader)
-    problems.raise_any()
-    assert record is not None  # what keeps it from being read is a problem, and was raised
-    return record
+    return _loaded(path, CAMERA_FORMAT, ("camera", "calibration"), _record)
 
 
 def camera_yaml() -> ModuleType:
@@ -184,7 +184,7 @@ def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# target.toml (docs/images.md): read with every problem and its line, written as canonical bytes.
+# The target.
 
 TARGET_FORMAT = "cpcal-target/1"
 
@@ -194,12 +194,7 @@ _MEASURED = ("scale", "scale_sigma", "dot_sigma")  # of the plate as it was prin
 
 def load_target(path: str | os.PathLike[str]) -> Target:
     """The target in the file `path`. Raises one InputError that lists every problem of the file."""
-    problems = Problems()
-    reader = opened(path, TARGET_FORMAT, ("target",), problems)
-    target = None if reader is None else _target(reader)
-    problems.raise_any()
-    assert target is not None  # what keeps it from being read is a problem, and was raised
-    return target
+    return _loaded(path, TARGET_FORMAT, ("target",), _target)
 
 
 def save_target(target: Target, path: str | os.PathLike[str], provenance: dict[str, str] | None = None) -> None:
