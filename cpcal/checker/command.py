@@ -50,7 +50,9 @@ def main(arguments: Sequence[str]) -> int:
 
 def _runs(folder: Path, work: int) -> int:
     """A run, or the runs of several models or campaigns: all are looked at, and the worst decides."""
-    inner = [] if (folder / RESULT_NAME).exists() else sorted(path.parent for path in folder.glob(f"*/{RESULT_NAME}"))
+    inner = sorted(path.parent for path in folder.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
+    if (folder / RESULT_NAME).exists() or not inner:
+        return _run(folder, work)
     worst = PROVED
     for run in inner:
         print(f"{run.name}:")
@@ -59,7 +61,7 @@ def _runs(folder: Path, work: int) -> int:
         except Refused as reason:
             print(f"REFUSED: {reason}")
             worst = REFUSED
-    return worst if inner else _run(folder, work)
+    return worst
 
 
 def _run(folder: Path, work: int) -> int:

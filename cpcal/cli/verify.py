@@ -297,8 +297,8 @@ def of_folder(folder: Path) -> Iterator[Statement]:
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """The runs of many campaigns, or of one in several models."""
-    return sorted(path.parent for path in folder.glob(f"*/{RUN.head}"))
+    """The runs of many campaigns, or of one in several models; no draft of a run that was killed."""
+    return sorted(path.parent for path in folder.glob(f"[!.]*/{RUN.head}"))
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:

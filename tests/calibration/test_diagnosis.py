@@ -12,7 +12,7 @@ from cpcal.calibration.diagnosis import Asked, Poses, corrected, sag_shape
 from cpcal.simulate import simulate_study
 from tests.changed import with_drift
 
-SIZE = {"runs": 4, "validation_runs": 4, "random_poses": 24}
+SIZE = {"runs": 4, "validation_runs": 2, "random_poses": 16}
 
 
 def found_of(**imperfect):

@@ -60,7 +60,7 @@ def test_the_central_pose_is_upright_and_in_the_middle():
     assert_allclose(inverse_kinematics(DELTALAB, pose), MIDDLE, atol=1e-10)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(st.floats(0, 140), min_size=6, max_size=6), st.integers(0, 1000))
 def test_forward_then_inverse_gives_the_readings_for_any_parameters(readings, seed):
     deviation = np.random.default_rng(seed).normal(0, 5, (6, 7))
@@ -70,7 +70,7 @@ def test_forward_then_inverse_gives_the_readings_for_any_parameters(readings, se
     assert pose.position[2] > 200
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.tuples(*[st.floats(-40, 40)] * 3), st.tuples(*[st.floats(-0.25, 0.25)] * 3))
 def test_inverse_then_forward_gives_the_pose(move, turn):
     pose = Pose(centre().position + np.array(move), quaternion_from_rotation_vector(turn))
@@ -118,7 +118,7 @@ def test_more_than_six_legs_give_the_least_squares_pose():
 
 
 def test_what_cannot_be_assembled_is_said_and_which():
-    readings = np.stack([MIDDLE, [0.0, 2000.0, 0.0, 0.0, 0.0, 0.0], MIDDLE])
+    readings = np.stack([MIDDLE, [0.0, 900.0, 0.0, 0.0, 0.0, 900.0], MIDDLE])
     with pytest.raises(KinematicsError, match=r"1 of 3 rows of readings \(row 1") as caught:
         forward_kinematics(DELTALAB, readings, centre())
     assert caught.value.indices == (1,)
