@@ -129,8 +129,10 @@ class Structures:
         """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
         if self._elements is None:
             return self._of(None if self._rows is None else self._rows.telling(box.mid, self._most(box)), box, deadline)
-        if self._last is None or not _near(box, self._last[0]):
+        last = self._last
+        if last is None or not (box.subset(last[0]) and (box.width >= _MUCH * last[0].width).all()):
             self._last = box, self._alone(self._elements, box, deadline)
+        assert self._last is not None
         return self._last[1]
 
     def _of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
@@ -154,11 +156,6 @@ class Structures:
         """Elements for each side of a constraint."""
         seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
         return max(_TELLING if seeking else _ENCLOSING, self._share)
-
-
-def _near(box: Box, other: Box) -> bool:
-    """Whether a box lies in another one and is not much smaller in any direction."""
-    return box.subset(other) and bool((box.width >= _MUCH * other.width).all())
 
 
 class _Expanded:

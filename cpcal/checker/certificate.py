@@ -17,8 +17,8 @@ from .exact_polynomial import READINGS
 from .files import WORK, Budget, Lines, opened
 from .header import problem_of
 from .problem import Box, Problem, Unknowns
-from .readers import Reader, anything, ascending, choice, dyadic, entry, many, maybe, record, signs, whole
-from .refusal import Refused
+from .readers import Reader, anything, ascending, choice, dyadic, entry, many, maybe, record, shown, signs, text, whole
+from .refusal import Refused, Unusable
 from .rule import Row, Rule, Weights, meeting
 
 _MOST_OPEN = 100_000  # boxes
@@ -45,6 +45,46 @@ def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, 
         raise refused.at(lines.line) from None
     except (OverflowError, MemoryError, RecursionError):
         raise Refused("the values are too large, or nested too deeply", "limit", lines.line) from None
+
+
+class Certificates:
+    """Those of a folder, which may rest on one another: each is checked once, all of them within one budget."""
+
+    most = 10_000
+
+    def __init__(self, folder: Path, budget: Budget) -> None:
+        self.folder, self.budget = folder, budget
+        self.known: dict[str, tuple[Accepted, list[Any]] | None] = {}
+
+    def formed(self, given: dict[str, Any]) -> tuple[list[Any], Problem, Box]:
+        """What a header says, and the problem and its box."""
+        raise NotImplementedError
+
+    def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
+        """What a file proves, and its header. Raises Refused."""
+        file, header = text(name), list[Any]()
+        if not file.endswith(".cert.jsonl") or "\0" in file or Path(file).name != file:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+
+        def formed(given: dict[str, Any]) -> tuple[Problem, Box]:
+            said, problem, root = self.formed(given)
+            header.extend(said)
+            return problem, root
+
+        if file not in self.known:
+            if len(self.known) == self.most:
+                raise Refused(f"it has more than {self.most} certificates", "limit")
+            self.known[file] = None
+            try:
+                with opened(self.folder / file) as stream:
+                    self.known[file] = check_lines(Lines(stream, self.budget), formed), header
+            except (Refused, Unusable) as error:
+                code = error.code if isinstance(error, Refused) else "run"
+                raise Refused(f"{shown(file)}: {error}", code, 0) from None
+        found = self.known[file]
+        if found is None:
+            raise Refused(f"{shown(file)} rests on itself")
+        return found
 
 
 def _schema(problem: Problem) -> dict[str, Reader]:

@@ -29,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
             return _pose_sets(given.target, given.work or 0)
         if (given.target / STUDY_NAME).is_file():
-            return _hand_eye(given.target, given.work)
+            return _hand_eye(given.target, given.work or 0)
         if (given.target / ACCURACY_NAME).is_file():
             return _accuracy(given.target, given.work or 0)
         if given.target.is_dir():
@@ -50,9 +50,9 @@ def main(arguments: Sequence[str]) -> int:
 
 def _runs(folder: Path, work: int) -> int:
     """A run, or the runs of several models or campaigns: all are looked at, and the worst decides."""
-    inner = (
-        [] if (folder / RESULT_NAME).exists() else sorted(path.parent for path in folder.glob(f"[!.]*/{RESULT_NAME}"))
-    )
+    inner = sorted(path.parent for path in folder.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
+    if (folder / RESULT_NAME).exists() or not inner:
+        return _run(folder, work)
     worst = PROVED
     for run in inner:
         print(f"{run.name}:")
@@ -87,10 +87,10 @@ def _outliers(leg: RobustChecked) -> str:
     return "; ".join([*found, f"at most {leg.outliers} wrong"]) if found else ""
 
 
-def _hand_eye(folder: Path, work: int | None) -> int:
-    from .hand_eye import HAND_EYE_WORK, check_hand_eye
+def _hand_eye(folder: Path, work: int) -> int:
+    from .hand_eye import check_hand_eye
 
-    found = check_hand_eye(folder, work=work or HAND_EYE_WORK)
+    found = check_hand_eye(folder, work=work)
     for _, sentence in found:
         print(sentence)
     print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")

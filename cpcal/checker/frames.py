@@ -17,7 +17,7 @@ from functools import cached_property
 from itertools import product
 
 from .exact_polynomial import Polynomial, Spend, unknown
-from .problem import Box, Problem, Unknowns
+from .problem import Box, Problem
 from .program import dyadics
 from .refusal import Refused
 
@@ -302,20 +302,7 @@ class Rows:
 
     def problem(self, spend: Spend) -> Problem:
         """For the kernel: its rows are polynomials in x."""
-
-        def constraint(k: int, x: Unknowns, *_: object) -> int:
-            return k
-
-        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
-            for k in items:
-                terms = self.row(side, k)
-                x.spend(500 + 20 * len(terms))
-                yield polynomial(terms, spend)
-
-        return Problem(
-            self.unknowns, None, self.count, tuple(range(self.count)), constraint, sides=SIDES, settled=settled,
-            in_box=False,
-        )  # fmt: skip
+        return Problem.of_rows(self.unknowns, self.count, SIDES, lambda side, k: polynomial(self.row(side, k), spend))
 
     def root(self, frames: Box | None) -> Box:
         """Where a stage begins: the frames' box, or all poses of an image that frames in it allow."""
@@ -342,6 +329,7 @@ class Rows:
 
 def polynomial(terms: Terms, spend: Spend) -> Polynomial:
     """With a largest coefficient of about one: a row may be divided by what is above zero."""
+    spend(500 + 20 * len(terms))
     bits = max((c.bit_length() for c in terms.values()), default=0)
     return Polynomial({sum(map(unknown, m)): c for m, c in terms.items()}, -bits, spend)
 

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from .bounds import number as bound
-from .certificate import check_lines
+from .certificate import Certificates
 from .claims import Accepted
-from .files import STUDY_NAME, Budget, Lines, content, opened, parsed
+from .files import STUDY_NAME, WORK, Budget, content, parsed
 from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
 from .header import FORMAT
 from .lens import Cameras
@@ -29,7 +29,8 @@ from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
-HAND_EYE_WORK = 240_000_000  # of all certificates of a run
+# 12 images of any rotation take 12,000,000 units
+_POINTS, _POINT_WORK = 10_000, 4_000  # of a run: more for each point beyond so many
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames
@@ -228,34 +229,15 @@ def _degrees(sine: F, factor: F) -> float:
 # certificates -------------------------------------------------------------------------------------------------------
 
 
-class HandEyeCertificates:
-    """Those of a folder, about one study: each is checked once, and all together cost no more than `work`."""
+class HandEyeCertificates(Certificates):
+    """About one study."""
 
-    def __init__(self, folder: Path, study: Study, digest: str, work: Budget) -> None:
-        self.folder, self.study, self.digest, self.budget = folder, study, digest, work
-        self._known: dict[str, tuple[Accepted, list[Any]] | None] = {}
+    def __init__(self, folder: Path, study: Study, digest: str, budget: Budget) -> None:
+        super().__init__(folder, budget)
+        self.study, self.digest = study, digest
 
-    def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
-        """What a file proves, and its header. Raises Unusable, Refused."""
-        file = text(name)
-        if not file.endswith(".cert.jsonl") or "\0" in file or Path(file).name != file:
-            raise Refused(f"{shown(file)} is no name of a certificate")
-        if file not in self._known:
-            self._known[file] = None
-            with opened(self.folder / file) as stream:
-                header: list[Any] = []
-                try:
-                    found = check_lines(Lines(stream, self.budget), lambda given: self._formed(given, header))
-                except Refused as refused:
-                    raise Refused(f"{file}: {refused}", refused.code, 0) from None
-            self._known[file] = found, header
-        known = self._known[file]
-        if known is None:
-            raise Refused(f"{shown(file)} rests on itself")
-        return known
-
-    def _formed(self, given: Json, header: list[Any]) -> tuple[Problem, Box]:
-        header += _HEADER(given)
+    def formed(self, given: Json) -> tuple[list[Any], Problem, Box]:
+        header = _HEADER(given)
         _, digest, stage, images, eps, asked, after, poses = header
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
@@ -270,12 +252,12 @@ class HandEyeCertificates:
         sets = {}
         for name in poses:
             box = self._enclosure(name, header, ("image",))
-            sets[self._known[name][1][3][0]] = box.lo, box.hi  # type: ignore[index]
+            sets[self.accepted(name)[1][3][0]] = box.lo, box.hi
         if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
             raise Refused("it rests on poses of other images")
         frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
         rows = Rows(self.study, stage, images, eps, hand, board, sets, frames)
-        return rows.problem(self.budget.spend), rows.root(frames)
+        return header, rows.problem(self.budget.spend), rows.root(frames)
 
     def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
@@ -315,8 +297,11 @@ def _list(value: Any, count: int) -> list[Any]:
 # runs ---------------------------------------------------------------------------------------------------------------
 
 
-def check_hand_eye(folder: Path, *, work: int = HAND_EYE_WORK) -> list[tuple[bool, str]]:
-    """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole."""
+def check_hand_eye(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
+    """For each statement of a run whether it is accepted, and a sentence. Raises Unusable, Refused for the whole.
+
+    `work`: what the check of all certificates may cost; 0 for what such a study needs.
+    """
     kind = _Wrong if (folder / WRONG_NAME).is_file() else _HandEye
     return kind(folder, work).statements()
 
@@ -330,6 +315,7 @@ class _Run:
     def __init__(self, folder: Path, work: int) -> None:
         self.study, digest = read_study(folder / STUDY_NAME)
         given = content(folder / self.name)
+        work = work or WORK + _POINT_WORK * max(0, len(self.study.image) - _POINTS)
         self.certificates = HandEyeCertificates(folder, self.study, digest, Budget(work))
         self.result = parsed(given, lambda number: F(finite(number)))
         self.named: list[str] = []
@@ -355,7 +341,7 @@ class _Run:
 
     def files(self) -> str:
         """No certificate lies about that nothing rests on."""
-        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates._known)
+        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates.known)
         if unused:
             raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
         return ""

@@ -370,7 +370,7 @@ def _of_the_set(
         yield "delta", 2 * delta <= hi - lo <= 2 * delta + slack, True
     sides = ([], []) if claims.infeasible or claims.enclosure is None else claims.enclosure
     yield "box", [[exact(v) for v in box[side]] for side in ("lo", "hi")], [list(side[:7]) for side in sides]
-    yield "claim", claims.infeasible or claims.enclosure is not None, True
+    yield "claim", (claims.infeasible or claims.enclosure is not None, claims.point), (True, None)
 
 
 def _of_the_pose(

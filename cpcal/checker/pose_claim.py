@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from .bounds import Bounds, between
-from .certificate import check_lines
-from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, opened, parsed
+from .certificate import Certificates
+from .files import POSE_SET_SUFFIX, WORK, Budget, content, parsed
 from .header import FORMAT
 from .problem import Box, Problem
 from .readers import ascending, choice, dyadic, many, maybe, record, shown, text, whole
@@ -30,7 +30,8 @@ from .sight import Rows, Sight, ends, rounded, sight_of, turned
 POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000
 _MOST_CERTIFICATES = 64
-_IMAGE_WORK = 30_000_000  # of a folder's image
+# 133 dots take 7,000,000 units, 8,000,000 with 3 that may be wrong
+_IMAGES, _IMAGE_WORK = 5, 15_000_000  # of a folder: more for each image beyond so many
 _FIELD_WORK, _CAMERA_WORK = 4_000_000, 600_000  # of a camera's field, and more for each number of t
 _FAILING_WORK = 60_000  # of a dot that is shown to be wrong
 
@@ -83,7 +84,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work or max(WORK, _IMAGE_WORK * len(claims)))
+    budget = Budget(work or WORK + _IMAGE_WORK * max(0, len(claims) - _IMAGES))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
@@ -119,7 +120,7 @@ def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
         raise Refused("a quaternion is zero")
     budget.spend(_FIELD_WORK + _CAMERA_WORK * sight.cameras.size)
     digest = digest_of(inputs)
-    certificates = Certificates(path.parent, digest, sight, outliers, budget)
+    certificates = PoseCertificates(path.parent, digest, sight, outliers, budget)
     about, left = certificates.joined(after)
     if left is not None and wrong:
         certificates.show_wrong(wrong, about, left)
@@ -193,28 +194,24 @@ def rows_of(sight: Sight, dots: Sequence[int], turn: Sequence[F], before: tuple[
     return Rows(sight, dots, turn, root, placed=True)
 
 
-class Certificates:
-    """Those of a claim about at most so many wrong dots; each is checked once."""
+class PoseCertificates(Certificates):
+    """Those of a claim about at most so many wrong dots."""
+
+    most = _MOST_CERTIFICATES
 
     def __init__(self, folder: Path, digest: str, sight: Sight, outliers: int, budget: Budget) -> None:
-        self.folder, self.digest, self.sight, self.outliers, self.budget = folder, digest, sight, outliers, budget
-        self.known: dict[str, Part | None] = {}
+        super().__init__(folder, budget)
+        self.digest, self.sight, self.outliers = digest, sight, outliers
 
     def joined(self, files: Iterable[str]) -> tuple[tuple[F, ...], Box | None]:
         return joined([self.part(file) for file in files], self.outliers)
 
     def part(self, file: str) -> Part:
-        if "/" in file or "\\" in file or file.startswith("."):
-            raise Refused(f"names no certificate of its folder: {shown(file)}")
-        if file not in self.known:
-            if len(self.known) == _MOST_CERTIFICATES:
-                raise Refused(f"it has more than {_MOST_CERTIFICATES} certificates", "limit")
-            self.known[file] = None
-            self.known[file] = self._read(file)
-        found = self.known[file]
-        if found is None:
-            raise Refused(f"{shown(file)} rests on itself")
-        return found
+        accepted, (_, _, dots, _, _, turn, after) = self.accepted(file)
+        hull = accepted.claims.enclosure
+        if not accepted.claims.infeasible and hull is None:
+            raise Refused(f"{shown(file)}: it claims no enclosure", code="form", line=0)
+        return Part(dots, turn, after, None if accepted.claims.infeasible or hull is None else Box(*hull))
 
     def show_wrong(self, dots: Sequence[int], turn: Sequence[F], box: Box) -> None:
         """Raises Refused for a dot that some pose of a box may show."""
@@ -226,27 +223,10 @@ class Certificates:
             if not rows.fails(k):
                 raise Refused(f"it is not proved that dot {k} is wrong", "proof")
 
-    def _read(self, file: str) -> Part:
-        header: list[Any] = []
-
-        def formed(given: dict[str, Any]) -> tuple[Problem, Box]:
-            header.extend(_HEADER(given))
-            rows, wrong = self._rows(*header)
-            return replace(rows.problem(self.budget.spend), wrong=wrong, tag=rows.dot_of), rows.root
-
-        try:
-            with opened(self.folder / file) as stream:
-                accepted = check_lines(Lines(stream, self.budget), formed)
-            if not accepted.claims.infeasible and accepted.claims.enclosure is None:
-                raise Refused("it claims no enclosure")
-        except (Refused, Unusable) as error:
-            code = error.code if isinstance(error, Refused) else "run"
-            raise Refused(f"{shown(file)}: {error}", code, 0) from None
-        _, _, dots, _, _, turn, after = header
-        claims = accepted.claims
-        return Part(
-            dots, turn, after, None if claims.infeasible or claims.enclosure is None else Box(*claims.enclosure)
-        )
+    def formed(self, given: dict[str, Any]) -> tuple[list[Any], Problem, Box]:
+        header = _HEADER(given)
+        rows, wrong = self._rows(*header)
+        return header, replace(rows.problem(self.budget.spend), wrong=wrong, tag=rows.dot_of), rows.root
 
     def _rows(
         self, _: str, digest: str, dots: Sequence[int], outliers: int, wrong: Sequence[int], turn: Sequence[F],

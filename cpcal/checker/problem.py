@@ -189,6 +189,19 @@ class Problem:
     )
     tag: Callable[[str, int], int | None] = _untagged  # of a row
 
+    @staticmethod
+    def of_rows(
+        unknowns: tuple[str, ...], count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]
+    ) -> Problem:
+        """Of rows that a model forms, by side and number below `count`, as polynomials in x."""
+
+        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
+            return (form(side, k) for k in items)
+
+        return Problem(
+            unknowns, None, count, tuple(range(count)), lambda k, *_: k, sides=sides, settled=settled, in_box=False
+        )
+
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
         return next(self.rows(x, [(side, k, signs)]))[1]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -38,7 +38,7 @@ from .bounds import product as matrix_product
 from .exact_polynomial import Polynomial, Spend
 from .frames import EQUATIONS, Terms, polynomial, turn_equation
 from .lens import NEAREST, Cameras
-from .problem import Box, Problem, Unknowns
+from .problem import Box, Problem
 from .readers import choice, dyadic, many, record, text, whole
 from .refusal import Refused
 
@@ -335,25 +335,14 @@ class Rows:
 
     def problem(self, spend: Spend) -> Problem:
         """For the kernel: its rows are polynomials in x."""
-        formed: dict[tuple[str, int], Polynomial] = {}
 
-        def constraint(k: int, x: Unknowns, *_: object) -> int:
-            return k
+        @cache
+        def form(side: str, k: int) -> Polynomial:
+            if side in SIDES[:5] and k not in self._seen:
+                spend(_DOT_WORK + _CAMERA_WORK * self.sight.cameras.size)
+            return polynomial(self.row(side, k), spend)
 
-        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
-            for k in items:
-                if (side, k) not in formed:
-                    if side in SIDES[:5] and k not in self._seen:
-                        spend(_DOT_WORK + _CAMERA_WORK * self.sight.cameras.size)
-                    terms = self.row(side, k)
-                    spend(500 + 20 * len(terms))
-                    formed[side, k] = polynomial(terms, spend)
-                yield formed[side, k]
-
-        return Problem(
-            self.unknowns, None, self.count, tuple(range(self.count)), constraint, sides=SIDES, settled=settled,
-            in_box=False,
-        )  # fmt: skip
+        return Problem.of_rows(self.unknowns, self.count, SIDES, form)
 
     def fails(self, k: int) -> bool:
         """Whether a dot is outside of its box of pixels for every pose of the box."""

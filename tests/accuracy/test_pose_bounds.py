@@ -153,15 +153,51 @@ def test_a_model_error_moves_the_platform_by_its_square_as_well(known):
     length = np.linalg.norm(leg_vectors(known.controller, poses), axis=-1)
 
     def share(eps):
-        nothing = point(np.zeros(SIZE))
-        sets = [
-            replace(one, eps=eps, box=nothing, along=nothing[:7], support=Nothing(), controller=row)
-            for one, row in zip(known.sets, known.controller.parameters, strict=True)
-        ]
-        return pose_bounds(poses, sets).share
+        return pose_bounds(poses, alone(known, eps)).share
 
     eps = 40.0
     assert (share(eps) / share(1e-3) >= (eps + eps**2 / (2.0 * length)) / (1e-3 + 5e-7 / length) * (1 - 1e-6)).all()
+
+
+def alone(known, eps):
+    """Sets that hold only the controller's parameters."""
+    nothing = point(np.zeros(SIZE))
+    return [
+        replace(one, eps=eps, box=nothing, along=nothing[:7], support=Nothing(), controller=row)
+        for one, row in zip(known.sets, known.controller.parameters, strict=True)
+    ]
+
+
+def test_newtons_operator_holds_what_it_makes_of_every_pose_in_the_box(known):
+    # x - C F(x), F by its definition; with the ends of the box, where what is not linear counts most
+    poses, controller, rng = unseen(known, 3, 8), known.controller.parameters, np.random.default_rng(9)
+    cells = Cells.of_poses(poses)
+    scale = bounds.scales(cells, controller)
+    inverse, _ = bounds._inverses(cells, controller)
+    half = np.array([5.0, 5.0, 5.0, 0.03, 0.03, 0.03])
+    box = IntervalArray(np.tile(-half, (3, 1)), np.tile(half, (3, 1)))
+    spread = bounds._Equations(cells, alone(known, 0.0), controller, scale, inverse).spread(box)
+    length = np.linalg.norm(leg_vectors(known.controller, poses), axis=-1)
+    for corner in rng.uniform(size=(100, 3, 6)):
+        move = half * np.where(corner < 0.4, -1.0, np.where(corner > 0.6, 1.0, 10.0 * corner - 5.0))
+        turn = normalised(np.column_stack([np.ones(3), move[:, 3:]]))
+        moved = Pose(poses.position + move[:, :3], quaternion_product(turn, poses.quaternion))
+        reached = np.linalg.norm(leg_vectors(known.controller, moved), axis=-1)
+        left = move - (inverse @ ((reached**2 - length**2) / (2.0 * scale))[..., None])[..., 0]
+        assert ((spread.lo <= left + 1e-9) & (left - 1e-9 <= spread.hi)).all()
+
+
+def test_a_bound_is_that_of_the_farthest_corner_and_of_what_is_added_to_it():
+    rng = np.random.default_rng(10)
+    inverse = rng.normal(size=(4, 6, 6))
+    value = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
+    spread = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
+    position, angle = bounds._sizes(inverse, value, spread)
+    for corner, more in rng.integers(0, 2, (2000, 2, 4, 6)):
+        moved = -(inverse @ np.where(corner, value.hi, value.lo)[..., None])[..., 0]
+        moved += np.where(more, spread.hi, spread.lo)
+        assert (np.linalg.norm(moved[:, :3], axis=1) <= position).all()
+        assert (2.0 * np.arctan(np.linalg.norm(moved[:, 3:], axis=1)) <= angle).all()
 
 
 class Nothing:

@@ -33,6 +33,8 @@ def test_the_halves_of_a_cell_leave_no_gap(known):
     space = Workspace((x - 40, y - 40, z, -0.1, 0, 0), (x + 40, y + 40, z, 0.1, 0, 0))
     found = cover(space, known.sets, gap=0.0, most=30)
     assert len(found.boxes.lo) > 9  # divided beyond the first grid
+    assert not found.complete
+    assert (found.position[found.proved] <= found.worst).all()
     wide = (space.box.hi > space.box.lo).nonzero()[0]
     lo, hi = found.boxes.lo[:, wide], found.boxes.hi[:, wide]
     volume = np.prod(hi - lo, axis=1).sum()

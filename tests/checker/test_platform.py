@@ -128,6 +128,18 @@ def test_a_forged_accuracy_is_refused(run, tmp_path, what):
     assert reason in forged(run, tmp_path, change)
 
 
+def test_a_point_of_a_set_is_refused_for_it_may_need_a_larger_error(run, tmp_path):
+    def change(_, folder):
+        path = folder / "set-leg2.cert.jsonl"
+        header, claims, *rest = path.read_text().splitlines(keepends=True)
+        stated = json.loads(claims)
+        at = [*stated["enclosure"]["lo"][:7], "0x1p-2", *stated["enclosure"]["lo"][8:]]
+        stated["point"] = {"at": at, "holds": [], "readings": None, "fails": []}
+        path.write_text(header + json.dumps(stated) + "\n" + "".join(rest))
+
+    assert "another claim" in forged(run, tmp_path, change)
+
+
 def test_a_form_that_is_changed_in_the_certificate_is_refused(run, tmp_path):
     def change(_, folder):
         path = folder / "set-leg3.cert.jsonl"

@@ -40,11 +40,11 @@ def judged_once() -> Iterator[None]:
         digests = [(path.name, sha256(path.read_bytes()).digest()) for path in files]
         key = repr((name, self.digest, digests))
         if key not in claims:
-            before = set(self._known)
+            before = set(self.known)
             accepted(self, name)
-            claims[key] = {file: known for file, known in self._known.items() if file == name or file not in before}
-        self._known.update(claims[key])
-        return self._known[name]
+            claims[key] = {file: known for file, known in self.known.items() if file == name or file not in before}
+        self.known.update(claims[key])
+        return self.known[name]
 
     def answered(study: HandEyeStudy) -> Any:
         key = study_json(study)

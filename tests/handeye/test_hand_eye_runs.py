@@ -145,20 +145,20 @@ def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run,
         assert run.result.passes is True
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3))])
 def test_no_stage_excludes_a_planted_truth(seed):
     """Random studies with uncertain poses and pixels, at the tolerance that the truth needs, and hardly more."""
     random = np.random.default_rng(seed)
     moved = {} if seed == 1 else {"position_error": 0.3, "rotation_error": 1e-3}
-    size = {"images": 5, "corners": (3, 3), "pitch": 80.0, "pixel_error": 0.3, "seed": 20 + seed}
+    size = {"images": 3, "corners": (3, 2), "pitch": 80.0, "pixel_error": 0.3, "seed": 20 + seed}
     found = simulate_hand_eye(setup=SETUPS[seed % 2], **size, **moved)
     study = found.study
     if moved:
-        half, width = np.tile([0.3] * 3 + [1e-3] * 3, (5, 1)), random.uniform(0.0, 0.1, len(study.image))
+        half, width = np.tile([0.3] * 3 + [1e-3] * 3, (3, 1)), random.uniform(0.0, 0.1, len(study.image))
         study = replace(study, pose_half_width=half, half_width=width)
     center = PlacedFrames.of(classical_answer(study).frames)
     prover = Prover(study, center.numbers, 100.0, 3.0, center.frames, lambda text: None)
-    left = prover.chain("", 0.3 * (1.0 + 1e-9), range(5)).left
+    left = prover.chain("", 0.3 * (1.0 + 1e-9), range(3)).left
     x = unknowns_of(found.truth)
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
@@ -271,7 +271,7 @@ NUMBERS = {
     "a point more": (put("points", to=plus(1)), "box", "another study"),
     "another setup": (put("setup", to="eye-to-foot"), "box", "another study"),
     "a certificate elsewhere": (put("lower", to="../exact/lower.cert.jsonl"), "lower end", "no name of a certificate"),
-    "a certificate with a NUL": (put("lower", to="a\0.cert.jsonl"), "lower end", "is no name of a certificate"),
+    "a certificate with a NUL": (put("lower", to="a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
     "that of the ranges": (put("lower", to="ranges.cert.jsonl"), "lower end", "at another tolerance"),
     "no certificate of the lower end": (put("lower", to=None), "lower end", "another eps_lo than is proved"),
     "an absent certificate": (put("lower", to="some.cert.jsonl"), "lower end", "'some.cert.jsonl' cannot be read"),

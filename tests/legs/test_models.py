@@ -15,6 +15,7 @@ from cpcal.files import campaign_sha256
 from cpcal.legs import (
     PLAIN,
     ModelResiduals,
+    equation,
     fit_model,
     leg_box,
     leg_model,
@@ -26,8 +27,8 @@ from cpcal.legs import (
 from cpcal.robot import ModelChoice, rotation_matrix
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.exact_network import NetworkStatement, number
-from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.network import sqr
+from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Tape, sqr
 from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
 
@@ -319,3 +320,16 @@ def test_a_name_that_no_model_has_is_told_when_it_is_used(exact, tmp_path):
     campaign = cpcal.load_campaign(tmp_path)
     with pytest.raises(cpcal.InputError, match="'mine' is not known"):
         cpcal.certify(campaign)
+
+
+def test_a_reading_turns_a_leg_by_the_whole_rotation_however_large():
+    rng = np.random.default_rng(1)
+    net, arms, s = ConstraintNetwork(), rng.normal(size=(7, 3)), rng.uniform(-0.5, 0.5, (7, 3))
+    v = net.variable("v", 3)
+    expr = equation._turning(net, np.ones((7, 3)))(arms + v)
+    tape = Tape(net, [expr])
+    (digest,) = tape.reading_slots
+    turned = tape.near(np.zeros(3), {digest: IntervalArray.point(s)}).reshape(7, 3)
+    quaternion = np.column_stack([np.ones(7), s])
+    quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
+    np.testing.assert_allclose(turned, (rotation_matrix(quaternion) @ arms[..., None])[..., 0], atol=1e-14)

@@ -13,6 +13,7 @@ import cpcal
 from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.questions import outliers as robust
+from cpcal.questions.bracket import all_or_none
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -67,6 +68,15 @@ def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path,
     assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.bracket.point_certificate]
     (checked,) = check_run(tmp_path)
     assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
+
+
+def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).write_text("{}")
+    folder = SimpleNamespace(certificates=tmp_path)
+    assert all_or_none(folder, ["a", "b"]) == ("a", "b")
+    assert all_or_none(folder, ["a", None, "b"]) == ()
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_bracket_is_that_of_the_best_choice_among_all():

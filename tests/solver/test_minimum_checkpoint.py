@@ -41,25 +41,30 @@ def answer(found: Minimum) -> tuple[object, ...]:
     return found.lo, found.hi, point, box.lo.tolist(), box.hi.tolist(), found.nodes, found.programs, found.status
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[object, ...], bytes]:
+    """The answer and the certificate of a minimisation that nobody stops."""
+    path = tmp_path_factory.mktemp("whole") / "proof"
+    return answer(solved(**LIFTED, certificate=path)), path.read_bytes()
+
+
 @pytest.mark.parametrize(("options", "step"), [(LIFTED, 9), (HC4, 400)])
 def test_stopped_again_and_again_it_ends_in_the_same_answer(
-    options: dict[str, object], step: int, tmp_path: Path
+    options: dict[str, object], step: int, tmp_path: Path, whole: tuple[tuple[object, ...], bytes]
 ) -> None:
-    def proof(name: str) -> Path | None:
-        return tmp_path / name if options is LIFTED else None
-
-    whole = solved(**options, certificate=proof("whole"))
+    proof = tmp_path / "part" if options is LIFTED else None
     file, stops = tmp_path / "search", 0
     while True:
-        found = solved(**options, nodes=step, certificate=proof("part"), checkpoint=file, resume=True)
+        found = solved(**options, nodes=step, certificate=proof, checkpoint=file, resume=True)
         if not file.exists():
             break
         assert found.pending
         stops += 1
     assert stops >= 2
-    assert answer(found) == answer(whole)
-    if options is LIFTED:
-        assert (tmp_path / "part").read_bytes() == (tmp_path / "whole").read_bytes()
+    if proof is None:
+        assert answer(found) == answer(solved(**options))
+    else:
+        assert (answer(found), proof.read_bytes()) == whole
 
 
 def test_a_checkpoint_is_of_one_problem_its_options_and_its_certificate(tmp_path: Path) -> None:
@@ -75,7 +80,9 @@ def test_a_checkpoint_is_of_one_problem_its_options_and_its_certificate(tmp_path
     assert solved(**HC4, nodes=50, checkpoint=file).nodes == part.nodes  # without resume it begins anew
 
 
-def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path) -> None:
+def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(
+    tmp_path: Path, whole: tuple[tuple[object, ...], bytes]
+) -> None:
     script = tmp_path / "run.py"
     script.write_text(
         "import sys\n"
@@ -85,21 +92,19 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path)
         "import test_minimum_checkpoint as t\n"
         "t.solved(**t.LIFTED, certificate='part', checkpoint='search', resume=True)\n"
     )
-    whole = solved(**LIFTED, certificate=tmp_path / "whole")
     with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as run:
         while not (tmp_path / "search").exists() and run.poll() is None:
             time.sleep(0.001)
         assert run.poll() is None
         run.send_signal(signal.SIGKILL)
     found = solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search", resume=True)
-    assert answer(found) == answer(whole)
-    assert (tmp_path / "part").read_bytes() == (tmp_path / "whole").read_bytes()
+    assert (answer(found), (tmp_path / "part").read_bytes()) == whole
 
 
 def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: tuple[tuple[object, ...], bytes]
 ) -> None:
-    whole, full = solved(**LIFTED, certificate=tmp_path / "whole"), tempfile.TemporaryFile
+    full = tempfile.TemporaryFile
 
     class Full:
         """A file that has room for a few lines."""
@@ -119,7 +124,7 @@ def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(
     monkeypatch.setattr(tempfile, "TemporaryFile", Full)
     with pytest.raises(UncertifiedError, match=r"no room for the steps of a proof.*TMPDIR") as raised:
         solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search")
-    assert answer(raised.value.answer)[:-1] == answer(whole)[:-1]
+    assert answer(raised.value.answer)[:-1] == whole[0][:-1]
     assert raised.value.answer.verdict is cpcal.Verdict.NOT_CERTIFIED
     assert raised.value.answer.status.startswith("The gap is closed, but not certified: no room for the steps of a")
     assert not (tmp_path / "part").exists()

@@ -151,3 +151,11 @@ def test_sets_that_are_none_are_refused() -> None:
         CameraSet.ellipsoid(DELTALAB_CAMERA, np.eye(8), 1.0)
     with pytest.raises(InputError, match="target half-widths"):
         TargetSet.within(FEW, -1.0)
+
+
+def test_an_ellipsoid_of_cameras_has_the_covariance_times_the_square_of_its_factor():
+    widths = np.where(WIDTHS > 0.0, WIDTHS, 1.0)
+    root = np.random.default_rng(4).normal(size=(9, 9)) * widths[:, None]
+    spread = CameraSet.ellipsoid(DELTALAB_CAMERA, root @ root.T, 3.0).spread / widths[:, None]
+    expected = 9.0 * root @ root.T / np.outer(widths, widths)
+    np.testing.assert_allclose(spread @ spread.T, expected, rtol=1e-9, atol=1e-9)

@@ -78,7 +78,7 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
         return
     lines.seek(0)
     counted = Lines(lines, Budget(most))
-    root = exact.Box(tuple(F(float(v)) for v in domain.lo), tuple(F(float(v)) for v in domain.hi))
+    root = exact.Box(*(tuple(map(F, side.tolist())) for side in (domain.lo, domain.hi)))
 
     def formed(header: dict[str, Any]) -> tuple[Problem, exact.Box]:
         return (problem, root) if "campaign" in header else problem_of(header, counted, Path(where), None)
@@ -142,7 +142,8 @@ class WeightProver:
         self._statement, self._loss = statement, loss
 
     def __call__(self, box: Box, proposed: Contraction) -> Proof:
-        table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
+        width = np.zeros(len(box)) if proposed.box.is_empty else proposed.box.hi - proposed.box.lo
+        table = _Table(self._statement, ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi))))
         o = self._statement.problem.objective
         cap = None if o is None else number(float(box.hi[o]))
         table.take(proposed.steps)
@@ -159,7 +160,7 @@ class WeightProver:
                     return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
-            found = _within_limits(partial(_bound, table, i, step, self._loss * _width(proposed.box, i)))
+            found = _within_limits(partial(_bound, table, i, step, self._loss * width[i]))
             if found is None:
                 continue
             proof, bound = found
@@ -336,14 +337,6 @@ def brief(value: F, down: bool, loss: float) -> float:
         unit = F(2) ** (math.frexp(loss)[1] - 1)
         value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
     return rounded(value, down)
-
-
-def _width(box: Box, i: int) -> float:
-    return 0.0 if box.is_empty else float(box.hi[i] - box.lo[i])
-
-
-def _fractions(values: np.ndarray[Any, Any]) -> tuple[F, ...]:
-    return tuple(F(float(v)) for v in values)
 
 
 def line(value: Any) -> str:
@@ -562,11 +555,9 @@ def with_readings(problem: Problem, claims: Claims) -> Claims:
     signs = stretchings(problem, x, holds)
     rows = (failing(problem, x, k) for k in point["fails"])
     fails = [written(row) for row in rows if row is not None]
-    return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
-
-
-def _moved(signs: str) -> bool:
-    return set(signs) != {"0"} and bool(signs)
+    return claims | {
+        "point": point | {"readings": signs if any(set(one) - {"0"} for one in signs) else None, "fails": fails}
+    }
 
 
 def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:

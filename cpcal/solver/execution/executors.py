@@ -18,7 +18,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
@@ -37,12 +37,8 @@ PATIENCE = 10.0  # seconds that workers have to end by themselves
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGER = logging.getLogger("cpcal")
 _START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
+_EACH = 2  # tasks for each worker at a time, so that none is idle while its answer travels
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
-
-
-def at_a_time(workers: int) -> int:
-    """How many tasks so many workers are given: two each, so that none is idle while its answer travels."""
-    return 2 * workers
 
 
 class Here(Executor):
@@ -264,20 +260,18 @@ def executor_for(
     if sum(choice is not None for choice in (workers, scheduler, executor)) > 1:
         remedy = "give one of workers, scheduler and executor"
         raise InputError([Problem("workers", "and another place to work are both given", remedy)])
-    if executor is not None:
-        if hasattr(executor, "get_executor"):
-            yield _through(executor)
-        else:
-            yield executor, at_a_time(_ELSEWHERE)
-    elif scheduler is not None:
-        with _cluster(scheduler) as client:
-            yield _through(client)
+    if executor is not None or scheduler is not None:
+        with nullcontext(executor) if scheduler is None else _cluster(scheduler) as given:
+            if hasattr(given, "get_executor"):
+                yield given.get_executor(pure=False), _EACH * max(_ELSEWHERE, sum(given.ncores().values()))
+            else:
+                yield given, _EACH * _ELSEWHERE
     elif workers is None or workers == 1:
         yield Here(), 1
     else:
         pool = Processes(workers, loads)
         try:
-            yield pool, at_a_time(workers)
+            yield pool, _EACH * workers
         finally:
             pool.shutdown()
 
@@ -317,11 +311,6 @@ def _silent(name: str) -> Iterator[None]:
     finally:
         for one, level in before.items():
             logging.getLogger(one).setLevel(level)
-
-
-def _through(client: Any) -> Place:
-    """Of a Dask client."""
-    return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 
 
 def dask_status(executor: Executor) -> str | None:

@@ -35,7 +35,7 @@ class ReadingConstraint:
         self._order = constraint.lower - constraint.upper
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
         self._extremes = Extremes(network, constraint.body)
-        bounds_read = any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
+        bounds_read = any("reading" in e.ops for e in (constraint.lower, constraint.upper))
         self._usable = self._extremes.exclusive and not bounds_read
 
     def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
@@ -103,11 +103,7 @@ def highest(x: IntervalArray) -> float:
 
 
 def reads(constraint: Constraint) -> bool:
-    return any(_reads_expr(e) for e in (constraint.body, constraint.lower, constraint.upper))
-
-
-def _reads_expr(expr: Expr) -> bool:
-    return "reading" in expr.ops
+    return any("reading" in e.ops for e in (constraint.body, constraint.lower, constraint.upper))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def combined_terms(
     e: Arithmetic, x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float
 ) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
-    shape = np.broadcast_shapes(x.shape[2:], y.shape[2:])
+    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
     lo, hi = _kernels(e).combined(_terms(x, shape), _terms(y, shape), of_x, of_y, sign, math.prod(shape))
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
@@ -46,7 +46,7 @@ def term_products(
 
     `square`: x is y, and a pair of two different terms stands for both orders.
     """
-    shape = np.broadcast_shapes(x.shape[2:], y.shape[2:])
+    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
     product = _kernels(e).products if e.name == "float64" else _kernels(e).interval_products
     lo, hi = product(_terms(x, shape), _terms(y, shape), pairs, size, math.prod(shape), square)
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))

@@ -171,6 +171,11 @@ class Expr:
     def ndim(self) -> int:
         return len(self.shape)
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether neither a variable nor a reading is in it."""
+        return self.ops.isdisjoint(("variable", "reading"))
+
     # arithmetic -----------------------------------------------------------------------------------
 
     __neg__, __abs__ = _unary("neg"), _unary("abs")

@@ -219,11 +219,7 @@ def with_products(network: ConstraintNetwork, *, instead: bool = False) -> tuple
 
 
 def _divides(node: Expr) -> bool:
-    return (node.op == "div" and not _constant(node.args[1])) or (node.op == "power" and node.parameter < 0)
-
-
-def _constant(expr: Expr) -> bool:
-    return all(node.args or node.op == "constant" for node in topological((expr,)))
+    return (node.op == "div" and not node.args[1].is_constant) or (node.op == "power" and node.parameter < 0)
 
 
 def _without_divisions(network: ConstraintNetwork, constraint: Constraint) -> list[Constraint] | None:
@@ -251,17 +247,12 @@ def _product(network: ConstraintNetwork, row: Expr) -> tuple[Expr, float] | None
         return None
     sign = 1.0
     for divisor, count in divisors.items():
-        one = _sign(network, divisor, network.domain)
+        values = evaluate(network, divisor, network.domain)
+        one = float(np.all(values.lo > 0.0)) - float(np.all(values.hi < 0.0))
         if not one:
             return None
         sign *= one**count
     return numerator, sign
-
-
-def _sign(network: ConstraintNetwork, expr: Expr, box: Box) -> float:
-    """1 or -1 where the expression has that sign on all of the box, else 0."""
-    values = evaluate(network, expr, box)
-    return float(np.all(values.lo > 0.0)) - float(np.all(values.hi < 0.0))
 
 
 class _Ratio:
@@ -288,7 +279,7 @@ class _Ratio:
         if node.op == "div":
             (top, below), (divisor, above) = args
             top = _times(top, above.elements())
-            return (top / divisor, below) if _constant(divisor) else (top, below + self._factors(divisor))
+            return (top / divisor, below) if divisor.is_constant else (top, below + self._factors(divisor))
         if node.op == "sqr":
             return args[0][0] * args[0][0], args[0][1] + args[0][1]
         if node.op == "power" and node.parameter < 0 and not args[0][1]:
@@ -304,7 +295,7 @@ class _Ratio:
 
     def _factors(self, divisor: Expr) -> Divisors:
         if divisor.op == "mul":
-            parts = [part for part in divisor.args if not _constant(part)]
+            parts = [part for part in divisor.args if not part.is_constant]
             if len(parts) == 2:
                 return self._factors(parts[0]) + self._factors(parts[1])
         if divisor.op in ("sqr", "power") and (divisor.op == "sqr" or divisor.parameter > 0):

@@ -85,25 +85,20 @@ def terms(expr: Expr) -> list[Term]:
             stack += [(second, node.args[1]), (factor, node.args[0])]
         elif node.op == "neg":
             stack.append((-factor, node.args[0]))
-        elif node.op == "mul" and _constant(node.args[0]):
+        elif node.op == "mul" and node.args[0].is_constant:
             stack.append((factor * node.args[0], node.args[1]))
-        elif node.op == "mul" and _constant(node.args[1]):
+        elif node.op == "mul" and node.args[1].is_constant:
             stack.append((factor * node.args[1], node.args[0]))
-        elif node.op == "div" and _constant(node.args[1]):
+        elif node.op == "div" and node.args[1].is_constant:
             stack.append((factor / node.args[1], node.args[0]))
         else:
             out.append((factor, node))
     return out
 
 
-def _constant(expr: Expr) -> bool:
-    return expr.ops.isdisjoint(("variable", "reading"))
-
-
 def _sign(factor: Expr, engine: Arithmetic) -> int:
     """1 or -1 for a constant of one sign, else 0."""
-    empty = ConstraintNetwork()
-    value = coef.total(engine, Expander(empty, engine, (factor,)).expand(factor).constant)
+    value = coef.total(engine, Expander(ConstraintNetwork(), engine, (factor,)).expand(factor).constant)
     return int(bool(np.all(value.lo > 0.0))) - int(bool(np.all(value.hi < 0.0)))
 
 
@@ -215,41 +210,29 @@ class PolynomialForms:
         """Without the expander, which holds all coefficients: it is made again where it is wanted."""
         return self.__dict__ | {"_expander": None}
 
-    def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
-        """All rows with their polynomials and guards, and what was left over and why."""
-        expanded: list[Expanded] = []
-        leftover: list[tuple[int, str]] = []
-        if self._expander is None:
-            roots = tuple(row.expr for row in self._first)
-            self._expander = Expander(self._network, self._engine, roots, self._deadline)
-        monomials, size = set[Monomial](), 0
-        for k, parts in enumerate(self._parts):
-            for part in parts:
-                try:
-                    body, *guards = self._forms_of(part, sets[k] if sets else {})
-                    more = {m for p in (body, *guards) for m in p.monomials} - monomials
-                    if size + pairs(more) > MOST_PAIRS:
-                        raise NotPolynomial("with the other rows, too many products")
-                    monomials, size = monomials | more, size + pairs(more)
-                    expanded.append((part, body, guards[0] if guards else None))
-                except NotPolynomial as reason:
-                    leftover.append((part.constraint, str(reason)))
-        return expanded, leftover
-
-    def _forms_of(self, part: Row, sets: ReadingSets) -> list[PolynomialArray]:
-        """Of a row, and of its guard if it has one. Raises NotPolynomial."""
-        assert self._expander is not None
-        roots = [root for root in (part.guard, part.expr) if root is not None]
-        forms = [self._expander.expand(root) for root in roots]
-        return (self._expander.again(roots, sets) if sets else forms)[::-1]
-
     def on(self, sets: Sequence[ReadingSets] | None = None) -> PolynomialSystem:
         """All rows that have a polynomial form, over one list of shared monomials.
 
-        `sets` may give, for each one-sided row, smaller reading sets that decide it (see `monotone`).
+        `sets` may give, for each one-sided row, smaller reading sets that decide it (see `DecisiveReadings`).
         """
-        rows, leftover = self._expanded(sets)
-        return _system(self._network, rows, leftover)
+        if self._expander is None:
+            roots = tuple(row.expr for row in self._first)
+            self._expander = Expander(self._network, self._engine, roots, self._deadline)
+        expanded, leftover = list[Expanded](), list[tuple[int, str]]()
+        monomials, size = set[Monomial](), 0
+        for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
+            roots = (part.expr,) if part.guard is None else (part.expr, part.guard)
+            try:
+                forms = [self._expander.expand(root) for root in roots]
+                forms = self._expander.again(roots, own) if own else forms
+                more = {m for p in forms for m in p.monomials} - monomials
+                if size + pairs(more) > MOST_PAIRS:
+                    raise NotPolynomial("with the other rows, too many products")
+                monomials, size = monomials | more, size + pairs(more)
+                expanded.append((part, forms[0], None if part.guard is None else forms[1]))
+            except NotPolynomial as reason:
+                leftover.append((part.constraint, str(reason)))
+        return _system(self._network, expanded, leftover)
 
 
 def polynomial_form(

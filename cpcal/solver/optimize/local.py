@@ -345,9 +345,9 @@ class LocalSearch:
         n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
         found = linprog(
             np.ones(2 * n),
-            A_ub=_twice(matrix[near]) if near.any() else None,
+            A_ub=np.hstack([matrix[near], -matrix[near]]) if near.any() else None,
             b_ub=limits if near.any() else None,
-            A_eq=_twice(equal / size[:, None]) if len(equal) else None,
+            A_eq=np.hstack([equal, -equal]) / size[:, None] if len(equal) else None,
             b_eq=missing if len(equal) else None,
             bounds=np.stack([np.zeros(2 * n), np.concatenate([high, -low])], axis=1),
             method="highs",
@@ -445,10 +445,6 @@ def _size(matrix: Floats) -> Floats:
     return np.asarray(np.clip(np.abs(matrix).max(axis=1, initial=0.0), 1e-6, 1e12))
 
 
-def _twice(matrix: Floats) -> Floats:
-    return np.concatenate([matrix, -matrix], axis=1)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # The best point that is proved so far: the one thing that the nodes of a branch and bound have in common.
 
@@ -540,7 +536,7 @@ class Incumbent:
             for point in self._local.proposals(start):
                 kept = self._keep(point)
                 better = better or kept
-                if kept or self._known_better(point):
+                if kept or point[self.objective] >= self.hi:  # no improvement, whatever its margin
                     break
         return better
 
@@ -553,13 +549,9 @@ class Incumbent:
         prepared, equations = self._prepared, self._prover.equations
         return LocalSearch(prepared.network, prepared.rows, self.objective, equations, self._deadline, self.domain)
 
-    def _known_better(self, point: Floats) -> bool:
-        """Whether the point is no improvement, whatever its margin."""
-        return bool(point[self.objective] >= self.hi)
-
     def _keep(self, point: Floats) -> bool:
         """Prove a point; keep it if it is better."""
-        if self._known_better(point) and not self._prepared.minimax:
+        if point[self.objective] >= self.hi and not self._prepared.minimax:
             return False
         witness = self._prover.prove(point)
         if witness is None or witness.value >= self.hi:

@@ -76,23 +76,14 @@ class Contracting:
     def __init__(
         self, named: Sequence[tuple[str, Contractor]], prover: StepProver | None = None, deadline: float = math.inf
     ) -> None:
-        self._named = [one for name, contractor in named for one in _taken_apart(name, contractor)]
+        self.named = [one for name, contractor in named for one in _taken_apart(name, contractor)]  # one by one
         self._prover, self.deadline = prover, deadline
-
-    @property
-    def named(self) -> list[tuple[str, Contractor]]:
-        """The contractors, one by one."""
-        return self._named
-
-    @property
-    def proves(self) -> bool:
-        """Whether steps are proved again by weights."""
-        return self._prover is not None
+        self.proves = prover is not None
 
     @property
     def gives_weights(self) -> bool:
         """Whether a certificate can come of it."""
-        return any(gives_weights(giver) for _, contractor in self._named for giver in elements(contractor))
+        return any(gives_weights(giver) for _, contractor in self.named for giver in elements(contractor))
 
     def contract(self, box: Box, found: Box) -> Pass:
         """One pass over a node's box and the part of it that was found."""
@@ -100,7 +91,7 @@ class Contracting:
             return self._plain(box)
         total, proof = Contraction(box), list[Record]()
         uses = []
-        for name, contractor in self._named:
+        for name, contractor in self.named:
             before, as_one = total.box, found == total.box
             givers = [giver for giver in elements(contractor) if gives_weights(giver)]
             calls = steps = 0
@@ -124,7 +115,7 @@ class Contracting:
 
     def _plain(self, box: Box) -> Pass:
         total, uses = Contraction(box), []
-        for name, contractor in self._named:
+        for name, contractor in self.named:
             use = ContractorUse(name)
             if not total.box.is_empty:
                 step = contracted(contractor, total.box, self.deadline)
@@ -166,11 +157,6 @@ class Batches:
 
     def __init__(self, contracting: Contracting, strategy: Strategy) -> None:
         self._contracting, self._strategy = contracting, strategy
-
-    @staticmethod
-    def serve(named: Sequence[tuple[str, Contractor]], strategy: Strategy) -> bool:
-        """Whether all of them work on arrays."""
-        return type(strategy) in _STRATEGIES and all(takes_batches(contractor) for _, contractor in named)
 
     def __call__(self, nodes: Sequence[Node]) -> list[Decision]:
         names = nodes[0].box.names
@@ -253,8 +239,9 @@ class Divide:
             contracting = Contracting([("", contracting)])
         self._contracting = contracting
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
-        alone = inside is None and again is None and not (outside or contracting.proves)
-        self._batches = Batches(contracting, strategy) if alone and Batches.serve(contracting.named, strategy) else None
+        plain = inside is None and again is None and not (outside or contracting.proves)
+        arrays = type(strategy) in _STRATEGIES and all(takes_batches(contractor) for _, contractor in contracting.named)
+        self._batches = Batches(contracting, strategy) if plain and arrays else None
 
     @property
     def batch(self) -> int:

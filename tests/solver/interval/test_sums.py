@@ -41,8 +41,8 @@ def pair(x: IntervalArray, *index: int) -> Pair:
     return float(x.lo[index]), float(x.hi[index])
 
 
-@pytest.mark.parametrize("shape", [(1, 2), (2, 3), (8, 2), (9, 2), (40, 1), (67, 2)])
-@settings(max_examples=25, deadline=None)
+@pytest.mark.parametrize("shape", [(1, 2), (2, 3), (9, 2), (67, 2)])
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_sum_contains_the_exact_sum_and_is_tight(
     engine: Arithmetic, shape: tuple[int, int], data: st.DataObject

@@ -12,7 +12,7 @@ import pytest
 from cpcal.solver.linear import Dense
 from tests.solver.linear.exact_programs import KINDS, Highs, contradictions, main, program
 
-COUNT = 105
+COUNT = 63
 
 
 @pytest.mark.parametrize("solver", [Dense, Highs])

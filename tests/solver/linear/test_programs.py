@@ -100,10 +100,8 @@ def test_no_multipliers_make_a_wrong_bound(engine: str, seed: int, garbage: list
     # now `inside` satisfies the rows in exact arithmetic, too
     program.rhs += 1e-15
     y = np.array(garbage)
-    value = sum(
-        (Fraction(c) * Fraction(v) for c, v in zip(program.objective, program.inside, strict=True)),
-        Fraction(0),
-    )
+    products = (Fraction(c) * Fraction(v) for c, v in zip(program.objective, program.inside, strict=True))
+    value = sum(products, Fraction(0))
     bound = program.bound(engine, y)
     assert not np.isnan(bound)
     assert bound < np.inf
@@ -198,7 +196,7 @@ def test_thin_polyhedra_are_not_called_empty(solver: type[Dense]) -> None:
 
 
 @both
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(seed=SEEDS)
 def test_of_many_rows_those_that_matter_enter(solver: type[Dense], seed: int) -> None:
     program = Program(seed, rows=1500, columns=5, room=0.5)
@@ -207,9 +205,9 @@ def test_of_many_rows_those_that_matter_enter(solver: type[Dense], seed: int) ->
     for _ in range(4):
         objective = rng.normal(size=5)
         solution = engine.minimize(objective)
-        assert objective @ solution.point == pytest.approx(program.oracle(objective), abs=1e-7)
-        found = program.bound("float64", program.weights(solution), objective)
-        assert found == pytest.approx(program.oracle(objective), abs=1e-7)
+        found, optimum = program.bound("float64", program.weights(solution), objective), program.oracle(objective)
+        assert objective @ solution.point == pytest.approx(optimum, abs=1e-7)
+        assert found == pytest.approx(optimum, abs=1e-7)
 
 
 @both
