@@ -54,7 +54,7 @@ class Certificates:
 
     def __init__(self, folder: Path, budget: Budget) -> None:
         self.folder, self.budget = folder, budget
-        self.known: dict[str, tuple[Accepted, list[Any]] | None] = {}
+        self.known: dict[str, tuple[Accepted, list[Any]] | Refused] = {}
 
     def formed(self, given: dict[str, Any]) -> tuple[list[Any], Problem, Box]:
         """What a header says, and the problem and its box."""
@@ -74,16 +74,16 @@ class Certificates:
         if file not in self.known:
             if len(self.known) == self.most:
                 raise Refused(f"it has more than {self.most} certificates", "limit")
-            self.known[file] = None
+            self.known[file] = Refused(f"names {shown(file)}, which rests on itself")
             try:
                 with opened(self.folder / file) as stream:
                     self.known[file] = check_lines(Lines(stream, self.budget), formed), header
             except (Refused, Unusable) as error:
                 code = error.code if isinstance(error, Refused) else "run"
-                raise Refused(f"{shown(file)}: {error}", code, 0) from None
+                self.known[file] = Refused(f"names {shown(file)}, which is refused: {error}", code, 0)
         found = self.known[file]
-        if found is None:
-            raise Refused(f"{shown(file)} rests on itself")
+        if isinstance(found, Refused):
+            raise found
         return found
 
 

@@ -270,7 +270,7 @@ NUMBERS = {
     "an image more": (put("images", to=plus(1)), "box", "another study"),
     "a point more": (put("points", to=plus(1)), "box", "another study"),
     "another setup": (put("setup", to="eye-to-foot"), "box", "another study"),
-    "a certificate elsewhere": (put("lower", to="../exact/lower.cert.jsonl"), "lower end", "names no certificate of its folder"),
+    "a certificate elsewhere": (put("lower", to="../exact/lower.cert.jsonl"), "lower end", "names no certificate"),
     "a certificate with a NUL": (put("lower", to="a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
     "that of the ranges": (put("lower", to="ranges.cert.jsonl"), "lower end", "at another tolerance"),
     "no certificate of the lower end": (put("lower", to=None), "lower end", "another eps_lo than is proved"),
@@ -454,7 +454,8 @@ def test_a_narrower_pose_of_an_image_than_is_proved_is_refused(exact_run, refuse
         lines[1]["enclosure"]["hi"][9] = lines[1]["enclosure"]["lo"][9]
 
     file = "ranges-image-1.cert.jsonl"
-    refused(exact_run.folder, file, lines_changed(narrower), "ranges", f"{file}: .*reaches out of the enclosure")
+    reason = f"{file}', which is refused: line .*reaches out of the enclosure"
+    refused(exact_run.folder, file, lines_changed(narrower), "ranges", reason)
 
 
 def test_a_certificate_that_nothing_names_is_refused(exact_run, tmp_path):

@@ -12,7 +12,8 @@ import pytest
 from cpcal.checker.problem import Unknowns
 from cpcal.checker.rule import Weights
 from cpcal.common.values import Floats
-from cpcal.solver.certificate.float_rows import FloatRule, Parts, row_of
+from cpcal.solver.certificate.float_rows import FloatRule, Parts, _swept, row_of
+from cpcal.solver.certificate.recording import brief, rounded
 
 
 def some_weights(rng: random.Random, rows: int, n: int, exponents: tuple[int, int, int]) -> Weights:
@@ -67,3 +68,36 @@ def test_numbers_beyond_float64_are_left_to_exact_arithmetic(exact_proof: Any) -
     fast = FloatRule(rule, exact_proof.problem, table)
     assert fast.lowest(*given_to(fast, heavy))[0] == -float("inf")
     assert fast.bound(0, "lo", *given_to(fast, heavy))[0] == -float("inf")
+
+
+def test_products_of_rounded_numbers_are_as_near_as_their_errors_say() -> None:
+    """A chain of products, and the sum of all, of numbers that are rounded as far as they can be."""
+    rng, count = np.random.default_rng(3), 12
+    notes = [(count, 0, 1)] + [(count + k, count + k - 1, k + 1) for k in range(1, count - 1)]
+    notes += [(2 * count - 1, count + k, count + k) for k in range(count - 1)]
+    table = np.array(notes, dtype=np.intp)
+    given = rng.uniform(-2.0, 2.0, (20, count))
+    nothing, places = np.zeros(0, np.intp), np.arange(count, 2 * count)
+    found, errors = _swept(table, given, nothing, np.zeros(0), 2 * count, places)
+    for row, values, error in zip(given, found, errors, strict=True):
+        exact = [F(x) * (1 + F(int(rng.choice([-1, 1])), 2**53)) for x in row] + [F(0)] * count
+        for k, i, j in notes:
+            exact[k] += exact[i] * exact[j]
+        for value, near, most in zip(exact[count:], values, error, strict=True):
+            assert abs(value - F(near)) <= F(most) <= abs(value) * F(1, 10**13) + F(1, 10**14)
+
+
+@pytest.mark.parametrize("down", [True, False])
+def test_a_bound_with_few_digits_is_on_its_side_and_near(down: bool) -> None:
+    rng = np.random.default_rng(4)
+    for value, loss in zip(rng.normal(0.0, 100.0, 200), 10.0 ** rng.uniform(-12, 0, 200), strict=True):
+        exact = F(value) / 3
+        away = exact - F(brief(exact, down, loss)) if down else F(brief(exact, down, loss)) - exact
+        assert 0 <= away <= F(loss) + F(1, 10**12)
+
+
+def test_a_bound_as_float64_is_the_next_number_on_its_side() -> None:
+    for number in np.random.default_rng(5).normal(size=200):
+        exact = F(number) / 3
+        assert F(rounded(exact, True)) <= exact <= F(rounded(exact, False))
+        assert np.nextafter(rounded(exact, True), np.inf) >= rounded(exact, False)

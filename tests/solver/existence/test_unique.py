@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
-from cpcal.solver.interval import Box, Interval, get_arithmetic
+from cpcal.solver.existence.operators import Linearization, image, inside
+from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 
 ENGINES = ["float64", "arb"]
@@ -188,3 +189,38 @@ def test_a_point_or_a_box_will_do() -> None:
     assert not from_point.intersect(from_box).is_empty
     with pytest.raises(ModelError, match="2 components"):
         prove_unique(net, (1.0, 2.0, 3.0), engine)
+
+
+def test_a_box_is_inside_another_only_if_each_of_its_ends_is() -> None:
+    outer, columns = IntervalArray(np.zeros(3), np.ones(3)), np.array([0, 2])
+    lo, hi = np.full(3, 0.25), np.full(3, 0.75)
+    assert inside(IntervalArray(lo, hi), outer, columns)
+    for k in range(3):
+        at = np.eye(3)[k]
+        touching = (IntervalArray(lo - 0.25 * at, hi), IntervalArray(lo, hi + 0.25 * at))
+        assert [inside(one, outer, columns) for one in touching] == [k == 1, k == 1]  # of which nothing is asked
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_no_zero_of_a_linearised_system_is_lost(operator: str) -> None:
+    """F(c) + A (x - c) = 0 at an x of the box, for an A in J; some components are fixed."""
+    rng, engine = np.random.default_rng(5), get_arithmetic("float64")
+    narrowed = 0
+    for _ in range(300):
+        columns = np.sort(rng.choice(4, int(rng.integers(1, 4)), replace=False))
+        center, half = rng.normal(size=4), np.zeros(4)
+        half[columns] = rng.uniform(0.1, 1.0, len(columns))
+        matrix = rng.normal(size=(len(columns), 4))
+        matrix[:, columns] += 4.0 * np.eye(len(columns))
+        spread = rng.uniform(0.0, 0.2, matrix.shape)
+        x = center + half * rng.uniform(-0.9, 0.9, 4)
+        value = -((matrix + spread * rng.uniform(-1.0, 1.0, matrix.shape)) @ (x - center))
+        linear = Linearization(
+            IntervalArray(value - 1e-12, value + 1e-12), IntervalArray(matrix - spread, matrix + spread), center
+        )
+        box = IntervalArray(center - half, center + half)
+        found = image(OPERATORS[operator], engine, linear, columns, box)
+        if found is not None:
+            narrowed += bool((found.width[columns] < box.width[columns]).all())
+            assert ((found.lo <= x) & (x <= found.hi))[columns].all()
+    assert narrowed > 100
