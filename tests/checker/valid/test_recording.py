@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import cpcal
+from contractors import HC4
 from cpcal.checker import check
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_at
-from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box
+from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_at, claims_of
+from cpcal.solver.contract import Contraction, Limits
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.search import Decision, Event, EventKind, Node
 
 
@@ -104,3 +107,13 @@ def test_a_certificate_that_cannot_be_written_does_not_lose_the_answer(tmp_path:
     with pytest.raises(UncertifiedError, match="regular file") as raised:
         net.minimize(net.variables[1], certificate=tmp_path / "c.jsonl")
     assert raised.value.answer.lo <= 0.0 <= raised.value.answer.hi
+
+
+def test_a_search_that_found_no_point_yet_does_not_claim_that_there_is_none() -> None:
+    net = problem()
+    states = minimize(net, "eps", HC4(net), engine=get_arithmetic("float64"), limits=Limits(nodes=1))
+    nothing = replace(run(states, None), witness=None, hi=np.inf)
+    for lo, infeasible in ((0.25, False), (np.inf, True)):
+        claims = claims_of(replace(nothing, lo=lo), net.domain, "eps")
+        assert claims["infeasible"] == infeasible
+        assert claims["point"] is None

@@ -13,6 +13,7 @@ from scipy.optimize import linprog
 
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound
+from cpcal.solver.linear.engine import BoxProgram
 from tests.solver.linear.exact_programs import Highs
 
 Floats = npt.NDArray[np.float64]
@@ -236,3 +237,17 @@ def test_emptiness_is_found_among_many_rows(solver: type[Dense]) -> None:
     solution = program.engine(solver).minimize(program.objective)
     assert solution.status is LinearStatus.INFEASIBLE
     assert program.bound("float64", program.weights(solution), np.zeros(6)) > 0.0
+
+
+@pytest.mark.parametrize("arithmetic", ENGINES)
+def test_a_program_that_holds_one_point_alone_is_not_proved_empty(arithmetic: str) -> None:
+    """x >= 1 in [-1, 1], with the multiplier that would exclude anything less."""
+    program = BoxProgram(
+        np.array([[-1.0]]),
+        np.array([-1.0]),
+        IntervalArray(np.array([-1.0]), np.array([1.0])),
+        get_arithmetic(arithmetic),
+    )
+    only = LinearSolution(LinearStatus.INFEASIBLE, np.zeros(1), np.array([0]), np.ones(1))
+    empty, _ = program.proved_empty(only)
+    assert not empty
