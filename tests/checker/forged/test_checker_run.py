@@ -256,3 +256,23 @@ def test_runs_that_asked_for_one_eps(eps: float, tmp_path: Path) -> None:
     data["options"]["eps"] = up(eps)
     (tmp_path / "result.json").write_text(json.dumps(data))
     assert refused(tmp_path)
+
+
+@pytest.mark.parametrize("side", [-0.5, 0.5])
+def test_a_box_that_is_wider_on_one_side_alone_is_refused(run: Path, side: float) -> None:
+    data = json.loads((run / "result.json").read_text())
+    data["options"]["delta"] += abs(side)
+    for leg in data["legs"]:
+        leg["bracket"]["center"] = [c + side for c in leg["bracket"]["center"]]
+    (run / "result.json").write_text(json.dumps(data))
+    assert all("range of unknown 0" in (leg.refused or "") for leg in check_run(run))
+
+
+def test_a_bracket_that_is_wider_than_the_gap_is_not_closed(tmp_path: Path) -> None:
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=1.0)
+    save_result(cpcal.certify(campaign, legs=[1], delta=20.0, gap=0.5, certificates=tmp_path), tmp_path)
+    assert [leg.refused for leg in check_run(tmp_path)] == [None]
+    data = json.loads((tmp_path / "result.json").read_text())
+    data["options"]["information"]["gap"] = 1e-3
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    assert ["status" in (leg.refused or "") for leg in check_run(tmp_path)] == [True]
