@@ -32,7 +32,7 @@ import numpy as np
 
 import cpcal
 from cpcal.accuracy.accuracy import distances
-from cpcal.accuracy.certified_set import certified_set
+from cpcal.accuracy.certified_set import AskedSet, certified_set
 from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
 from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
@@ -96,7 +96,8 @@ def _bounded(options: dict[str, float], count: int, *, inner: bool = False) -> l
     for controller, parameters in (("fit", fitted), ("nominal", study.robot.parameters)):
         center = dict(zip(range(6), zip(errors, fitted, parameters, strict=True), strict=True))
         found = [
-            certified_set(campaign, k + 1, e, center=x, delta=50.0, controller=p) for k, (e, x, p) in center.items()
+            certified_set(AskedSet(campaign, k + 1, e, center=x, delta=50.0, controller=p))
+            for k, (e, x, p) in center.items()
         ]
         sets = [one for one in found if one is not None]
         assert len(sets) == 6, "a true model error was refuted"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.certified_set import CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
+from cpcal.accuracy.certified_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.accuracy.findings import (
     Accuracy,
     AssumedError,
@@ -119,13 +119,28 @@ def certify_accuracy(
     robot = Robot.from_parameters("controller", known)
     assumed = _assumed(campaign, result, validation, model_error, say)
     commanded = [] if poses is None else list(map(_commanded, poses.poses.position, poses.poses.quaternion))
+    asked = [
+        AskedSet(
+            campaign,
+            leg.leg,
+            error.eps,
+            center=leg.bracket.center,
+            delta=result.options.delta,
+            controller=known[leg.leg - 1],
+            contractors=result.options.contractors,
+        )
+        for leg, error in zip(result.legs, assumed, strict=True)
+    ]
+    enclosed: list[EnclosedLeg | None] = []
     with tempfile.TemporaryDirectory() as draft:
         folder = Path(draft if certificates is None else certificates)
-        enclosed = _enclosed_legs(campaign, result, known, assumed, commanded, folder, say)
-    refuted = [leg for leg, one in enclosed.items() if one is None]
-    legs = [one for one in enclosed.values() if one is not None]
+        for which in asked:
+            say(f"certificate of the set of leg {which.leg}")
+            enclosed.append(enclosed_leg(which, poses=commanded, certificate=folder / _certificate(which.leg)))
+    refuted = [which.leg for which, one in zip(asked, enclosed, strict=True) if one is None]
+    legs = [one for one in enclosed if one is not None]
     wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
-    sets = _certified_sets(campaign, result, known, assumed, say) if wanted else []
+    sets = _certified_sets(asked, say) if wanted else []
     at: tuple[PoseAccuracy, ...] = ()
     over = None
     if not refuted and poses is not None:
@@ -153,9 +168,9 @@ def certify_accuracy(
                 error.leg,
                 error.eps,
                 *(((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))),
-                f"{PREFIX}leg{error.leg}.cert.jsonl",
+                _certificate(error.leg),
             )
-            for error, one in zip(assumed, enclosed.values(), strict=True)
+            for error, one in zip(assumed, enclosed, strict=True)
         ),
         refuted=tuple(refuted),
         poses=at,
@@ -166,61 +181,28 @@ def certify_accuracy(
     )
 
 
+def _certificate(leg: int) -> str:
+    return f"{PREFIX}leg{leg}.cert.jsonl"
+
+
+def _certified_sets(asked: Sequence[AskedSet], say: Told) -> list[CertifiedSet]:
+    """The sets for cells and next poses; none at all where one is empty."""
+    sets: list[CertifiedSet] = []
+    for which in asked:
+        say(f"certified set of leg {which.leg}")
+        found = certified_set(which)
+        if found is None:
+            return []
+        sets.append(found)
+    return sets
+
+
 def _commanded(position: Floats, quaternion: Floats) -> Commanded:
     return Commanded(_exact(position), _exact(quaternion))
 
 
 def _exact(values: Floats) -> tuple[F, ...]:
     return tuple(map(F, values.tolist()))
-
-
-def _enclosed_legs(
-    campaign: Campaign,
-    result: Result,
-    known: Floats,
-    assumed: Sequence[AssumedError],
-    commanded: Sequence[Commanded],
-    folder: Path,
-    say: Told,
-) -> dict[int, EnclosedLeg | None]:
-    """By leg what its certificate, which is written, encloses under what is assumed; None: the campaign refutes it."""
-    found = {}
-    for leg, error in zip(result.legs, assumed, strict=True):
-        say(f"certificate of the set of leg {leg.leg}")
-        found[leg.leg] = enclosed_leg(
-            campaign,
-            leg.leg,
-            error.eps,
-            center=leg.bracket.center,
-            delta=result.options.delta,
-            controller=known[leg.leg - 1],
-            poses=commanded,
-            certificate=folder / f"{PREFIX}leg{leg.leg}.cert.jsonl",
-            contractors=result.options.contractors,
-        )
-    return found
-
-
-def _certified_sets(
-    campaign: Campaign, result: Result, known: Floats, assumed: Sequence[AssumedError], say: Told
-) -> list[CertifiedSet]:
-    """The set of each leg's parameters under what is assumed of it; none at all where one is empty."""
-    sets: list[CertifiedSet] = []
-    for leg, error in zip(result.legs, assumed, strict=True):
-        say(f"certified set of leg {leg.leg}")
-        found = certified_set(
-            campaign,
-            leg.leg,
-            error.eps,
-            center=leg.bracket.center,
-            delta=result.options.delta,
-            controller=known[leg.leg - 1],
-            contractors=result.options.contractors,
-        )
-        if found is None:
-            return []
-        sets.append(found)
-    return sets
 
 
 def _problems(

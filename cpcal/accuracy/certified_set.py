@@ -87,37 +87,47 @@ class _Support:
         return self.engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
 
 
-def certified_set(
-    campaign: Campaign,
-    leg: int,
-    eps: float,
-    *,
-    center: Sequence[float],
-    delta: float,
-    controller: Floats,
-    contractors: Sequence[str] = ("lifted",),
-    arithmetic: str = "float64",
-) -> CertifiedSet | None:
-    """S of a leg within `delta` mm of `center` (7,); None when it is proved to be empty: the campaign refutes `eps`.
+@dataclass(frozen=True, eq=False)
+class AskedSet:
+    """Which S is asked for: of a leg, at a model error, within `delta` mm of `center` (7,); `controller` (7,) is x^."""
 
-    `controller` (7,): x^. Raises InputError when none of the contractors has a support function.
+    campaign: Campaign
+    leg: int
+    eps: float
+    center: Sequence[float]
+    delta: float
+    controller: Floats
+    contractors: Sequence[str] = ("lifted",)
+
+    def network(self, engine: Arithmetic) -> ConstraintNetwork:
+        """The equations of the leg at `eps`."""
+        box = leg_box(np.asarray(self.center, np.float64), self.delta)
+        return leg_network(self.campaign, self.leg, box, engine=engine, eps=(self.eps, self.eps), model=PLAIN)
+
+
+def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedSet | None:
+    """S; None when it is proved to be empty: the campaign refutes its `eps`.
+
+    Raises InputError when none of the contractors has a support function.
     """
-    engine = get_arithmetic(arithmetic)
-    network = _network(campaign, leg, eps, leg_box(np.asarray(center, np.float64), delta), controller, engine)
-    contractor, support_function = _supporting(network, contractors, arithmetic)
+    engine, controller = get_arithmetic(arithmetic), asked.controller
+    network = _with_products(asked.network(engine), controller)
+    contractor, support_function = _supporting(network, asked.contractors, arithmetic)
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
     support = _Support(support_function, domain, controller, engine)
     # in floating point: it chooses directions, and any serve
-    basis = np.linalg.svd(ModelResiduals(campaign, leg, PLAIN).jacobian(controller), full_matrices=True)[2].T
+    basis = np.linalg.svd(ModelResiduals(asked.campaign, asked.leg, PLAIN).jacobian(controller), full_matrices=True)[
+        2
+    ].T
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T
     along = support.ranges(directions)
     if (along.lo > along.hi).any():
         return None
     box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
-    return CertifiedSet(leg=leg, eps=eps, controller=controller, box=box, basis=basis, along=along, support=support)
+    return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, support=support)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -136,32 +146,16 @@ class EnclosedLeg:
     forms: tuple[tuple[F, F], ...]
 
 
-def enclosed_leg(
-    campaign: Campaign,
-    leg: int,
-    eps: float,
-    *,
-    center: Sequence[float],
-    delta: float,
-    controller: Floats,
-    poses: Sequence[Commanded],
-    certificate: Path | None,
-    contractors: Sequence[str] = ("lifted",),
-) -> EnclosedLeg | None:
+def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Path | None) -> EnclosedLeg | None:
     """S, as its certificate encloses it, which is written; None when it is proved to be empty.
 
-    Each pose has one form: by how much S lets the leg deviate from what `controller` (7,) believes there. Raises
+    Each pose has one form: by how much S lets the leg deviate from what the controller believes there. Raises
     InputError when none of the contractors gives weights.
     """
-    known = tuple(F(float(v)) for v in controller)
-    forms = tuple(pose.form(known)[0] for pose in poses)
-    statement = leg_statement(campaign, leg, forms=forms)
-    limits = leg_box(np.asarray(center, np.float64), delta)
-
-    def network() -> ConstraintNetwork:
-        return leg_network(campaign, leg, limits, engine=get_arithmetic("float64"), eps=(eps, eps), model=PLAIN)
-
-    plain = network()
+    known = tuple(F(float(v)) for v in asked.controller)
+    forms = tuple(pose.form(known) for pose in poses)
+    statement = leg_statement(asked.campaign, asked.leg, forms=forms)
+    plain = asked.network(get_arithmetic("float64"))
     root = with_forms(ExactBox(*(tuple(map(F, side.tolist())) for side in (plain.domain.lo, plain.domain.hi))), forms)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
@@ -171,10 +165,10 @@ def enclosed_leg(
         nonlocal box
         n, prover = len(plain.names), WeightProver(replace(statement, first=first), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
-        loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in contractors]
+        loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in asked.contractors]
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
         if not givers:
-            what = f"none of {', '.join(contractors)} gives weights"
+            what = f"none of {', '.join(asked.contractors)} gives weights"
             raise InputError([Problem("contractors", what, "certify with the contractor lifted")])
         for _ in range(most):
             before = box
@@ -196,11 +190,12 @@ def enclosed_leg(
     contracted(plain, 0, _PASSES)
     for first in range(0, len(forms), _FORMS):
         if not box.is_empty:
-            contracted(_with_forms(network(), forms[first : first + _FORMS], box), first, 1)
+            part = asked.network(get_arithmetic("float64"))
+            contracted(_with_forms(part, forms[first : first + _FORMS], box), first, 1)
     left = None if box.is_empty else ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi)))
     if certificate is not None:
         (header,) = statement.header(plain.domain)
-        write_steps(certificate, header, left, steps, number(eps))
+        write_steps(certificate, header, left, steps, number(asked.eps))
     if left is None:
         return None
     return EnclosedLeg(left.lo[:7], left.hi[:7], tuple(zip(left.lo[8:], left.hi[8:], strict=True)))
@@ -229,11 +224,8 @@ def _with_forms(network: ConstraintNetwork, forms: Sequence[Given], box: Box) ->
     return network
 
 
-def _network(
-    campaign: Campaign, leg: int, eps: float, box: Box, controller: Floats, engine: Arithmetic
-) -> ConstraintNetwork:
-    """The leg's equations at `eps`, with the unknowns w and C of the module's text."""
-    network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=PLAIN)
+def _with_products(network: ConstraintNetwork, controller: Floats) -> ConstraintNetwork:
+    """With the unknowns w and C of the module's text."""
     a, b, offset, _ = network.variables
     alpha, beta, rest = a - controller[:3], b - controller[3:6], offset - controller[6]
     w = network.variable("w", (), (-_WIDE, _WIDE))

@@ -26,7 +26,7 @@ from .program import dyadics
 from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, up, whole
 from .refusal import Refused, Unusable
 from .rule import meeting
-from .run import STRANGE, Json, compare, exact, reason_of, same
+from .run import STRANGE, Json, compare, exact, names_all, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
@@ -279,19 +279,13 @@ def asked_of(asked: Json) -> list[F]:
 
 
 def _placed(given: Json) -> list[F]:
-    found = [exact(v) for key, n in _PLACED for v in _list(given[key], n)]
+    found = [exact(v) for key, n in _PLACED for v in array(given[key], n)]
     if not any(found[3:7]) or not any(found[10:]):
         raise Refused("states a quaternion of no rotation")
     return found
 
 
 _PLACED = (("camera_position", 3), ("camera_quaternion", 4), ("target_position", 3), ("target_quaternion", 4))
-
-
-def _list(value: Any, count: int) -> list[Any]:
-    if len(array(value)) != count:
-        raise Refused(f"holds a list that is not of {count}")
-    return array(value)
 
 
 # runs ---------------------------------------------------------------------------------------------------------------
@@ -341,9 +335,7 @@ class _Run:
 
     def files(self) -> str:
         """No certificate lies about that nothing rests on."""
-        unused = {path.name for path in self.certificates.folder.glob("*.cert.jsonl")} - set(self.certificates.known)
-        if unused:
-            raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
+        names_all(self.certificates.folder, self.certificates.known)
         return ""
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
@@ -366,7 +358,7 @@ class _Run:
 
     def checked_readings(self, given: Any, images: Sequence[int]) -> Readings:
         """By image of the study. Raises Refused for readings beyond their half-widths."""
-        readings = [[exact(v) for v in _list(one, 6)] for one in array(given)]
+        readings = [[exact(v) for v in array(one, 6)] for one in array(given)]
         if not self.study.uncertain:
             if readings:
                 raise Refused("states readings of poses that are exact")

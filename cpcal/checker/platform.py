@@ -29,9 +29,20 @@ from .frames import AXES, rotation
 from .header import Given, polynomial
 from .problem import Box, Unknowns
 from .program import dyadics
-from .readers import array, finite, shown, up
+from .readers import array, finite, up
 from .refusal import Refused
-from .run import INFORMATION, STRANGE, Certificates, Json, compare, exact, reason_of, same
+from .run import (
+    INFORMATION,
+    STRANGE,
+    Certificates,
+    Json,
+    compare,
+    exact,
+    names_all,
+    of_the_campaign,
+    reason_of,
+    same,
+)
 
 LEGS = 6  # as many equations as unknowns (p, s)
 _LENGTH_BITS, _BOX_BITS, _WEIGHT_BITS = 40, 60, 50
@@ -84,14 +95,19 @@ class Commanded:
         square = _dot(leg, leg)
         return F(isqrt((square * 4**_LENGTH_BITS).__floor__()), 2**_LENGTH_BITS)
 
+    def scale(self, length: F) -> F:
+        """The power of two by which T |q|^2 is divided, for a leg of that length: what is left is about in mm."""
+        return F(2) ** (2 * self.norm * max(length, F(1))).__floor__().bit_length()
+
     def millimetres(self, controller: Vector) -> float:
         """Of the leg's length, about, for one of its form."""
-        return float(self.form(controller)[1] / (2 * self.norm * max(self.length(controller), F(1))))
+        length = self.length(controller)
+        return float(self.scale(length) / (2 * self.norm * max(length, F(1))))
 
-    def form(self, controller: Vector) -> tuple[Given, F]:
-        """T |q|^2 over a power of two, in the unknowns x, about in mm; and that power."""
+    def form(self, controller: Vector) -> Given:
+        """T |q|^2 over its scale, in the unknowns x."""
         n, length = self.norm, self.length(controller)
-        scale = F(2) ** (2 * n * max(length, F(1))).__floor__().bit_length()
+        scale = self.scale(length)
         rest = length - controller[6]  # what the controller reads
         terms: dict[tuple[int, ...], F] = {(): n * (_dot(self.position, self.position) - rest * rest)}
         terms[6,], terms[6, 6] = -2 * n * rest, F(-n)
@@ -99,7 +115,7 @@ class Commanded:
             terms[i,], terms[i, i], terms[3 + i, 3 + i] = -2 * n * self.position[i], F(n), F(n)
             terms[3 + i,] = F(2 * sum(self.position[j] * self.turn[j][i] for j in AXES))
             terms |= {(i, 3 + j): F(-2 * self.turn[i][j]) for j in AXES}
-        return tuple((m, c / scale) for m, c in terms.items() if c), scale
+        return tuple((m, c / scale) for m, c in terms.items() if c)
 
 
 def pose_bounds(pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend) -> PoseBounds | None:
@@ -138,14 +154,14 @@ class _Row:
     with what x is off the middle of its box, which `beside` bounds."""
 
     def __init__(self, pose: Commanded, leg: Leg, spend: Spend) -> None:
-        n, (_, scale) = pose.norm, pose.form(leg.controller)
+        n, believed = pose.norm, pose.length(leg.controller)
         middle = [(a + b) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
         off = [(b - a) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
         self._norm, self._arm = n, pose.turned(middle[3:6])
         self._place = [p - a for p, a in zip(pose.position, middle[:3], strict=True)]
         sizes = (off[:3], [_dot(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
         self._sizes = [_sizes(values) for values in sizes]
-        length = pose.length(leg.controller) - leg.controller[6]
+        scale, length = pose.scale(believed), believed - leg.controller[6]
         longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
         error = leg.eps + F(2, 2**_LENGTH_BITS)
         most = n * error * (2 * longest + error)
@@ -304,34 +320,25 @@ def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
 
 
 def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) -> Iterator[tuple[bool, str]]:
-    note, count = result["campaign"], len(campaign)
-    compare(
-        [
-            ("campaign SHA-256", note["sha256"], campaign.sha256),
-            ("number of measurements", note["measurements"], count),
-            ("name of the robot", note["robot"], campaign.robot),
-            ("number of legs", LEGS, campaign.legs),
-        ]
-    )
+    count = len(campaign)
+    compare(of_the_campaign(result["campaign"], campaign))
+    same("number of legs", LEGS, campaign.legs)
     poses = [Commanded(_list(one["position"], 3), _list(one["quaternion"], 4)) for one in result["poses"]]
-    controller = [_list(row, 7) for row in _all(result["parameters"], LEGS)]
+    controller = [_list(row, 7) for row in array(result["parameters"], LEGS)]
     budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
     certificates, enclosed = Certificates(folder, campaign, budget), list[Accepted]()
     for leg, (row, box, error) in enumerate(
-        zip(controller, _all(result["boxes"], LEGS), _all(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
+        zip(controller, array(result["boxes"], LEGS), array(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
     ):
         accepted = certificates.accepted(box["certificate"])
-        forms = (
-            accepted.forms if result["refuted"] else [pose.form(row)[0] for pose in poses]
-        )  # of which nothing is said
+        # of a run without poses nothing is said of the forms
+        forms = accepted.forms if result["refuted"] else [pose.form(row) for pose in poses]
         compare(_of_the_set(leg, box, accepted, exact(result["delta"]), count, forms))
         same(f"assumed error of leg {leg}", (error["leg"], error["eps"]), (leg, box["eps"]))
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
         yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
-    unused = {path.name for path in folder.glob("*.cert.jsonl")} - {box["certificate"] for box in result["boxes"]}
-    if unused:
-        raise Refused(f"does not name the certificate {shown(min(unused))}, which lies beside it")
+    names_all(folder, [box["certificate"] for box in result["boxes"]])
     none = [k for k, one in enumerate(enclosed, start=1) if one.claims.infeasible]
     same("refuted", result["refuted"], none)
     if none:
@@ -402,13 +409,7 @@ def _of_the_pose(
 
 
 def _list(value: Any, count: int) -> list[F]:
-    return [exact(v) for v in _all(value, count)]
-
-
-def _all(value: Any, count: int) -> list[Any]:
-    if len(array(value)) != count:
-        raise Refused(f"holds a list that is not of {count}")
-    return array(value)
+    return [exact(v) for v in array(value, count)]
 
 
 def _shown(value: F) -> float:

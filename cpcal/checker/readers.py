@@ -116,10 +116,12 @@ def anything(value: Any) -> Any:
     return value
 
 
-def array(value: Any) -> list[Any]:
-    """A list of whatever there is in it."""
+def array(value: Any, count: int | None = None) -> list[Any]:
+    """A list of whatever there is in it; of so many."""
     if not isinstance(value, list):
         raise Refused("a list is needed here")
+    if count is not None and len(value) != count:
+        raise Refused(f"holds a list that is not of {count}")
     return value
 
 

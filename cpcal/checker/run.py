@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import partial
@@ -77,9 +77,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
         brackets = [leg["bracket"] for leg in legs]
         named = {str(of["certificate"]) for of in (*brackets, *others)}
         named |= {str(name) for of in brackets for name in (*of["proofs"], of["point_certificate"])}
-        for path in sorted(folder.glob("*.cert.jsonl")):
-            if path.name not in named:
-                raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
+        names_all(folder, named)
         work = work // max(len(legs), 1) or leg_work(len(legs), len(campaign))
         certificates = Certificates(folder, campaign, work)
         return [partial(_checked, campaign, replace(certificates), result, leg) for leg in legs]
@@ -91,17 +89,29 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
 
 def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
     """What is stated of the run as a whole, and what it must be."""
-    stated, numbers = result["campaign"], [leg["leg"] for leg in result["legs"]]
+    numbers = [leg["leg"] for leg in result["legs"]]
     check_model(result["model"]["name"])
-    yield "campaign SHA-256", stated["sha256"], campaign.sha256
-    yield "number of measurements", stated["measurements"], len(campaign)
-    yield "name of the robot", stated["robot"], campaign.robot
+    yield from of_the_campaign(result["campaign"], campaign)
     every, outliers = list(range(1, campaign.legs + 1)), result["options"]["outliers"]
     yield "number of outliers", type(outliers) is int and 0 <= outliers < len(campaign), True
     asked = result["options"]["legs"] or every
     partly = result[INFORMATION]["interrupted"] is True
     yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not partly)]
     yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
+
+
+def of_the_campaign(stated: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
+    """What a result states of the campaign beside it, and what it must be."""
+    yield "campaign SHA-256", stated["sha256"], campaign.sha256
+    yield "number of measurements", stated["measurements"], len(campaign)
+    yield "name of the robot", stated["robot"], campaign.robot
+
+
+def names_all(folder: Path, named: Collection[str]) -> None:
+    """Raises Refused for a certificate in a folder that nothing names."""
+    unnamed = {path.name for path in folder.glob("*.cert.jsonl")}.difference(named)
+    if unnamed:
+        raise Refused(f"does not name the certificate {shown(min(unnamed))}, which lies beside it")
 
 
 def certificates_of(folder: Path, *, work: int = 0) -> Certificates:

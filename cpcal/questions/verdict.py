@@ -89,14 +89,18 @@ class LegVerdict:
             return self.reason + f" Some parameters explain the data {self.within}, {but}." * math.isfinite(self.hi)
         if self.found == "unexplained":
             if self.beyond is not None:
-                error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} mm"
-                return f"The model cannot explain the data {error}"
+                return f"The model cannot explain the data {self.error}"
             if math.isinf(self.lo):
                 return "The model cannot explain the data at any error that it allows"
             return f"{explains} {self.no_better}"
         known = [self.within] * math.isfinite(self.hi)
         known += [self.no_better] * (self.found == "bounded" or (self.found == "undecided" and self.lo > 0.0))
         return f"{explains} {', and '.join(known)}" if known else "Nothing is known of the error"
+
+    @property
+    def error(self) -> str:
+        """The one that was asked about, if it is refuted."""
+        return "" if self.beyond is None else f"to within {stated(self.beyond)} mm" if self.beyond else "exactly"
 
     @property
     def no_better(self) -> str:

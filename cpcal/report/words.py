@@ -86,8 +86,7 @@ def _fit(verdict: LegVerdict) -> str:
         known += [verdict.no_better] if verdict.lo > 0.0 else []
         return f"Not decided: {', and '.join(known) or 'nothing is known of the error yet'}"
     if verdict.beyond is not None:
-        error = "exactly" if verdict.beyond == 0.0 else f"to within {stated(verdict.beyond)} mm"
-        return f"With no parameters do all measurements fit {error}"
+        return f"With no parameters do all measurements fit {verdict.error}"
     if math.isinf(verdict.lo):
         return "With no parameters do all measurements fit, whatever the error"
     return f"All measurements fit {whatever}"
@@ -104,7 +103,7 @@ def short_fit(verdict: LegVerdict) -> str:
     if verdict.kind == "unexplained":
         word = "does not fit" if verdict.tolerance is None else "fail"
         if verdict.beyond is not None:
-            return f"{word} to within {stated(verdict.beyond)} mm" if verdict.beyond else f"{word} exactly"
+            return f"{word} {verdict.error}"
         return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
     return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from cpcal.accuracy.certified_set import CertifiedSet, certified_set
+from cpcal.accuracy.certified_set import AskedSet, CertifiedSet, certified_set
 from cpcal.legs import fit_model
 from cpcal.robot import Campaign, Robot
 from cpcal.simulate import simulate
@@ -33,7 +33,7 @@ def known() -> Known:
     )
     fitted = np.stack([fit_model(campaign, leg) for leg in range(1, 7)])
     sets = [
-        certified_set(campaign, leg, ERROR, center=fitted[leg - 1], delta=8.0, controller=fitted[leg - 1])
+        certified_set(AskedSet(campaign, leg, ERROR, center=fitted[leg - 1], delta=8.0, controller=fitted[leg - 1]))
         for leg in range(1, 7)
     ]
     truth = true_robot(campaign)

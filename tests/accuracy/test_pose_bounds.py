@@ -9,7 +9,7 @@ import pytest
 
 from cpcal.accuracy import pose_bounds as bounds
 from cpcal.accuracy.accuracy import distances, true_poses
-from cpcal.accuracy.certified_set import SIZE, certified_set
+from cpcal.accuracy.certified_set import SIZE, AskedSet, certified_set
 from cpcal.accuracy.pose_bounds import ENGINE, Cells, cell_bounds, point, pose_bounds
 from cpcal.robot import (
     Pose,
@@ -50,7 +50,7 @@ def test_a_model_error_that_the_campaign_refutes_leaves_no_set(known):
     wrong[3, 0] += 5.0
     campaign = replace(known.campaign, length=wrong)
     x = known.controller.parameters[0]
-    assert certified_set(campaign, 1, 0.02, center=x, delta=8.0, controller=x) is None
+    assert certified_set(AskedSet(campaign, 1, 0.02, center=x, delta=8.0, controller=x)) is None
 
 
 def test_the_true_pose_lies_in_the_proved_box_and_within_both_bounds(known):
@@ -71,7 +71,7 @@ def test_the_true_pose_lies_in_the_proved_box_and_within_both_bounds(known):
 def test_a_drawing_far_from_the_truth_is_bounded_as_well(known):
     nominal = known.campaign.robot
     sets = [
-        certified_set(known.campaign, k + 1, 0.02, center=x, delta=8.0, controller=nominal.parameters[k])
+        certified_set(AskedSet(known.campaign, k + 1, 0.02, center=x, delta=8.0, controller=nominal.parameters[k]))
         for k, x in enumerate(known.controller.parameters)
     ]
     poses = unseen(known, 4, 4)

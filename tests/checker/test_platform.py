@@ -195,7 +195,7 @@ def test_other_parameters_with_known_deviations_lead_into_the_box(run, known, jo
     for k in range(len(poses.position)):
         pose, legs = Commanded(exact(poses.position[k]), exact(poses.quaternion[k])), []
         for row, there, far in zip(controller, other.parameters, off, strict=True):
-            form, x = dict(pose.form(exact(row))[0]), exact(there)
+            form, x = dict(pose.form(exact(row))), exact(there)
             value = sum((c * math.prod((x[i] for i in m), start=F(1)) for m, c in form.items()), F(0))
             legs.append(Leg(exact(row), exact(row - far), exact(row + far), F(0), (value, value)))
         found = pose_bounds(pose, legs, F(20), F(1, 20), free)
