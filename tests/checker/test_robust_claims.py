@@ -60,6 +60,7 @@ def test_the_claim_as_written_is_accepted(good):
         (lambda v, leg: leg["point"].__setitem__(0, leg["point"][0] + 1e-9), "point"),
         (lambda v, leg: leg.update(left_out=["r000/1"]), "measurements of the point"),
         (lambda v, leg: leg.update(left_out=[*leg["left_out"], "r000/1"]), "more than may be wrong"),
+        (lambda v, leg: leg.update(left_out=[]), "measurements of the point"),
         (lambda v, leg: leg.update(left_out=["nobody"]), "a measurement that is none"),
         (lambda v, leg: leg["center"].__setitem__(0, leg["center"][0] + 1.0), "range of unknown 0"),
         (lambda v, leg: v["options"].update(delta=6.0), "range of unknown 0"),
@@ -78,6 +79,16 @@ def test_whatever_says_more_is_refused(copy, change, said):
     (leg,) = changed(copy, change)
     assert leg.refused is not None
     assert said in leg.refused
+
+
+def test_a_measurement_that_is_left_out_twice_is_not_two(copy):
+    def twice(v, leg):
+        v["options"].update(outliers=2)
+        leg.pop("lo")
+        leg.update(proofs=[], left_out=2 * leg["left_out"])
+
+    (leg,) = changed(copy, twice)
+    assert "one twice" in (leg.refused or "")
 
 
 def test_proofs_for_one_outlier_prove_nothing_for_two(copy):

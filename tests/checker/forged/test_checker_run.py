@@ -16,7 +16,8 @@ import pytest
 import cpcal
 from cpcal.checker import ExactCampaign, Refused, Unusable, check_run
 from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
-from cpcal.checker.run import _lowest
+from cpcal.checker.files import parsed
+from cpcal.checker.run import _lowest, _of_the_leg
 from cpcal.questions import save_result
 
 Data = dict[str, Any]
@@ -276,3 +277,17 @@ def test_a_bracket_that_is_wider_than_the_gap_is_not_closed(tmp_path: Path) -> N
     data["options"]["information"]["gap"] = 1e-3
     (tmp_path / "result.json").write_text(json.dumps(data))
     assert ["status" in (leg.refused or "") for leg in check_run(tmp_path)] == [True]
+
+
+@pytest.mark.parametrize("side", ["lo", "hi"])
+def test_a_point_beyond_the_box_of_its_leg_is_none_of_it(run: Path, side: str) -> None:
+    data = parsed((run / "result.json").read_bytes(), lambda number: F(float(number)))
+    leg, campaign = data["legs"][0], ExactCampaign(run / "campaign.json")
+    accepted = check_run(run)[0].accepted
+    assert accepted is not None
+    assert accepted.claims.point is not None
+    for k in range(7):
+        ends = list(getattr(accepted, side))
+        ends[k] = accepted.claims.point.at[k] + (1 if side == "lo" else -1)
+        beyond = replace(accepted, **{side: tuple(ends)})
+        assert dict((what, due) for what, _, due in _of_the_leg(data, leg, campaign, beyond))["eps_hi"] == "inf"

@@ -296,6 +296,8 @@ def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureReque
     def weight() -> int:
         return rng.randrange(1 << rng.randint(1, 60))
 
+    nothing = Weights((), (), (), (0, 0, 0))  # then a bound is that of the box
+    assert [rule.bound(i, side, nothing) for side in ("lo", "hi") for i in range(n)] == [*lo, *hi]
     for _ in range(6):
         rows = [(rng.randrange(len(table)), weight()) for _ in range(9)]
         pairs = [

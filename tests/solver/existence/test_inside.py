@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.solver.existence import Inside
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.existence.unique import ReadingConstraint
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, norm, sqr, sqrt
 
 FLOAT64 = get_arithmetic("float64")
@@ -70,3 +71,15 @@ def test_readings_must_serve_all_constraints_at_once(shared: bool) -> None:
         net.add(x == 1 - r)
     box = Box(net.names, [0.25], [0.375])
     assert Inside(net, FLOAT64)(box) is not shared
+
+
+def test_no_value_between_those_of_a_jump_is_taken() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-2, 2))
+    net.add(np.floor(net.reading(0.0, 0.5)) + x == 0.5)
+    at = np.ones(1)
+    for_some, for_all = ReadingConstraint(net, net.constraints[0]).holding(
+        get_arithmetic("float64"), IntervalArray.point(at[None]), at
+    )
+    assert not for_some.any()
+    assert not for_all.any()

@@ -141,6 +141,8 @@ def test_what_is_not_proved() -> None:
     refused(lambda net, x, y: net.add([x == 1, y == 1, x + y <= 1.9]), (1, 1))  # an inequality is violated
     refused(lambda net, x, y: net.add([3 * x == 1, y == 1, 3 * x <= 1]), (1 / 3, 1))  # and one not decided
     refused(lambda net, x, y: net.add([x == 3, y == 1]), (2, 1))  # outside of the domain
+    refused(lambda net, x, y: net.add([x == 2.0 + 1e-9, y == 1]), (2, 1))  # and just outside
+    refused(lambda net, x, y: net.add([x + np.floor(x) == -0.5, y == 1]), (0, 1))  # a jump over zero
     refused(lambda net, x, y: net.add([x + sqr(y) == 2, y + sqr(x) == 3, sqrt(x - 5) >= 0]), (1, 1))  # not defined
     refused(lambda net, x, y: net.add([x == net.reading(1.0, 0.1), y == 1]), (1, 1))  # many, one for each reading
     refused(lambda net, x, y: None, (1, 1))

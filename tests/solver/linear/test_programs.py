@@ -251,3 +251,15 @@ def test_a_program_that_holds_one_point_alone_is_not_proved_empty(arithmetic: st
     only = LinearSolution(LinearStatus.INFEASIBLE, np.zeros(1), np.array([0]), np.ones(1))
     empty, _ = program.proved_empty(only)
     assert not empty
+
+
+def test_a_bound_is_below_the_exact_one_also_where_the_reduced_costs_cancel() -> None:
+    rng, engine = np.random.default_rng(7), get_arithmetic("float64")
+    for _ in range(100):
+        half = rng.normal(size=20) * 1e8
+        matrix = np.concatenate([half, -half + rng.normal(size=20) * 1e-6])[rng.permutation(40), None]
+        y, nothing = rng.uniform(0.9, 1.1) * np.ones(40), np.zeros(40)
+        columns = IntervalArray(-np.ones(1), np.ones(1))
+        found = lower_bound(engine, matrix, nothing, np.arange(40), y, np.zeros(1), columns)
+        r = sum((Fraction(a) * Fraction(b) for a, b in zip(y, matrix[:, 0], strict=True)), Fraction(0))
+        assert Fraction(found) <= -abs(r)
