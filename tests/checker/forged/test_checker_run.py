@@ -290,4 +290,4 @@ def test_a_point_beyond_the_box_of_its_leg_is_none_of_it(run: Path, side: str) -
         ends = list(getattr(accepted, side))
         ends[k] = accepted.claims.point.at[k] + (1 if side == "lo" else -1)
         beyond = replace(accepted, **{side: tuple(ends)})
-        assert dict((what, due) for what, _, due in _of_the_leg(data, leg, campaign, beyond))["eps_hi"] == "inf"
+        assert {what: due for what, _, due in _of_the_leg(data, leg, campaign, beyond)}["eps_hi"] == "inf"
