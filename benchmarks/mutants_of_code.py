@@ -149,14 +149,16 @@ def copy_of(original: Path, root: Path, *, linked: bool = False) -> Path:
     return root
 
 
-def unchanged_failures(mutants: Iterable[Mutant], original: Path, seconds: float) -> list[str]:
+def unchanged_failures(mutants: Iterable[Mutant], original: Path, seconds: float, processes: int = 1) -> list[str]:
     """Which of the named tests do not pass in the tree as it is: they would notice anything."""
-    errors = []
-    for tests in sorted({mutant.tests for mutant in mutants}):
-        status, printed = run_tests(tests, original, seconds)
-        if status:
-            errors.append(f"{tests}: pytest ends with {status} without a change\n{printed[-2000:]}")
-    return errors
+    named = sorted({mutant.tests for mutant in mutants})
+    with ThreadPoolExecutor(processes) as pool:
+        ended = pool.map(lambda tests: run_tests(tests, original, seconds), named)
+        return [
+            f"{tests}: pytest ends with {status} without a change\n{printed[-2000:]}"
+            for tests, (status, printed) in zip(named, ended, strict=True)
+            if status
+        ]
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
@@ -189,7 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         original = copy_of(HERE, Path(folder) / "tree")
-        errors += unchanged_failures(mutants, original, asked.seconds) if not errors else []
+        errors += unchanged_failures(mutants, original, asked.seconds, asked.processes) if not errors else []
         if errors or not mutants:
             print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
             return 2
