@@ -16,8 +16,8 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
-from cpcal.handeye.certify import HandEyeResult
 from cpcal.questions import LegResult, Result, model_of, verdict_of
+from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.advice import fitted
 from cpcal.report.run_page import command
 from cpcal.report.words import FRAME, overall

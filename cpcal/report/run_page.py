@@ -23,13 +23,12 @@ from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounde
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
+from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
 from cpcal.report.advice import FEW, Fitted, advise, fitted, measurement_names, support_numbers
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
-    FRAME,
     LONGER,
     QUANTIFIER,
     assumptions,
@@ -195,7 +194,8 @@ def _answer(campaign: Campaign, result: Result, model: LegModel | None, fits: di
         beside=[Drawing([errors_svg(result, errors)], legend)],
         notes=[
             "Measurements are counted from 1. What to look at, what to do next and whether parameters are undetermined "
-            "are estimates; the bounds are proved. cpcal export RUN writes the parameters for a controller."
+            "are estimates; the bounds are proved. cpcal export RUN writes the parameters, with all digits, for a "
+            "controller."
         ],
         name="answer",
         style="answers",
@@ -359,11 +359,10 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         rows.append((label, *sides, proved, least, nearest(float(nominal[k]), decimals)))
     head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
     other = "" if result.model.name == PLAIN.name else ", but where another unit is given"
-    digits = " All digits are in result.json; cpcal export writes them." if point is not None else ""
     return Section(
         (f"Parameters [mm{other}]", *at),
         tables=[Table(head, rows, ("", "main", "main"))],
-        notes=[f"{FRAME} {said}{digits}"],
+        notes=[said],
         beside=[parameters_drawing(campaign, leg, fit)],
     )
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from cpcal.common.numbers import about, stated
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions import (
     LegResult,
     LegVerdict,
@@ -120,10 +120,9 @@ def assumptions(campaign: Campaign, result: Result) -> dict[str, str]:
     extra = ", ".join(f"{p.name} within ±{stated(p.half_width)} {p.unit}" for p in result.model.extra)
     return {
         "Model": _model(result),
-        "For which readings": QUANTIFIER,
         "Reading sets": _readings(campaign),
         "Parameters": (
-            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{stated(asked.delta)} mm of "
+            f"{FRAME} Each of the seven parameters of a leg is looked for within ±{stated(asked.delta)} mm of "
             f"{center}{f', and the extra parameters about 0: {extra}' if extra else ''}. Nothing is said of parameters "
             "outside this box."
         ),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.report.advice import advise, fitted
 from cpcal.report.words import short_fit
 from cpcal.robot import Campaign
