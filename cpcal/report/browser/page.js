@@ -107,6 +107,7 @@ function misstated(text, tolerance, proof) {
     const refuted = /With no parameters|cannot explain/.test(text), value = words === "to within" ? refuted ? infeasible ? cap : lo : hi : lo;
     wrong.push(value === null ? "nothing proved fits" : misprint(number, value, words === "to within" && !refuted ? 1 : -1));
   }
+  for (const [, number] of text.matchAll(/tolerance is ([-+.0-9e]+) mm/g)) wrong.push(t ? misprint(number, t, 0) : "no tolerance was given");
   if (text === "pass" && !(t && hi && cmp(hi, t) <= 0)) wrong.push("a pass is not proved");
   if (text === "fail" && !(t && (cmp(lo, t) > 0 || infeasible && cmp(lo, t) >= 0))) wrong.push("a fail is not proved");
   if (/^explains the data$|(fit|explains the data) exactly[.;,]/.test(text) && !/no parameters/.test(text) && !(hi && !hi.m)) wrong.push("no exact fit is proved");
