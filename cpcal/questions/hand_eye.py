@@ -33,18 +33,16 @@ from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files.codec import INFORMED, checked, informed, load, save
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
-from cpcal.models.hand_eye import PARAMETERS as MOTIONS
-from cpcal.models.hand_eye import (
-    HandEyeFrames,
-    HandEyeStudy,
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
+from cpcal.models.hand_eye_fit import (
+    ClassicalAnswer,
     PixelModel,
     ReadFrames,
-    ReadingModel,
-    load_study_json,
-    moved,
-    read_study,
+    classical_answer,
+    excess,
+    image_poses,
+    minimax_fit,
 )
-from cpcal.models.hand_eye_fit import ClassicalAnswer, classical_answer, excess, image_poses, minimax_fit
 from cpcal.robot import quaternion_from_matrix, rotation_vector
 
 Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
@@ -339,14 +337,12 @@ def ranges_tolerance(eps_hi: float, tolerance: float | None) -> float:
 
 def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
     """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
-    if not study.pose_half_width.any():
-        return ReadFrames.stated(minimax_fit(PixelModel(study), classical.frames)[0], study)
-    return minimax_fit(ReadingModel(study), ReadFrames(classical.frames, classical.readings))[0]
+    return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
 
 
 def stated_readings(study: HandEyeStudy, values: Floats) -> tuple[Reading, ...]:
     """As a result states them; none of exact poses."""
-    return tuple(map(tuple, values.tolist())) if study.pose_half_width.any() else ()
+    return tuple(map(tuple, values.tolist())) if study.uncertain else ()
 
 
 def exact_readings(readings: Sequence[Reading]) -> Readings:
@@ -397,35 +393,13 @@ def _lower_end(
     return found
 
 
-class _OneImage:
-    """Residuals of one image by its own pose in the camera frame (6)."""
-
-    def __init__(self, study: HandEyeStudy) -> None:
-        self.study, self.size = study, MOTIONS // 2
-        self._model = PixelModel(study)
-
-    def __call__(self, at: HandEyeFrames) -> Floats:
-        return self._model(at)
-
-    def jacobian(self, at: HandEyeFrames) -> Floats:
-        return self._model.jacobian(at)[:, : self.size]
-
-    def moved(self, at: HandEyeFrames, step: Floats) -> HandEyeFrames:
-        return moved(at, np.append(step, np.zeros(MOTIONS - self.size)))
-
-    def reach(self, at: HandEyeFrames) -> Floats:
-        return self._model.reach(at)[: self.size]
-
-    def room(self, at: HandEyeFrames) -> tuple[Floats, Floats]:
-        low, high = self._model.room(at)
-        return low[: self.size], high[: self.size]
-
-
 def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
     """By image, about the least error in px that its pixels allow with any pose of the target; found near `best`."""
-    there = read_study(study, best.readings)
-    kept, _ = image_poses(study)
-    return {k: minimax_fit(_OneImage(there.part(np.array([k]))), best.frames, restarts=1)[1] for k in kept}
+    there, found = study.exactly(best.readings), {}
+    for k in image_poses(study)[0]:
+        model = PixelModel(there.part(np.array([k])))
+        found[k] = minimax_fit(model, model.stated(best.frames), restarts=1)[1]
+    return found
 
 
 def _support(study: HandEyeStudy, lower: Proof | None) -> tuple[tuple[str, str], ...]:
@@ -611,7 +585,7 @@ class _Groups:
         """About the least error of a group: where a fit ends, px."""
         part = self.study.part(np.array(sorted(group)))
         best = best_frames(part, classical_answer(part))
-        return excess(ReadingModel(part), best)
+        return excess(PixelModel(part), best)
 
     def refuted(self, groups: list[list[int]], eps: float) -> tuple[RefutedGroup, ...] | None:
         """The proofs, written, that no frames explain any of the groups to within eps."""
@@ -660,7 +634,8 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
 
 def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
     """Mean square of the residuals of each image."""
-    squares = (PixelModel(study)(frames) ** 2).reshape(2, -1).sum(axis=0)
+    model = PixelModel(study)
+    squares = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
     number = np.bincount(study.image, minlength=len(study.images))
     return np.asarray(np.bincount(study.image, weights=squares, minlength=len(study.images)) / np.maximum(number, 1))
 
