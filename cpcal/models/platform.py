@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Bools, Floats
+from cpcal.models.leg import cross_rows, rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, pose_jacobian
 from cpcal.robot.kinematics import rotation_numerators
@@ -84,21 +85,10 @@ def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
     return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
-def rotation(quaternion: IntervalArray) -> IntervalArray:
-    """R(q) (..., 3, 3), divided by |q|^2, of quaternions (..., 4), scalar first."""
-    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)], ENGINE)
-    entries = [ENGINE.div(entry, norm_squared) for row in rows for entry in row]
-    shape = (*quaternion.shape[:-1], 3, 3)
-    return IntervalArray(
-        np.stack([e.lo for e in entries], axis=-1).reshape(shape),
-        np.stack([e.hi for e in entries], axis=-1).reshape(shape),
-    )
-
-
 def turned(s: IntervalArray) -> IntervalArray:
     """R(1, s) (..., 3, 3) of s (..., 3)."""
     one = np.ones((*s.shape[:-1], 1))
-    return rotation(joined([point(one), s]))
+    return rotations(joined([point(one), s]), ENGINE)
 
 
 def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
@@ -198,7 +188,7 @@ class Equations:
         with np.errstate(all="ignore"):
             self.regular = np.linalg.cond(jacobian) < 1e12
             self.inverse = np.linalg.inv(np.where(self.regular[:, None, None], jacobian, np.eye(6)))
-        turn = product(turned(cells.reach[:, 3:]), rotation(point(cells.center.quaternion)))[:, None]
+        turn = product(turned(cells.reach[:, 3:]), rotations(point(cells.center.quaternion), ENGINE))[:, None]
         self.rotation, self.arm = turn, applied(turn, point(self.controller[None, :, 3:6]))
         position = ENGINE.add(point(cells.center.position), cells.reach[:, :3])
         self.vector = ENGINE.sub(ENGINE.add(position[:, None], self.arm), point(self.controller[None, :, :3]))
@@ -298,7 +288,7 @@ class Equations:
 
     def _at(self, turn: IntervalArray, shift: IntervalArray) -> tuple[IntervalArray, IntervalArray]:
         """R b and the leg P + R b - a, (K, n, 3) both, over all x of the sets; `turn` is S and `shift` t, (K, 3)."""
-        matrix = product(turned(turn), rotation(point(self.cells.center.quaternion)))[:, None]
+        matrix = product(turned(turn), rotations(point(self.cells.center.quaternion), ENGINE))[:, None]
         arm = applied(matrix, ENGINE.add(point(self.controller[:, 3:6]), self.box[:, 3:6])[None])
         place = ENGINE.add(point(self.cells.center.position), shift)[:, None]
         plain = ENGINE.add(ENGINE.sub(place, ENGINE.add(point(self.controller[:, :3]), self.box[:, :3])[None]), arm)
@@ -639,8 +629,8 @@ def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> Constrai
     net = ConstraintNetwork()
     position, s = net.variable("P", 3), net.variable("s", 3)
     arm = _turned(net.constant(quaternion), robot.mobile)
-    once = _cross(s[None, :], arm)
-    turned = arm + 2.0 * (once + _cross(s[None, :], once)) / (1.0 + sqr(s).sum())
+    once = cross_rows(s[None, :], arm)
+    turned = arm + 2.0 * (once + cross_rows(s[None, :], once)) / (1.0 + sqr(s).sum())
     vector = position[None, :] + turned - net.constant(robot.base)
     net.add(sqr(vector).sum(-1) - sqr(net.constant(readings) + robot.offset) == 0.0)
     return net
@@ -652,12 +642,6 @@ def _turned(q: Expr, points: Floats) -> Expr:
     axes = np.eye(3)
     turned = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
     return as_expr(turned / norm_squared)
-
-
-def _cross(x: Expr, y: Expr | Floats) -> Expr:
-    """Cross product of rows, (1, 3) or (n, 3)."""
-    forth, back = [1, 2, 0], [2, 0, 1]
-    return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
 
 
 def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:

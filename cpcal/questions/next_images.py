@@ -157,7 +157,7 @@ class _Ranges:
         self._room = np.concatenate([room - residuals, room + residuals])
         self._low, self._high = model.room(at)
         self._image, self._measured = np.tile(whole.image, 4), np.arange(len(study.images))
-        self.reach = float(model.reach(at)[3])
+        self.reach = float(PixelModel(study).reach(best)[3])
         self._wanted = _as_stated(best.frames)  # (12, 12)
 
     def chosen(self, name: str, more: Sequence[int]) -> ChosenPose:
