@@ -92,6 +92,8 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
         what = "Compare the constraints that the certificates state with the model: no program has."
         return Advice("compare the constraints", what, few)
     step = _STEPS[verdict.kind]
+    if verdict.kind == "explained":
+        return Advice(*step, ())
     if model is None or found is None:
         return Advice(*step, few)
     # of a small support, or of all where it is large, the measurements with the largest residuals

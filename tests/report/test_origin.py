@@ -26,10 +26,16 @@ def campaign():
 @pytest.mark.parametrize(
     "asked",
     [
-        {"legs": [2], "eps": 0.1},
-        {"legs": [2], "eps": 0.1, "model": "gain", "half_widths": {"s": 0.01}, "tolerance": 0.5},
-        {"legs": [2], "eps": 0.1, "time_limit": 60.0, "support": "irreducible"},
-        {"legs": [3, 1], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
+        {
+            "legs": [2],
+            "eps": 0.1,
+            "model": "gain",
+            "half_widths": {"s": 0.01},
+            "tolerance": 0.5,
+            "time_limit": 60.0,
+            "support": "irreducible",
+        },
+        {"legs": [3], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],
 )
 def test_the_command_repeats_the_run(campaign, tmp_path, asked):
