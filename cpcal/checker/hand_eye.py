@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .certificate import FORMAT, Accepted, Certificates
-from .files import STUDY_NAME, WORK, Budget, content, parsed
+from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
 from .frames import (
     AXES,
     R_F,
@@ -52,7 +52,7 @@ from .readers import (
     whole,
 )
 from .rule import Box, Problem, meeting
-from .run import STRANGE, Json, compare, exact, names_all, reason_of, same
+from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
@@ -269,9 +269,8 @@ class HandEyeCertificates(Certificates):
         super().__init__(folder, budget)
         self.study, self.digest = study, digest
 
-    def formed(self, given: Json) -> tuple[list[Any], Problem, Box]:
-        header = _HEADER(given)
-        _, digest, stage, images, eps, asked, after, poses = header
+    def form(self, given: Json, lines: Lines) -> tuple[list[Any], Problem, Box]:
+        header = _, digest, stage, images, eps, asked, after, poses = _HEADER(given)
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
         if not images or images[-1] >= len(self.study.images) or (stage == "image") != (len(images) == 1):
@@ -367,7 +366,7 @@ class _Run:
 
     def files(self) -> str:
         """No certificate lies about that nothing rests on."""
-        names_all(self.certificates.folder, self.certificates.known)
+        self.certificates.names_all(self.certificates.known)
         return ""
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:

@@ -7,12 +7,13 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
+from hashlib import sha256
 from itertools import repeat
 from operator import add, mul
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from .files import Members, opened
+from .files import content, parsed
 from .polynomial import FIELD, READINGS, Polynomial, Remainder, constant, dyadics, shortened, signed, unknown
 from .readers import Refused, array, decimals, shown, text
 from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
@@ -561,32 +562,25 @@ class ExactCampaign:
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
         try:
-            with opened(path) as stream:
-                members = Members(stream, _LARGEST)
-                self._read(members)
+            given = content(path, _LARGEST)
+            self.sha256 = sha256(given).hexdigest()
+            self._read(parsed(given))
         except Refused as refused:
             raise Refused(f"{NAME}: {refused.reason}", "campaign", 0) from None
-        self.sha256 = members.digest.hexdigest()
 
-    def _read(self, members: Members) -> None:
-        keys = ["format", *_OTHERS, "measurements"]
-        for key in members:
-            if key not in keys:
-                raise Refused(f"it holds {shown(key)}, or lacks another key")
-            keys.remove(key)
-            if key == "measurements":
-                for cells in members.elements():
-                    self._add(array(cells))
-                continue
-            value = members.value()
-            if key == "format" and value != FORMAT:
-                raise Refused(f"its format is not {FORMAT}")
-            if _depth(value) > _DEEPEST:
-                raise Refused(f"its {key} is nested too deeply")
-            if key == "robot" and isinstance(value, dict):
-                self.robot = value.get("name")
-        if keys or not self.place:
-            raise Refused(f"it lacks {', '.join(keys) or 'measurements'}")
+    def _read(self, data: dict[str, Any]) -> None:
+        if data.keys() != {"format", *_OTHERS, "measurements"}:
+            raise Refused("it holds another key than " + ", ".join(["format", *_OTHERS, "measurements"]))
+        if data["format"] != FORMAT:
+            raise Refused(f"its format is not {FORMAT}")
+        if _depth([data[key] for key in _OTHERS]) > _DEEPEST + 1:
+            raise Refused("it is nested too deeply")
+        if isinstance(data["robot"], dict):
+            self.robot = data["robot"].get("name")
+        for cells in array(data["measurements"]):
+            self._add(array(cells))
+        if not self.place:
+            raise Refused("it lacks measurements")
 
     def _add(self, cells: list[Any]) -> None:
         self.legs = self.legs or (len(cells) - 15) // 2

@@ -31,11 +31,10 @@ from .rule import Box, Unknowns
 from .run import (
     INFORMATION,
     STRANGE,
-    Certificates,
     Json,
+    LegCertificates,
     compare,
     exact,
-    names_all,
     of_the_campaign,
     reason_of,
     same,
@@ -323,11 +322,11 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
     poses = [Commanded(_list(one["position"], 3), _list(one["quaternion"], 4)) for one in result["poses"]]
     controller = [_list(row, 7) for row in array(result["parameters"], LEGS)]
     budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
-    certificates, enclosed = Certificates(folder, campaign, budget), list[Accepted]()
+    certificates, enclosed = LegCertificates(folder, campaign, budget), list[Accepted]()
     for leg, (row, box, error) in enumerate(
         zip(controller, array(result["boxes"], LEGS), array(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
     ):
-        accepted = certificates.accepted(box["certificate"])
+        accepted = certificates.proved(box["certificate"])
         # of a run without poses nothing is said of the forms
         forms = accepted.forms if result["refuted"] else [pose.form(row) for pose in poses]
         compare(_of_the_set(leg, box, accepted, exact(result["delta"]), count, forms))
@@ -335,7 +334,7 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
         yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
-    names_all(folder, [box["certificate"] for box in result["boxes"]])
+    certificates.names_all([box["certificate"] for box in result["boxes"]])
     none = [k for k, one in enumerate(enclosed, start=1) if one.claims.infeasible]
     same("refuted", result["refuted"], none)
     if none:

@@ -16,7 +16,7 @@ from cpcal.checker import (
     POSE_SET_SUFFIX,
     RESULT_NAME,
     Accepted,
-    Certificates,
+    LegCertificates,
     LegChecked,
     Refused,
     Unusable,
@@ -185,13 +185,13 @@ def result_of(run: Path) -> Result | str:
         return "; ".join(problem.what for problem in error.problems)
 
 
-def checked_certificate(path: Path, among: Certificates | None = None) -> Accepted | str:
+def checked_certificate(path: Path, among: LegCertificates | None = None) -> Accepted | str:
     """What a certificate proves, or why it is refused; `among` others it shares their budget.
 
     Raises InputError where there is nothing to check.
     """
     try:
-        return check(path) if among is None else among.accepted(path.name)
+        return check(path) if among is None else among.proved(path.name)
     except Refused as reason:
         return str(reason)
     except Unusable as reason:
