@@ -36,8 +36,7 @@ from .readers import (
 )
 from .rule import Box, Constraint, Problem, Row, Rule, Unknowns, Weights, meeting
 
-# ------------------------------------------------------------------------------------------------------------------
-# What a certificate claims, and what of it was accepted: plain values.
+# what a certificate claims, and what of it was accepted --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,7 @@ class Accepted:
     forms: tuple[tuple[tuple[tuple[int, ...], F], ...], ...] = ()  # polynomials that are unknowns, of a leg
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# The first lines of a certificate: the problem that it speaks of, and its box.
+# its first lines: the problem that it speaks of, and its box ---------------------------------------------------------
 
 FORMAT = "cpcal-certificate/4"
 Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients

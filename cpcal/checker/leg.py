@@ -14,22 +14,30 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from .files import content, parsed
-from .polynomial import FIELD, READINGS, Polynomial, Remainder, constant, dyadics, shortened, signed, unknown
+from .polynomial import (
+    FIELD,
+    READINGS,
+    Polynomial,
+    Remainder,
+    constant,
+    dyadics,
+    rotation_rows,
+    shortened,
+    signed,
+    unknown,
+)
 from .readers import Refused, array, decimals, shown, text
 from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 
-# ------------------------------------------------------------------------------------------------------------------
-# A formula that is applied many times, traced once: its multiplications and additions of whole numbers, in order.
+# a formula, traced once ----------------------------------------------------------------------------------------------
 #
 # The rows of a leg have the same monomials for every measurement on every box; only their coefficients differ. So the
-# formula runs once on `Traced` polynomials, which look like `Polynomial` but know places instead of coefficients and
-# note
-# what becomes of these: `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial.
-# They are run for many measurements side by side: each v is a column, so that the loop over notes costs little.
+# formula runs once on `Traced` polynomials, which know places instead of coefficients and note what becomes of these:
+# `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial. They are run for many
+# measurements side by side: each v is a column, so that the loop over notes costs little.
 #
-# Each number is whole over a power of two, 2 ** units[kind] for a number of that kind; a coefficient that is a
-# product of
-# d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
+# Each number is whole over a power of two, 2 ** units[kind] for a number of that kind. A coefficient that is a product
+# of d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
 
 Degree = tuple[int, int]
 Column = int | list[int]  # of all measurements the same, or one for each
@@ -483,13 +491,13 @@ def _constraint(
     """See docs/certificate-format.md, "A leg as constraints", for every name here."""
     position, quaternion, reading, shortest = m
     a, b, offset, eps = x[:3], x[3:6], x[6], x[-1]
-    s, fixed = y[3:6], _rotation(quaternion)
+    s, fixed = y[3:6], rotation_rows(quaternion)
     turned, norm = _total([c * c for c in s]), _total([c * c for c in quaternion])
     kappa = norm * (one + turned)
     p = [position[i] + y[i] for i in _AXES]
     z = [p[i] - a[i] for i in _AXES]
     arm = [_dot(row, b) for row in fixed]
-    along = _dot(z, [_dot(row, arm) for row in _rotation([one, *s])])
+    along = _dot(z, [_dot(row, arm) for row in rotation_rows([one, *s])])
     square = _total([c * c for c in (*z, *b)])
     if model == "lateral":
         square = square - x[7]
@@ -529,20 +537,7 @@ def _cross(p: Sequence[Traced], q: Sequence[Traced]) -> list[Traced]:
     return [p[i - 2] * q[i - 1] - p[i - 1] * q[i - 2] for i in _AXES]
 
 
-def _rotation(h: Quaternion) -> list[list[Traced]]:
-    """|h|^2 R(h)."""
-    w, x, y, z = h
-    ww, xx, yy, zz = w * w, x * x, y * y, z * z
-    wx, wy, wz, xy, xz, yz = ((p * q).times(2) for p, q in ((w, x), (w, y), (w, z), (x, y), (x, z), (y, z)))
-    return [
-        [ww + xx - (yy + zz), xy - wz, xz + wy],
-        [xy + wz, ww + yy - (xx + zz), yz - wx],
-        [xz - wy, yz + wx, ww + zz - (xx + yy)],
-    ]
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Reads campaign.json: the exact numbers of a campaign that certificates speak of.
+# campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"

@@ -364,17 +364,12 @@ class Rows:
         return False
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Checks pose sets: from boxes of pixels, camera and target to a box of poses.
+# pose sets: docs/certificate-format.md has the specification ---------------------------------------------------------
 #
 # A claim names certificates. A *first* one begins with all poses, and holds those that show all of its dots. A later
-# one
-# begins where others end, and holds all poses that show all dots of the claim but at most q of them; it leaves out dots
-# that no pose of the box where it begins shows, which are wrong for sure. Several first ones of different dots give a
-# box
-# together: no more than q of them have a wrong dot.
-#
-# docs/certificate-format.md, "Pose sets", is the specification.
+# one begins where others end, and holds all poses that show all dots of the claim but at most q of them; it leaves out
+# dots that no pose of the box where it begins shows: these are wrong for sure. Several first ones of different dots
+# give a box together: no more than q of them have a wrong dot.
 
 POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000

@@ -282,7 +282,7 @@ def test_a_bracket_that_is_wider_than_the_gap_is_not_closed(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("side", ["lo", "hi"])
 def test_a_point_beyond_the_box_of_its_leg_is_none_of_it(run: Path, side: str) -> None:
-    data = parsed((run / "result.json").read_bytes(), lambda number: F(float(number)))
+    data = parsed((run / "result.json").read_bytes(), float)
     leg, campaign = data["legs"][0], ExactCampaign(run / "campaign.json")
     accepted = check_run(run)[0].accepted
     assert accepted is not None
