@@ -330,9 +330,10 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         at = ("; ranges at eps = ", within, " mm")
         certified = "no certificate holds it" if name is None else f"certified by {name}"
         times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" * (0.0 < leg.bracket.hi < leg.ranges.eps)
-        said = (
-            f"The range holds every solution in the box at the eps above{times}; {certified}. So well do the "
-            "measurements determine the parameter."
+        said: Words = (
+            "The range holds every solution in the box with eps ≤ ",
+            within,
+            f" mm{times}; {certified}. So well do the measurements determine the parameter.",
         )
     elif enclosure.is_empty:
         of, box, said = "", None, "No parameters in the box satisfy the equations, so there is nothing to enclose."
