@@ -23,7 +23,7 @@ from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.handeye.files import save_hand_eye
 from cpcal.handeye.study import simulate_hand_eye
 from cpcal.questions import certify
-from cpcal.questions.fits import certify_fits
+from cpcal.questions.points import certify_fits
 from cpcal.robot import Pose
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -42,7 +42,7 @@ from cpcal.handeye.files import study_json
 from cpcal.handeye.study import SETUPS, simulate_hand_eye
 from cpcal.handeye.verify import verify_hand_eye
 from cpcal.legs import fit_model
-from cpcal.questions.bracket import verified_rows
+from cpcal.questions.points import verified_rows
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE

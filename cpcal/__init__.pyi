@@ -17,7 +17,6 @@ from .questions import (
     save_result,
     status_of,
     verdict_of,
-    with_ranges,
 )
 from .report import write_report
 from .robot import Campaign, Robot
@@ -119,6 +118,5 @@ __all__ = [
     "tan",
     "tanh",
     "verdict_of",
-    "with_ranges",
     "write_report",
 ]

@@ -30,7 +30,7 @@ from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.handeye.certify import load_hand_eye_result
 from cpcal.handeye.verify import verify_hand_eye
 from cpcal.questions import Result, load_result
-from cpcal.questions.fits import fits_of
+from cpcal.questions.points import fits_of
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_page import HAND_EYE_FORMS
 from cpcal.report.run_page import frames_of_run, render

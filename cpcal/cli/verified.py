@@ -32,7 +32,7 @@ from cpcal.questions import (
     Uncertified,
     information,
 )
-from cpcal.questions.undetermined import determination
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict

@@ -1,7 +1,7 @@
-from .ask import certify, with_ranges
-from .bracket import PointResult, certify_point
+from .ask import certify
 from .compare import COMPARED, compare
 from .data_check import DataCheck, Finding, check_data
+from .points import PointResult, certify_point
 from .result import (
     ARITHMETICS,
     CENTERS,
@@ -80,5 +80,4 @@ __all__ = [
     "status_of",
     "verdict_of",
     "verdict_on",
-    "with_ranges",
 ]

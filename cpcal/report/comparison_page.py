@@ -103,7 +103,7 @@ def comparison_sentences(found: Compared) -> list[str]:
 
 def comparison_lines(found: Compared) -> list[str]:
     """A line a leg, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
-    out, every = [f"{_asked(found).robot}: smallest error of each model, mm"], _legs(found)
+    out, every = [f"{_asked(found).campaign.robot}: smallest error of each model, mm"], _legs(found)
     for number, legs in list(every.items())[:_MOST_LINES]:
         line = f"leg {number}: " + ", ".join(_short(found[model], leg) for model, leg in legs.items())
         if _at(found) is not None:
@@ -123,7 +123,7 @@ def _short(result: Result, leg: LegResult) -> str:
 
 def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False) -> Path:
     """Write `compare.html` beside the runs of the models; its path. The same results give the same bytes."""
-    at, robot = _at(found), _asked(found).robot
+    at, robot = _at(found), _asked(found).campaign.robot
     notice = "Interrupted: what is shown was proved until then; the rest is missing."
     page = Page(
         f"Models compared: {robot}",
@@ -168,7 +168,7 @@ def _origin(found: Compared) -> Section:
     about = "FOLDER: where this page is. It holds a run of each model, with its certificates and a page of its own."
     command = Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command")
     data: dict[str, Words] = {
-        "Campaign, SHA-256": Mark(_asked(found).campaign_sha256, "code"),
+        "Campaign, SHA-256": Mark(_asked(found).campaign.sha256, "code"),
         "To check the proofs again": (command, Mark(about, "small")),
     }
     return origin(data)
@@ -251,7 +251,7 @@ def _cells(row: CampaignRow) -> tuple[Words, ...]:
     kind, word = _judged(row)
     return (
         Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}"),
-        row.result.robot,
+        row.result.campaign.robot,
         verdict(word, kind),
         str(row.worst.leg),
         _eps(row.worst),

@@ -31,14 +31,14 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
     verdict, certified = overall(result), all(leg.certified for leg in result.legs)
     provenance = {
         **campaign.provenance,
-        "campaign_sha256": result.campaign_sha256,
-        "measurements": result.measurements,
+        "campaign_sha256": result.campaign.sha256,
+        "measurements": result.campaign.measurements,
         "cpcal": result.version,
         "command": command(result),
     }
     return _known(
         format=FORMAT,
-        robot=result.robot,
+        robot=result.campaign.robot,
         model=result.model.name,
         not_compared=result.model.not_compared or None,
         frame=FRAME if frames is None else DRAWING_FRAME,
@@ -66,7 +66,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
             "unit": result.model.unit(name),
             **_known(**{c: None if v is None else float(v[k]) for c, v in zip(_COLUMNS, values, strict=True)}),
         }
-        for k, name in enumerate(result.parameters)
+        for k, name in enumerate(result.model.parameters)
     }
     files = [leg.bracket.certificate, None if ranges is None else ranges.certificate]
     return _known(

@@ -100,8 +100,8 @@ def render(
     Raises InputError when the result is of another campaign, or garbled.
     """
     sha256, absent = campaign_sha256(campaign), [leg.leg for leg in result.legs if leg.leg > campaign.legs]
-    if result.campaign_sha256 != sha256:
-        what = f"is of another campaign (sha256 {printable(str(result.campaign_sha256))}, not {sha256})"
+    if result.campaign.sha256 != sha256:
+        what = f"is of another campaign (sha256 {printable(str(result.campaign.sha256))}, not {sha256})"
         raise InputError([Problem("result", what, "give the campaign that was certified, or certify this one")])
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
@@ -298,7 +298,7 @@ def _about(campaign: Campaign, result: Result) -> Iterator[Section]:
     options = result.options
     certificates = [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None]
     data: dict[str, Words] = {
-        "Campaign, SHA-256": Mark(claim(result.campaign_sha256, "campaign"), "code"),
+        "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (
             Mark(command(result), "command"),
             Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
@@ -408,7 +408,7 @@ def _times(leg: LegResult, eps: float, begin: str) -> str:
 
 def _labels(result: Result) -> list[tuple[str, int]]:
     """Of each parameter how it is called in a table, and its decimals."""
-    units = [(name, result.model.unit(name)) for name in result.parameters]
+    units = [(name, result.model.unit(name)) for name in result.model.parameters]
     return [(name if unit == "mm" else f"{name} [{unit}]", _DECIMALS.get(unit, _MORE)) for name, unit in units]
 
 
@@ -416,7 +416,7 @@ def _point(result: Result, leg: LegResult, k: int, decimals: int) -> Words:
     if leg.bracket.point is None:
         return _UNKNOWN
     value = leg.bracket.point[k]
-    return claim(nearest(value, decimals), "point", leg, value, result.parameters[k])
+    return claim(nearest(value, decimals), "point", leg, value, result.model.parameters[k])
 
 
 def _claimed_sides(leg: LegResult, of: str, box: Box, k: int, decimals: int) -> tuple[Words, ...]:
@@ -656,7 +656,7 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
 
     Raises InputError where the record is of another, and for a model whose own parameters depend on the frames.
     """
-    if record.campaign_sha256 != result.campaign_sha256:
+    if record.campaign_sha256 != result.campaign.sha256:
         what = "holds the frames of another study: the SHA-256 of its campaign differs"
         raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
     if result.model.name not in ("plain", "gain", "lateral"):
@@ -687,7 +687,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     if not certificates or not (run / _CAMPAIGN).is_file():
         return None
     campaign = (run / _CAMPAIGN).read_bytes()
-    if hashlib.sha256(campaign).hexdigest() != result.campaign_sha256:
+    if hashlib.sha256(campaign).hexdigest() != result.campaign.sha256:
         return None
     data = json.dumps({"campaign": _deflated(campaign), "certificates": certificates}).replace("<", "\\u003c")
     if len(data) > _MOST:

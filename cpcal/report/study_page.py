@@ -19,7 +19,7 @@ from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, state
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.questions import Result
-from cpcal.questions.fits import CertifiedFits
+from cpcal.questions.points import CertifiedFits
 from cpcal.report.run_page import DrawingFrames, render
 from cpcal.report.section import Drawing, Mark, Picture, Section, Table
 from cpcal.report.svg import (
@@ -338,7 +338,7 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),
-        ("result of the timeout method", found.timeout.campaign_sha256),
+        ("result of the timeout method", found.timeout.campaign.sha256),
     ):
         if sha256 != expected:
             raise InputError([Problem(name, "is of another campaign", remedy)])

@@ -229,7 +229,7 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     campaign = replace(exact, length=exact.length - 2e-5 * exact.length**2)
     result = cpcal.certify(campaign, legs=[1], model=cubic, certificates=tmp_path)
     leg = result.legs[0]
-    assert result.parameters[7:] == ("bend",)
+    assert result.model.parameters[7:] == ("bend",)
     assert leg.bracket.certificate == "leg1.cert.jsonl"
     from cpcal.checker import check
 

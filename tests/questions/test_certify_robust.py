@@ -13,7 +13,7 @@ import cpcal
 from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.questions import outliers as robust
-from cpcal.questions.bracket import all_or_none
+from cpcal.questions.outliers import all_or_none
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -52,7 +52,7 @@ def asked_of(folder, **options):
 def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
     """A bad first guess is refuted at large errors too; the bound is what holds whichever measurement is wrong."""
     usual = asked_of(tmp_path / "usual")
-    monkeypatch.setattr(robust._Search, "guessed", lambda search, outliers: frozenset({0}))
+    monkeypatch.setattr(robust, "guessed", lambda question, leg, center: frozenset({0}))
     leg = asked_of(tmp_path / "other")
     levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.bracket.proofs]
     assert max(levels) > leg.bracket.hi > leg.bracket.lo == float(min(levels))
