@@ -9,13 +9,13 @@ import typer
 
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import Accuracy, save_accuracy
-from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.options import Status, Talk, answer, check_target, output
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
+from cpcal.models.platform import Workspace
 from cpcal.questions import load_result
 from cpcal.report.accuracy_page import ACCURACY_PAGE, assumption, sentences, write_accuracy
 

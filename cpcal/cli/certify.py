@@ -35,7 +35,7 @@ from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
-from cpcal.legs import LegModel, built_in
+from cpcal.models import LegModel, built_in
 from cpcal.questions import (
     Result,
     load_result,

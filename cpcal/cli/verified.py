@@ -23,7 +23,7 @@ from cpcal.common.values import Floats
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
-from cpcal.legs import LegModel, Parameter, leg_model
+from cpcal.models import LegModel, Parameter, leg_model
 from cpcal.questions import (
     INFORMATION,
     RESULT_NAME,
@@ -205,7 +205,7 @@ def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     """What the table of a folder states that its claims do not; "" where both agree, number by number."""
-    from cpcal.vision.batch.enclose import stem_of
+    from cpcal.models.sight import stem_of
 
     problems = Problems()
     content = small_file(path, problems, "", most=JSON_MAX)
@@ -233,7 +233,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
 
 def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
-    from cpcal.vision.pose_sets import SUFFIX
+    from cpcal.models.sight import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
     said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError
 from cpcal.common.values import Floats
-from cpcal.legs import built_in, leg_box, leg_network, model_statement
+from cpcal.models import built_in, leg_box, leg_network, model_statement
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins

@@ -10,7 +10,7 @@ import numpy as np
 from cpcal.calibration import LegEquations, fit
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.legs import PLAIN, LegModel, model_jacobian
+from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose

@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.legs import leg_box, model_statement
+from cpcal.models import leg_box, model_statement
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,

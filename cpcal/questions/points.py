@@ -18,7 +18,7 @@ from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
-from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
+from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.questions.question import chosen_model
 from cpcal.questions.result import VerifiedPoint
 from cpcal.robot import Campaign

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.legs import PARAMETERS, model_jacobian
+from cpcal.models import PARAMETERS, model_jacobian
 from cpcal.questions.bracket import PreparedLeg, searched, the_enclosure
 from cpcal.questions.result import LegResult, Options, Projection, Projections, Ranges
 from cpcal.solver import plugins

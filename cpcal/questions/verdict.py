@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from cpcal.common.numbers import bracket_text, gap_text, plain_gap, short, stated
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict

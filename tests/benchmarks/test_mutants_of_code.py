@@ -68,10 +68,12 @@ def test_places_and_tests_that_are_gone_are_named_before_anything_runs(tree: Pat
     first, second = misplaced([SMALLER, gone], tree)
     assert "nowhere below room" in first
     assert "tests/test_gone.py is not there" in second
+    (third,) = misplaced([replace(SMALLER, tests="tests/test_ends.py -k nobody")], tree)
+    assert "a test called nobody is not there" in third
 
 
 def test_a_test_that_fails_without_a_mutant_notices_nothing(tree: Path) -> None:
-    (said,) = unchanged_failures([SMALLER, replace(SMALLER, tests="tests/test_ends.py")], tree, 60.0)
+    (said,) = unchanged_failures([SMALLER, replace(SMALLER, tests="tests/test_ends.py")], tree, 60.0).values()
     assert said.startswith("tests/test_ends.py: pytest ends with 1 without a change")
 
 
@@ -98,7 +100,7 @@ def test_below_95_percent_the_exit_status_is_1(
     monkeypatch.setattr(mutants_of_code, "HERE", tree)
     monkeypatch.setattr(mutants_of_code, "read", lambda: mutants)
     monkeypatch.setattr(mutants_of_code, "misplaced", lambda mutants: [])
-    monkeypatch.setattr(mutants_of_code, "unchanged_failures", lambda *_: [])
+    monkeypatch.setattr(mutants_of_code, "unchanged_failures", lambda *_: {})
     monkeypatch.setattr(mutants_of_code, "outcome", lambda m, *_: Outcome(m, "a test" * (int(m.false) < noticed)))
     assert main([]) == status
     monkeypatch.setattr(mutants_of_code, "misplaced", lambda mutants: ["a pattern is gone"])

@@ -15,7 +15,7 @@ import cpcal
 from cpcal.cli import app
 from cpcal.cli.certify import show_result
 from cpcal.cli.options import Talk
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
 _SIGNALLED = """

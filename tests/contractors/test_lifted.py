@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from contractors import HC4, Lifted
 from contractors.relaxation import Shift, column_bounds, product_rows
 from cpcal.calibration import least_squares
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import Limits

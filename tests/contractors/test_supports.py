@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contractors import HC4, Lifted
 from contractors.lifted import Directions, over_box
 from cpcal.calibration import least_squares
-from cpcal.legs import leg_box, leg_network, residuals
+from cpcal.models import leg_box, leg_network, residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic

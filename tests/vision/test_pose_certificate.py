@@ -13,10 +13,10 @@ from cpcal.checker.bounds import Bounds, number
 from cpcal.checker.lens import Cameras
 from cpcal.checker.pose_claim import check_pose_set, check_pose_sets
 from cpcal.common.errors import InputError
+from cpcal.models.sight import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.robot import Pose, transformed
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])

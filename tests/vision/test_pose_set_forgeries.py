@@ -13,9 +13,9 @@ import pytest
 
 from benchmarks.pose_sets import drawn_pose, shown
 from cpcal.checker.pose_claim import check_pose_set, check_pose_sets, digest_of
+from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])

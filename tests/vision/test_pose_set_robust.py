@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cpcal.models.sight import PixelBoxes, PoseSet, enclose_pose
 from cpcal.robot import (
     Pose,
     normalised,
@@ -15,7 +16,6 @@ from cpcal.robot import (
 )
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))
