@@ -72,10 +72,9 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] 
     "tolerance": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
     "half_widths": (_widths, lambda _: True, "", ""),
     "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
-} | {
-    name: (str, known.__contains__, "{!r:.60} is not known", f"use one of {', '.join(known)}")
-    for name, known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS), ("arithmetic", ARITHMETICS))
 }
+for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS), ("arithmetic", ARITHMETICS)):
+    _KINDS[_name] = str, _known.__contains__, "{!r:.60} is not known", f"use one of {', '.join(_known)}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -216,12 +216,10 @@ def _proved(options: Options, leg: LegResult) -> str:
     if options.eps is not None:
         if bracket.verdict is Verdict.PROVED:
             return f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved."
-        if bracket.verdict is Verdict.UNKNOWN:
-            return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
-        return (
-            f"No x in the box, with legs longer than {eps} mm, satisfies all equations to within {eps} mm for any "
-            "readings: proved."
-        )
+        if bracket.verdict is Verdict.REFUTED:
+            what = f"No x in the box, with legs longer than {eps} mm, satisfies all equations to within {eps} mm"
+            return f"{what} for any readings: proved."
+        return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
     if leg.not_refuted:
         how = "proved in exact arithmetic" if leg.certified else "proved"
         return f"Some x in the box satisfies every equation exactly for some readings: {how}."

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.accuracy.accuracy import distances, true_poses
 from cpcal.models import platform
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
 from cpcal.models.platform import ENGINE, Cells, cell_bounds, point, pose_bounds
+from cpcal.questions.accuracy import distances, true_poses
 from cpcal.robot import (
     Pose,
     central_pose,
