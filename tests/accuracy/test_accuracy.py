@@ -22,7 +22,7 @@ from tests.accuracy.conftest import ERROR
 
 @pytest.fixture(scope="module")
 def result(known):
-    return cpcal.certify(known.campaign, delta=8.0, support="none", gap=1e-3)
+    return cpcal.certify(known.campaign, delta=8.0, support="none", gap=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
 def found(exact, folder):
     cpcal.save_campaign(exact, folder / "campaign")
     models = ("plain", "gain", "lateral")
-    return cpcal.compare(exact, models, tolerance=TOLERANCE, legs=[1, 4], certificates=folder / "run")
+    return cpcal.compare(exact, models, tolerance=TOLERANCE, legs=[1, 4], delta=30.0, certificates=folder / "run")
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_nested_models_never_have_a_larger_eps(request, kind):
 def test_all_models_are_asked_about_the_same_box(found):
     centers = {leg.bracket.center for result in found.values() for leg in result.legs}
     assert len(centers) == 2
-    assert {result.options.delta for result in found.values()} == {100.0}
+    assert {result.options.delta for result in found.values()} == {30.0}
     with pytest.raises(cpcal.InputError, match="not common to all models"):
         cpcal.compare(cpcal.simulate(seed=1), ["plain", "gain"], center="fit")
 
