@@ -318,8 +318,8 @@ def certify_accuracy(
             one = enclosed_leg(which, poses=commanded, certificate=path)
             legs += [] if one is None else [one]
             refuted += [which.leg] if one is None else []
-            sides = [()] * 2 if one is None else [tuple(map(float, side)) for side in (one.lo, one.hi)]
-            boxes.append(CertifiedBox(which.leg, which.eps, *sides, name))
+            lo, hi = ((), ()) if one is None else (one.lo, one.hi)
+            boxes.append(CertifiedBox(which.leg, which.eps, tuple(map(float, lo)), tuple(map(float, hi)), name))
     wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
     sets = _certified_sets(asked, say) if wanted else []
     at: tuple[PoseAccuracy, ...] = ()

@@ -22,6 +22,7 @@ from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import Monomial
 from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.minimum import Minimum
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -39,7 +40,7 @@ def value(monomial: Monomial, point: list[Fraction]) -> Fraction:
 
 @pytest.mark.parametrize("arithmetic", ["float64", "arb"])
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(seed=SEEDS)
 def test_shift_matrix_encloses_the_exact_one(arithmetic: str, degree: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -98,7 +99,7 @@ def test_contracts_a_leg_at_100_mm_where_hc4_cannot(campaign: Campaign, exact: b
     assert all(step.rows for step in by_lifted.steps)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_never_loses_the_true_leg_within_its_reading_sets(seed: int) -> None:
     """Noise truncated at the sets' ends: the true parameters solve the network at eps = 0."""
@@ -150,35 +151,6 @@ def test_a_measurement_decides_at_neither_end_across_a_pole_or_a_missing_root() 
     assert 0.05 in Lifted(net).contract(net.domain).box["x"]  # m = 1, where the root begins
 
 
-def test_proves_emptiness_and_says_which_rows_did() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([x * x + y * y <= 1, x + y >= 1.6])
-    result = Lifted(net).contract(net.domain)
-    assert result.box.is_empty
-    assert {row for step in result.steps for row in step.rows} == {(0, 0), (1, 0)}
-
-
-def test_point_is_the_optimum_of_the_objective_and_lies_in_the_box() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
-    net.add([x + y >= 1, x - 2 * y <= 0.5])
-    result = Lifted(net, objective="x").contract(net.domain)
-    assert result.point is not None
-    assert result.point[0] == pytest.approx(-1.0)
-    assert result.point in result.box
-
-
-@pytest.mark.parametrize("bounds", [(-np.inf, np.inf), (-1e200, 1e200), (0.0, 0.0)])
-def test_boxes_it_cannot_use_come_back_unharmed(bounds: tuple[float, float]) -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), bounds), net.variable("y", (), (-3, 3))
-    net.add((x * x + y * y * y).within((0, 1)))
-    result = Lifted(net).contract(net.domain).box
-    assert result.subset(net.domain)
-    assert (0.0, 1.0) in result
-
-
 def test_a_divisor_that_may_be_zero_is_no_error() -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (0, 0)), net.variable("y", (), (-3, 3))
@@ -201,21 +173,20 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         np.testing.assert_array_equal(one.hi, other.hi)
 
 
+@pytest.fixture(scope="module")
+def closed() -> tuple[ConstraintNetwork, Minimum]:
+    """A leg, and its least eps within 100 mm."""
+    few = exact_readings(simulate(seed=5, joint_error=1.0, extremal=False, random_poses=12))
+    engine = get_arithmetic("float64")
+    net = leg_network(few, 1, leg_box(least_squares(few, 1), 100.0), engine=engine, eps=(0.0, 100.0))
+    return net, run(minimize(net, "eps", Lifted(net, objective="eps"), engine=engine, limits=Limits()), None)
+
+
 @pytest.mark.parametrize("arithmetic", ["float64", "arb"])
-def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(arithmetic: str) -> None:
-    campaign = exact_readings(simulate(seed=5, joint_error=1.0, extremal=False, random_poses=20))
-    used = get_arithmetic("float64")
-    box = leg_box(least_squares(campaign, 1), 100.0)
-    found = run(
-        minimize(
-            (net := leg_network(campaign, 1, box, engine=used, eps=(0.0, 100.0))),
-            "eps",
-            Lifted(net, objective="eps"),
-            engine=used,
-            limits=Limits(),
-        ),
-        None,
-    )
+def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(
+    closed: tuple[ConstraintNetwork, Minimum], arithmetic: str
+) -> None:
+    net, found = closed
     assert found.witness is not None
     point, radius = found.witness.point, np.full(8, 0.05)
     small = net.domain.with_bounds(point - radius, np.append(point[:7] + radius[:7], found.hi))
