@@ -58,7 +58,6 @@ from cpcal.report import (
     parameters_section,
     write_report,
 )
-from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
     CampaignRow,
     comparison_lines,
@@ -69,7 +68,7 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
-from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict

@@ -46,7 +46,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     found = {part: checked_certificates(folder / part) for part in (FITS, RUN, PIXEL_RUN)}
     accepted, said = check_all(found.values())
     if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
-        from cpcal.checker.pose_claim import check_pose_sets
+        from cpcal.checker.sight import check_pose_sets
 
         sets = check_pose_sets(folder / PIXEL_SETS)
         refused = [f"{one.name} ({one.refused})" for one in sets if one.refused is not None]

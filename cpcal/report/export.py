@@ -18,9 +18,8 @@ from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_u
 from cpcal.common.values import Floats
 from cpcal.questions import LegResult, Result, model_of, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
-from cpcal.report.advice import fitted
 from cpcal.report.run_page import command
-from cpcal.report.words import FRAME, overall
+from cpcal.report.words import FRAME, fitted, overall
 from cpcal.robot import Campaign, normalised, rotation_matrix
 
 # ------------------------------------------------------------------------------------------------------------------

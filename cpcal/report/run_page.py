@@ -25,17 +25,22 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
-from cpcal.report.advice import FEW, Fitted, advise, fitted, measurement_names, support_numbers
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
+    FEW,
     LONGER,
     QUANTIFIER,
+    Fitted,
+    advise,
     assumptions,
     center_sentence,
+    fitted,
     leg_sentence,
+    measurement_names,
     notices,
     overall,
+    support_numbers,
 )
 from cpcal.robot import Campaign, rotation_matrix
 from cpcal.robot.mistakes import suspicions
