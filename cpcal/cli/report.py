@@ -28,8 +28,8 @@ from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.questions import Result, load_result
-from cpcal.questions.fits import fits_of
 from cpcal.questions.hand_eye import load_hand_eye_result, verify_hand_eye
+from cpcal.questions.points import fits_of
 from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, load_images, render_study

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.checker import Refused, RobustChecked, Unusable
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import Legs, Statement, of_folder, result_of, runs_in, told
@@ -32,7 +31,8 @@ from cpcal.questions import (
     Uncertified,
     information,
 )
-from cpcal.questions.undetermined import determination
+from cpcal.questions.accuracy import ACCURACY_NAME, load_accuracy
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
