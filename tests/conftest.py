@@ -43,15 +43,15 @@ LONG = (
         "solver/execution/test_places.py",
     ),
     *("solver/execution/test_cluster.py",),
-    *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),
-    *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
-    *("handeye/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
+    *("models/test_pose_set_forgeries.py", "models/test_hand_eye_runs.py"),
+    *("report/test_browser.py", "models/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
+    *("models/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
     *("checker/forged/test_fuzz.py", "checker/valid/test_rule.py", "calibration/test_frames.py", "vision/test_dots.py"),
     *("solver/interval/test_engines.py", "questions/test_compare.py", "solver/optimize/test_rounds.py"),
     *("solver/linear/test_exact_programs.py", "questions/test_many_campaigns.py", "contractors/test_supports.py"),
     *("calibration/test_fit.py", "questions/test_data_check.py", "solver/test_compiled.py", "test_notebook.py"),
     *("solver/interval/test_sums.py", "solver/test_choice.py", "vision/test_world.py", "cli/test_pose_sets.py"),
-    *("cli/test_tampering.py", "cli/test_process.py", "vision/test_pose_set.py", "vision/test_calibrated_poses.py"),
+    *("cli/test_tampering.py", "cli/test_process.py", "models/test_pose_set.py", "vision/test_calibrated_poses.py"),
 )
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
 
