@@ -78,15 +78,15 @@ def exact_run(tmp_path_factory):
 @pytest.fixture(scope="module", params=SETUPS)
 def uncertain(request, tmp_path_factory):
     """True poses are readings at the corners of the sets, and every pixel is off by the tolerance."""
-    simulated = simulate_hand_eye(setup=request.param, images=4, corners=(3, 3), pitch=80.0, pixel_error=0.0, seed=4)
+    simulated = simulate_hand_eye(setup=request.param, images=5, corners=(3, 3), pitch=80.0, pixel_error=0.0, seed=4)
     random = np.random.default_rng(4)
-    signs = random.choice([-1.0, 1.0], (4, 6))
-    back = normalised(np.concatenate([np.ones((4, 1)), -0.5 * TURN * signs[:, 3:]], axis=1))
+    signs = random.choice([-1.0, 1.0], (5, 6))
+    back = normalised(np.concatenate([np.ones((5, 1)), -0.5 * TURN * signs[:, 3:]], axis=1))
     true = simulated.study.poses
     study = replace(
         simulated.study,
         poses=Pose(true.position - MM * signs[:, :3], quaternion_product(back, true.quaternion)),
-        pose_half_width=np.tile([MM] * 3 + [TURN] * 3, (4, 1)),
+        pose_half_width=np.tile([MM] * 3 + [TURN] * 3, (5, 1)),
         pixels=simulated.study.pixels + PIXEL * random.choice([-1.0, 1.0], simulated.study.pixels.shape),
     )
     run = Run(tmp_path_factory.mktemp("runs") / "uncertain", study, simulated.truth)
@@ -303,7 +303,7 @@ EXACT = NUMBERS | {
 }
 UNCERTAIN = {name: NUMBERS[name] for name in ("a larger lower end", "a smaller upper end", "a larger tolerance")} | {
     "a reading above its half-width": (put("readings", 0, 0, to=MM * (1 + 1e-9)), "upper end", "beyond its half-width"),
-    "a turn below its half-width": (put("readings", 3, 5, to=-TURN * (1 + 1e-9)), "upper end", "beyond its half"),
+    "a turn below its half-width": (put("readings", 4, 5, to=-TURN * (1 + 1e-9)), "upper end", "beyond its half"),
     "no readings": (put("readings", to=[]), "upper end", "are not those of the study's poses"),
     "a reading too few": (without_one("readings"), "upper end", "are not those of the study's poses"),
     "another reading": (put("readings", 0, to=lambda one: [0.5 * v for v in one]), "upper end", "not the largest"),
