@@ -7,8 +7,6 @@ from typing import Annotated, Literal
 
 import typer
 
-from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
-from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.options import Status, Talk, answer, check_target, output
 from cpcal.common.errors import InputError, Problem
@@ -17,6 +15,7 @@ from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
 from cpcal.models.platform import Workspace
 from cpcal.questions import load_result
+from cpcal.questions.accuracy import Accuracy, NamedPoses, certify_accuracy, save_accuracy
 from cpcal.report.accuracy_page import ACCURACY_PAGE, assumption, sentences, write_accuracy
 
 

@@ -43,9 +43,9 @@ from cpcal.questions import (
     save_result,
     verdict_of,
 )
-from cpcal.questions.ask import answered, question_of
+from cpcal.questions.ask import HERE, answered
 from cpcal.questions.compare import comparison
-from cpcal.questions.question import HERE, Checkpoints, Question
+from cpcal.questions.question import Checkpoints, Question, question_of
 from cpcal.report import (
     FRAME,
     LONGER,
@@ -58,7 +58,6 @@ from cpcal.report import (
     parameters_section,
     write_report,
 )
-from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
     CampaignRow,
     comparison_lines,
@@ -69,7 +68,7 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
-from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
@@ -95,7 +94,7 @@ _MOST_LEGS = 6  # of which each has a line
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
     """The answer in ten lines at most, or all of it."""
-    title = Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold")
+    title = Text(f"{printable(result.campaign.robot)}: {result.campaign.measurements:,} measurements", style="bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
@@ -288,7 +287,7 @@ class CampaignWork:
                 kept = Checkpoints.for_run(task.run, question, resume=self.resume)
                 kept.begin()
             with linear_algebra_on_one_thread(), scratch_folder() as folder:
-                asked_here = replace(question, certificates=folder, checkpoints=kept, whole=True)
+                asked_here = replace(question, certificates=folder, checkpoints=kept)
                 result = _something(answered(asked_here))
                 save_result(result, folder, campaign)
                 write_report(campaign, result, folder, checker=self.checker)
@@ -381,7 +380,7 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
         found = load_result(run)
     except InputError:
         return None
-    known = (found.options, found.version, found.campaign_sha256)
+    known = (found.options, found.version, found.campaign.sha256)
     same = known == (question.options, __version__, campaign_sha256(campaign))
     return found if same and not found.interrupted else None
 
@@ -470,6 +469,7 @@ class CertifyFlags:
             "legs": numbers_of(self.legs),
             "contractors": names_of(self.contractors),
             "half_widths": half_widths_of(self.half_width or []),
+            "ranges": True,
         }
 
     def only(self, *names: str, where: Where, because: str) -> None:
@@ -539,7 +539,7 @@ def certify(
         options.only(*_WITH_OUTLIERS, where=where, because="with --outliers")
     check_target(run, RUN, campaign)
     with where.place() as place:
-        question = replace(question_of(warn(load_campaign(campaign)), **options.given()), whole=True)
+        question = question_of(warn(load_campaign(campaign)), **options.given())
         how: dict[str, Any] = {"as_json": options.as_json, "checker": not options.no_checker, "resume": where.resume}
         return status_of(certified_into(run, question, talk=talk, place=place, **how))
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.checker import Refused, RobustChecked, Unusable
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import Legs, Statement, of_folder, result_of, runs_in, told
@@ -32,13 +31,14 @@ from cpcal.questions import (
     Uncertified,
     information,
 )
-from cpcal.questions.undetermined import determination
+from cpcal.questions.accuracy import ACCURACY_NAME, load_accuracy
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
-    from cpcal.checker.pose_claim import PoseSetChecked
+    from cpcal.checker.sight import PoseSetChecked
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -187,7 +187,7 @@ NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry"
 
 def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
     """What is accepted of one claim or a folder of them. Raises InputError where there is nothing to check."""
-    from cpcal.checker.pose_claim import check_pose_set, check_pose_sets  # the other kinds start sooner without
+    from cpcal.checker.sight import check_pose_set, check_pose_sets  # the other kinds start sooner without
 
     try:
         found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.accuracy.findings import Accuracy, CellAccuracy, WorkspaceAccuracy
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.questions.accuracy import Accuracy, WorkspaceAccuracy
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 
@@ -172,7 +172,14 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
     )
     legend |= {"dashed": "left out", "": "× worst pose met"}
-    cells = Table(("cell",), [(_cell_text(cell),) for cell in over.left_out], ("word",), "", _MOST, "accuracy.json")
+    cells = Table(
+        ("cell",),
+        [(f"{_pose_text(cell.lo)} to {_pose_text(cell.hi)}",) for cell in over.left_out],
+        ("word",),
+        "",
+        _MOST,
+        "accuracy.json",
+    )
     left = Section("Cells left out", ["Nothing is proved of the poses in these cells."], tables=[cells])
     parts = [left] * bool(over.left_out)
     yield Section("Where in the workspace", figures=[Drawing(map_svgs(over), legend, caption)], parts=parts)
@@ -263,12 +270,3 @@ def _pose_text(pose: tuple[float, ...]) -> str:
     turns = [math.degrees(v) for v in pose[3:]]
     text = f"({', '.join(nearest(v, 1) for v in pose[:3])}) mm"
     return text if not any(turns) else f"{text}, turned by ({', '.join(nearest(v, 2) for v in turns)})°"
-
-
-def _cell_text(cell: CellAccuracy) -> str:
-    lo, hi = list(cell.lo[:3]), list(cell.hi[:3])
-    lo += [math.degrees(v) for v in cell.lo[3:]]
-    hi += [math.degrees(v) for v in cell.hi[3:]]
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    parts = zip(names, lo, hi, strict=True)
-    return ", ".join(f"{n} {nearest(a, 2)} to {nearest(b, 2)}" for n, a, b in parts if b > a)

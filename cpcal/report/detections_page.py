@@ -38,9 +38,9 @@ def arrow_svg(means: MeanVectors, x: Span, y: Span, unit: str, *, label: str, le
     pitch = math.sqrt(abs(x[1] - x[0]) * abs(y[1] - y[0]) / max(len(means.at), 9))  # between neighbours, about
     stretch = _REACH * pitch / longest
     plot.line(DOT, *np.stack([means.at, means.at + stretch * means.mean], axis=1), width=0.9)
-    plot.marks(means.at, "dot", EDGE, 2.6)
+    plot.marks(means.at, "dot", EDGE, 3.6)
     bar = evenly(0.0, longest, 2)[-1]
-    start, height = x[1] - math.copysign(stretch * bar, x[1] - x[0]), y[1] + 0.02 * (y[1] - y[0])
+    start, height = x[1] - math.copysign(stretch * bar, x[1] - x[0]), y[1] + 0.04 * (y[1] - y[0])
     plot.line(INK, [(start, height), (x[1], height)], width=1.4)
     left, top = plot.at([(start, height)])[0].tolist()
     plot.text(left - 6.0, top, f"residual {about(bar, 2)} {unit}", anchor="end")

@@ -17,7 +17,6 @@ from cpcal.common.numbers import (
     at_least,
     at_most,
     bracket_text,
-    gap_text,
     nearest,
     rounded_down,
     rounded_up,
@@ -58,30 +57,8 @@ def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, das
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
-    asked, *rest = sentences(found)
+    asked, first, *rest = sentences(found)
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
-    page = Page(
-        f"Hand-eye calibration: {found.setup}",
-        "hand-eye calibration",
-        "How well do any frames explain the pixels?",
-        [
-            _answer(found, rest[:-1] if rest and rest[-1].endswith(":") else rest),
-            _ranges(found),
-            _classical(found),
-            *_support(found),
-            origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
-        ],
-        lead=asked,
-    )
-    return page.write(Path(folder) / HAND_EYE_PAGE)
-
-
-def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
-    low, high = bracket_text(found.eps_lo, found.eps_hi)
-    first = (
-        f" The smallest possible largest error eps* lies in [{low}, {high}] px (width "
-        f"{gap_text(found.eps_lo, found.eps_hi)})."
-    )
     note = (
         "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
         "the half-widths that the study states. Errors are measured on undistorted pixels."
@@ -92,7 +69,30 @@ def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
         badge = verdict("undecided", "undecided")
     else:
         badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
-    return Section("Answer", [(badge, first), *rest], notes=[note])
+    points: dict[str, list[str]] = {}
+    for image, point in found.support:
+        points.setdefault(image, []).append(point)
+    forced = (
+        "The last step of the proof uses these points. Look at them first: a slipped board, a wrong pose, a badly "
+        "found corner."
+    )
+    items = [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
+    support = [Section("What forces the lower end", [forced], items, style="few names")] if items else []
+    said = [sentence for sentence in rest if not sentence.endswith(":")]  # the last one announces the ranges
+    page = Page(
+        f"Hand-eye calibration: {found.setup}",
+        "hand-eye calibration",
+        "How well do any frames explain the pixels?",
+        [
+            Section("Answer", [(badge, f" {first}"), *said], notes=[note]),
+            _ranges(found),
+            _classical(found),
+            *support,
+            origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
+        ],
+        lead=asked,
+    )
+    return page.write(Path(folder) / HAND_EYE_PAGE)
 
 
 def _ranges(found: HandEyeResult) -> Section:
@@ -120,13 +120,12 @@ def _ranges(found: HandEyeResult) -> Section:
         bars.append(Bar(names[k][0], lo - middle, hi - middle, fit - middle, at_most(hi - lo, 2)))
     svg = bars_svg(bars, "position − best frames [mm]", "Ranges of the positions", words=(math.inf, "width [mm]"))
     caption = "Ranges of the positions about the best frames; the mark is the least-squares answer."
-    positions = Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")])
     return Section(
         title,
         [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
-        parts=[positions, frames],
+        parts=[Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")]), frames],
     )
 
 
@@ -156,19 +155,6 @@ def _classical(found: HandEyeResult) -> Section:
         figures=[Drawing([svg], caption=caption)],
         parts=[Section("Images, worst first", tables=[table], folded=True)],
     )
-
-
-def _support(found: HandEyeResult) -> Iterator[Section]:
-    points: dict[str, list[str]] = {}
-    for image, point in found.support:
-        points.setdefault(image, []).append(point)
-    if points:
-        said = (
-            "The last step of the proof uses these points. Look at them first: a slipped board, a wrong pose, a "
-            "badly found corner."
-        )
-        items = [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
-        yield Section("What forces the lower end", [said], items, style="few names")
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.checker.command import main
 from cpcal.cli.app import app
+from cpcal.questions.accuracy import load_accuracy, save_accuracy
 from cpcal.simulate import simulate
 
 ERROR = 0.02  # mm: the joint error's amplitude, so the assumption holds
