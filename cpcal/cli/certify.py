@@ -43,8 +43,7 @@ from cpcal.questions import (
     save_result,
     verdict_of,
 )
-from cpcal.questions.ask import HERE, answered
-from cpcal.questions.compare import comparison
+from cpcal.questions.ask import HERE, answered, comparison
 from cpcal.questions.question import Checkpoints, Question, question_of
 from cpcal.report import (
     FRAME,

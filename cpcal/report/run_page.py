@@ -548,7 +548,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
         "With the certificates: the verdict on all legs and on each, the tolerance, sentences on the error, brackets, "
         "certified parameters, ranges, enclosures and their widths, and the box; with the campaign in this page: its "
         "SHA-256 and the number of measurements. Under the pointer each says so. Not compared: figures, other prose, "
-        "least squares, nominal values, other frames, what to look at and to do next"
+        "least squares, nominal values, what to look at and to do next"
         f"{', the tables of the study' * study}, and counts of the search. Whoever edits the scripts too is found by "
         "cpcal verify only."
     )
