@@ -15,7 +15,7 @@ from cpcal.calibration import CalibrationRecord, calibrate_study
 from cpcal.calibration.statistics import Of
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
-from cpcal.cli.image import IMAGES, SHOTS, TABLES, detected, enclosed, shot_study, write_shots
+from cpcal.cli.image import IMAGES, TABLES, detected, enclosed, shot_study, write_shots
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
@@ -25,10 +25,11 @@ from cpcal.cli.options import (
     RUN,
     STUDY,
     TIMEOUT,
-    VALIDATION,
+    Force,
     Status,
     Talk,
     check_new,
+    option,
     output,
 )
 from cpcal.cli.progress import Legs, line
@@ -41,7 +42,6 @@ from cpcal.legs import PLAIN
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.ask import question_of
 from cpcal.questions.fits import certify_fits
-from cpcal.report.section import Picture, picture
 from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
 from cpcal.robot import DELTALAB, Campaign, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
@@ -50,11 +50,9 @@ from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder
 from cpcal.vision.batch.enclose import Enclosing
 from cpcal.vision.batch.study_images import RenderedImages, study_table
-from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, by_reason, readings_of, values_of
+from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, readings_of, values_of
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.pose_sets import CameraSet, PoseSet, TargetSet, campaign_of
-from cpcal.vision.render import overlay
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice
@@ -79,13 +77,13 @@ PLAN = DemoPlan()
 
 def demo(
     folder: Annotated[Path, output("DIR", "Folder for the study and all that follows from it.")] = Path("cpcal-demo"),
-    seed: Annotated[int, typer.Option(help="Of the simulated robot and its readings.")] = 1,
+    seed: Annotated[int, option(None, "Of the simulated robot and its readings.")] = 1,
     images: Annotated[
-        bool, typer.Option("--images", help="Render images of the study, and find its poses in them.")
+        bool, option(None, "Render images of the study, and find its poses in them.", "--images")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+    force: Force = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where a stopped demo of the same options was.")
+        bool, option(None, "Go on in DIR, from where a stopped demo of the same options was.", "--resume")
     ] = False,
     *,
     talk: Talk,
@@ -98,16 +96,20 @@ def demo(
     also DIR/images and what was found in them, and a campaign whose reading sets are proved from pixels, certified too.
     A certificate that the checker refuses makes the exit status 1.
     """
-    check_new(folder, force=force or _is_earlier_demo(folder))
+    check_new(folder, force=force or resume)
     for name in (REPORT_NAME, IMAGES_NAME):  # what is older must not stand beside newer results
         (folder / name).unlink(missing_ok=True)
     photos = _images(folder, seed, talk) if images else None
     given: dict[str, Any] = {"seed": seed, **PLAN.size, **PLAN.imperfect}
     study = photos.study if photos else simulate_study(**given)
     save_study(study, folder / STUDY)
-    record = _calibrated(folder, seed, talk)
+    how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
+    talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
+    found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
+    write_calibration(found, found.record, folder)
+    show_record(talk, found.record)
     campaign = load_campaign(folder / CAMPAIGN)
-    _fits(campaign, record, folder / FITS, talk)
+    _fits(campaign, found.record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
         question = replace(question_of(of, legs=PLAN.legs), whole=True)
@@ -118,22 +120,11 @@ def demo(
     if photos is not None:
         talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
         sets, pixel = _pixel_campaign(photos, campaign, folder, talk)
-        found = _images_found(photos, sets, (pixel, campaign), (run(PIXEL_RUN, pixel), result))
-        save_images(found, folder)
+        save_images(_images_found(photos, sets, (pixel, campaign), (run(PIXEL_RUN, pixel), result)), folder)
     accepted, whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
     return status_of(result) if accepted else Status.UNKNOWN
-
-
-def _is_earlier_demo(folder: Path) -> bool:
-    """Whether a folder holds a study that `cpcal demo` wrote, or the poses found so far, and nothing besides."""
-    known = {"calibration.json", IMAGES, "images.json", "report.html", STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT}
-    known |= {PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN, *SHOTS}
-    begun = folder / "poses-calibration.csv.journal"
-    if not ((folder / STUDY / "study.toml").is_file() or begun.is_file()):
-        return False
-    return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())
 
 
 def _unless_stopped(certified: Callable[[], Result]) -> Result:
@@ -143,16 +134,6 @@ def _unless_stopped(certified: Callable[[], Result]) -> Result:
         if result.interrupted:
             raise typer.Exit(status_of(result))
         return result
-
-
-def _calibrated(folder: Path, seed: int, talk: Talk) -> CalibrationRecord:
-    """Read the study, calibrate, write, show."""
-    how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
-    talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
-    found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
-    write_calibration(found, found.record, folder)
-    show_record(talk, found.record)
-    return found.record
 
 
 def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Talk) -> None:
@@ -172,7 +153,7 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
     talk.say(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
     limits: dict[str, Any] = {"time_limit": PLAN.timeout_seconds, "gap": PLAN.timeout_gap}
-    with line(talk.errors) as shown:
+    with line(talk.console()) as shown:
         timeout = certify(campaign, legs=legs, method="timeout", progress=Legs(shown), **limits)
     save_result(timeout, folder, campaign)
     show_result(replace(talk, verbose=False), campaign, timeout, PLAIN)
@@ -241,10 +222,8 @@ def _pixel_campaign(
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What the demo's page says of the images that its study came from.
+# What the demo's page says of the images that its study came from; `detected` wrote a page of each of the two tables.
 
-_PACE = 14_784 / (3 * 3600.0)  # of the paper, images a second
-_PICTURES, _WIDTH = 6, 480
 _AXES = ("x [µm]", "y [µm]", "z [µm]", "rx [10⁻³ °]", "ry [10⁻³ °]", "rz [10⁻³ °]")
 
 
@@ -254,13 +233,15 @@ def _images_found(
     """`campaigns`, `results`: from pixels, and from repeats."""
     images = done.shots["calibration"]
     scene, camera, target = images.scene, images.camera, images.target
-    count = sum(len(found.rows) for found in done.found.values())
     light = [f"{100 * share:.0f} %" for share in scene.gradient]
+    rows = [row for found in done.found.values() for row in found.rows]
+    count, shown = len(rows), sum(row.found for row in rows)
     rendered = (
         f"The poses of this study come from {count:,} rendered images of {camera.width} x {camera.height} pixels: a "
         f"camera with a focal length of {camera.focal[0]:.0f} pixels and an ordinary lens's distortion, aimed by eye, "
         f"sees the target “{target.name}” of {len(target.dots)} dots. Blur {scene.blur:g} px, noise {scene.noise:g} "
-        f"grey levels of 256, light that grows by {light[0]} from left to right and by {light[1]} downwards."
+        f"grey levels of 256, light that grows by {light[0]} from left to right and by {light[1]} downwards. "
+        f"{shown:,} of them show a pose: see the pages beside poses-calibration.csv and poses-validation.csv."
     )
     detected = (
         "Dots are found to a hundredth of a pixel or better, told apart by the cross-ratios along the two diagonals, "
@@ -294,48 +275,12 @@ def _images_found(
         brackets.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
     return ImagesFound(
         (
-            ImagePart(
-                "Figure 2 and section 2.3: from images to poses",
-                (rendered, detected),
-                _counts(done),
-                tuple(_pictures(done)),
-            ),
+            ImagePart("Figure 2 and section 2.3: from images to poses", (rendered, detected)),
             ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
-            ImagePart("Time", (_pace(done),)),
             ImagePart("Reading sets from pixels", (enclosed,), tuple(widths)),
             ImagePart("", (again,), tuple(brackets)),
         )
     )
-
-
-def _pictures(done: ImageStudy) -> list[Picture]:
-    """Some images of the calibration, evenly spread."""
-    images = done.shots["calibration"]
-    rows = [row.file for row in done.found["calibration"].rows if row.found]
-    out = []
-    for name in [rows[k] for k in np.linspace(0, len(rows) - 1, min(_PICTURES, len(rows))).astype(int)]:
-        image = images.read(name)
-        try:
-            found = measure_pose(image, images.target, images.camera)
-        except NotMeasured:  # rendered anew it is the same image, so that this does not happen
-            continue
-        pose, run, shot = PurePosixPath(name).with_suffix("").parts
-        caption = f"configuration {pose}, run {run}, image {shot}: {len(found.numbers)} dots"
-        height = round(_WIDTH * image.shape[0] / image.shape[1])
-        out.append(picture(caption, overlay(image, found, images.target, images.camera, _WIDTH), (_WIDTH, height)))
-    return out
-
-
-def _counts(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    lines: list[tuple[str, ...]] = []
-    for name, found in done.found.items():
-        values = values_of(found.rows)
-        dots = np.median([row.dots for row in found.rows if row.found])
-        rms = np.median(values[:, RMS])
-        lines.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
-        for reason, files in by_reason(found.rows).items():
-            lines.append((f"no pose: {reason}", f"{len(files):,}", "", "", ""))
-    return (("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), *lines)
 
 
 def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
@@ -356,9 +301,3 @@ def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
         "error / its stated deviation, RMS": np.sqrt(np.mean((error / sigma) ** 2, axis=0)),
     }
     return (("", *_AXES), *((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items()))
-
-
-def _pace(done: ImageStudy) -> str:
-    count, total = (sum(getattr(found, name) for found in done.found.values()) for name in ("measured", "seconds"))
-    pace = f"{count / total:.0f} images a second of work" if total > 0.0 else "No image was measured now"
-    return f"{pace}; the paper: {_PACE:.1f}."

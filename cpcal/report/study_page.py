@@ -21,7 +21,7 @@ from cpcal.files.codec import load, save
 from cpcal.questions import Result
 from cpcal.questions.fits import CertifiedFits
 from cpcal.report.run_page import DrawingFrames, render
-from cpcal.report.section import Drawing, Mark, Picture, Section, Table
+from cpcal.report.section import Drawing, Mark, Section, Table
 from cpcal.report.svg import (
     BAND,
     DASHES,
@@ -219,7 +219,7 @@ def _significant(value: float) -> str:
 # What the page of a study says of its images: some of them with what was found, counts, errors, time, pixel sets.
 
 IMAGES_NAME = "images.json"  # beside the study
-FORMAT = "cpcal-images/2"
+FORMAT = "cpcal-images/3"
 
 
 @dataclass(frozen=True)
@@ -229,17 +229,10 @@ class ImagePart:
     title: str
     sentences: tuple[str, ...] = ()
     table: tuple[tuple[str, ...], ...] = ()
-    pictures: tuple[Picture, ...] = ()
 
     def section(self) -> Section:
-        rings = (
-            "Rings: dots that were found, each identified; lines: the two diagonals that tell where the target’s axes "
-            "are; red and green: its x axis and y axis."
-        )
-        shown = tuple((picture, picture.caption) for picture in self.pictures)
-        drawings = [Drawing(caption=rings, pictures=shown)] if shown else []
         tables = [Table(self.table[0], self.table[1:])] if self.table else []
-        return Section(self.title, self.sentences, figures=drawings, tables=tables)
+        return Section(self.title, self.sentences, tables=tables)
 
 
 @dataclass(frozen=True)

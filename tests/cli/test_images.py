@@ -179,10 +179,8 @@ def test_the_demo_goes_the_whole_road(demo):
     accepted, found = study_found(folder)
     assert accepted
     assert found.images is not None
-    assert len(found.images.parts[0].pictures) == 6
+    assert (folder / "poses-calibration.csv.html").is_file()
     page = (folder / "report.html").read_text()
-    assert page.count("data:image/jpeg;base64,") == 6
-    assert "img-src data:" in page
     parser = HTMLParser()
     parser.parse(page)
     assert parser.errors == []
@@ -190,7 +188,7 @@ def test_the_demo_goes_the_whole_road(demo):
     assert (len(pixel), len(repeats)) == (2, 11)
     assert set(pixel.pose) == set(repeats.pose[::10])
     assert not pixel.exact
-    assert "The true pose lies in 2 of the 2." in found.images.parts[3].sentences[0]
+    assert "The true pose lies in 2 of the 2." in found.images.parts[2].sentences[0]
     result = cpcal.load_result(folder / "pixel-run")
     assert result.campaign_sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
@@ -211,7 +209,6 @@ def test_what_is_kept_of_images_is_read_back(demo, tmp_path):
     for old, new, why in (
         ('"cpcal-images/', '"cpcal-image/', "is not of format"),
         ('"parts"', '"part"', "lacks parts"),
-        ('"jpeg": "/9j/', '"jpeg": "AAAA', "a picture is no JPEG"),
     ):
         assert old in text
         (tmp_path / IMAGES_NAME).write_text(text.replace(old, new, 1))
