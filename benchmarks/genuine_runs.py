@@ -20,14 +20,13 @@ from cpcal.calibration import calibrate_study
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
-from cpcal.handeye.files import save_hand_eye
-from cpcal.handeye.study import simulate_hand_eye
+from cpcal.models.hand_eye import save_hand_eye, simulate_hand_eye
+from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.questions import certify
 from cpcal.questions.fits import certify_fits
 from cpcal.robot import Pose
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 PROBLEM = "variables x in [-1, 1]; y in [0, 2]; minimize x^2 + y; constraints x + y >= 0.5; end"

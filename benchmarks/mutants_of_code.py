@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -37,6 +38,7 @@ HERE = Path(__file__).parents[1]
 LIST = Path(__file__).with_suffix(".toml")
 SHARE = 0.95  # of all mutants must be noticed
 _NOT_COPIED = shutil.ignore_patterns(".*", "build", "demo", "dist", "results*.json")
+_NAMES = re.compile(r'(?:def test_\w+|"[^"\n]*")')  # of tests, or what may be a parameter's
 _FAILED, _NO_END = 1, -1  # pytest's exit status where a test failed; ours where it was ended
 
 
@@ -104,9 +106,19 @@ def misplaced(mutants: Iterable[Mutant], root: Path = HERE) -> list[str]:
             mutant.file(root)
         except MutantError as error:
             errors.append(str(error))
-        gone = [part for part in _paths(mutant.tests) if not (root / part.partition("::")[0]).exists()]
+        paths = [root / part.partition("::")[0] for part in _paths(mutant.tests)]
+        gone = [str(path.relative_to(root)) for path in paths if not path.exists()]
+        gone = gone or _unknown_words(mutant.tests, paths)
         errors += [f"{mutant.area}: {mutant.false}: {part} is not there" for part in gone]
     return errors
+
+
+def _unknown_words(tests: str, paths: Iterable[Path]) -> list[str]:
+    """The words after -k, where no test that the paths hold can have one of them in its name."""
+    words = re.findall(r"\w+", tests.partition(" -k ")[2])
+    files = [file for path in paths for file in ([path] if path.is_file() else path.rglob("*.py"))]
+    names = " ".join(name for file in files for name in _NAMES.findall(file.read_text("utf-8"))).lower()
+    return [] if not words or any(word.lower() in names for word in words) else [f"a test called {' '.join(words)}"]
 
 
 def outcome(mutant: Mutant, original: Path, seconds: float) -> Outcome:
@@ -149,14 +161,16 @@ def copy_of(original: Path, root: Path, *, linked: bool = False) -> Path:
     return root
 
 
-def unchanged_failures(mutants: Iterable[Mutant], original: Path, seconds: float) -> list[str]:
-    """Which of the named tests do not pass in the tree as it is: they would notice anything."""
-    errors = []
-    for tests in sorted({mutant.tests for mutant in mutants}):
-        status, printed = run_tests(tests, original, seconds)
-        if status:
-            errors.append(f"{tests}: pytest ends with {status} without a change\n{printed[-2000:]}")
-    return errors
+def unchanged_failures(mutants: Iterable[Mutant], original: Path, seconds: float, processes: int = 1) -> dict[str, str]:
+    """The named tests that do not pass in the tree as it is, which would notice anything: how they end."""
+    named = sorted({mutant.tests for mutant in mutants})
+    with ThreadPoolExecutor(processes) as pool:
+        ended = pool.map(lambda tests: run_tests(tests, original, seconds), named)
+        return {
+            tests: f"{tests}: pytest ends with {status} without a change\n{printed[-2000:]}"
+            for tests, (status, printed) in zip(named, ended, strict=True)
+            if status
+        }
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
@@ -189,10 +203,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         original = copy_of(HERE, Path(folder) / "tree")
-        errors += unchanged_failures(mutants, original, asked.seconds) if not errors else []
         if errors or not mutants:
             print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
             return 2
+        failing = unchanged_failures(mutants, original, asked.seconds, asked.processes)
+        errors += failing.values()
+        mutants = [mutant for mutant in mutants if mutant.tests not in failing]
         with ThreadPoolExecutor(asked.processes) as pool:
             for mutant, job in [(m, pool.submit(outcome, m, original, asked.seconds)) for m in mutants]:
                 try:

@@ -32,11 +32,11 @@ import numpy as np
 from benchmarks.vision_scenes import Setting, facing_poses, one, simulated_views
 from cpcal.checker.pose_claim import check_pose_set
 from cpcal.common.values import Floats, Indices
+from cpcal.models.sight import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.robot import Pose, transformed
 from cpcal.solver.contract import Verdict
 from cpcal.vision.calibrate import calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 

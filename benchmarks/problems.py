@@ -22,7 +22,7 @@ import numpy as np
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.common.values import Floats
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.interval import Box, get_arithmetic

@@ -32,17 +32,15 @@ import numpy as np
 
 import cpcal
 from cpcal.accuracy.accuracy import distances
-from cpcal.accuracy.certified_set import AskedSet, certified_set
 from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
-from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
-from cpcal.handeye.certify import Within, certify_hand_eye, save_hand_eye_result
-from cpcal.handeye.files import study_json
-from cpcal.handeye.study import SETUPS, simulate_hand_eye
-from cpcal.handeye.verify import verify_hand_eye
-from cpcal.legs import fit_model
+from cpcal.models import fit_model
+from cpcal.models.hand_eye import SETUPS, simulate_hand_eye, study_json
+from cpcal.models.leg_set import AskedSet, certified_set
+from cpcal.models.platform import pose_bounds
 from cpcal.questions.bracket import verified_rows
+from cpcal.questions.hand_eye import Within, certify_hand_eye, save_hand_eye_result, verify_hand_eye
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE

@@ -1,8 +1,8 @@
-from .accuracy import Accuracy, NamedPoses, Workspace, certify_accuracy
+from .accuracy import Accuracy, NamedPoses, certify_accuracy
 from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
-from .legs import LegModel, Measured, Parameter
+from .models import LegModel, Measured, Parameter, Workspace
 from .questions import (
     DataCheck,
     LegResult,

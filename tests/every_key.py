@@ -14,9 +14,8 @@ from typing import Any
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy
 from cpcal.checker.hand_eye import HAND_EYE_NAME, WRONG_NAME
 from cpcal.files.codec import INFORMATION, keys_of
-from cpcal.handeye.certify import HandEyeResult
-from cpcal.handeye.wrong_images import WrongImages
 from cpcal.questions import RESULT_NAME, Result
+from cpcal.questions.hand_eye import HandEyeResult, WrongImages
 
 FILES = {
     RESULT_NAME: Result,

@@ -17,9 +17,9 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # Added to a command so that it ends soon, which changes nothing of how it is understood: the last value counts.
 SHORT = {
     "simulate": ["--factor", "0"],
-    "certify": ["--legs", "1", "--time-limit", "2"],
+    "certify": ["--legs", "1", "--time-limit", "1"],
     "handeye study --simulate": ["--simulate", "5"],
-    "handeye certify": ["--time-limit", "3"],
+    "handeye certify": ["--time-limit", "1"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "image": "tests/vision, tests/cli/test_images.py, tests/cli/test_pose_sets.py",

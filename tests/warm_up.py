@@ -1,6 +1,6 @@
 """The compiled kernels, made once before many workers want them: a cold start takes two minutes of processor time.
 
-python -m tests.warm_up programs | networks | images | legs
+python -m tests.warm_up [programs] [networks] [images] [legs]
 """
 
 from __future__ import annotations
@@ -13,20 +13,18 @@ from tempfile import TemporaryDirectory
 
 
 def compile_kernels() -> None:
-    """In processes of their own; those that are in the cache cost next to nothing.
+    """In two processes, which never make the same kernel; those that are in the cache cost next to nothing.
 
-    Two at once never make the same kernel: legs call those of programs and of networks.
+    Legs call the kernels of programs and of networks.
     """
-    first = {part: _begun(part) for part in ("programs", "networks", "images")}
-    first.pop("programs").wait()
-    first.pop("networks").wait()
-    _begun("legs").wait()
-    first.pop("images").wait()
-
-
-def _begun(part: str) -> subprocess.Popen[bytes]:
-    here = Path(__file__).parents[1]  # what fails there fails again, and is told, where it is used
-    return subprocess.Popen([sys.executable, "-m", "tests.warm_up", part], cwd=here, stderr=subprocess.DEVNULL)
+    here = Path(__file__).parents[1]
+    begun = [
+        # what fails there fails again, and is told, where it is used
+        subprocess.Popen([sys.executable, "-m", "tests.warm_up", *parts], cwd=here, stderr=subprocess.DEVNULL)
+        for parts in (("programs", "networks", "legs"), ("images",))
+    ]
+    for process in begun:
+        process.wait()
 
 
 def _programs() -> None:
@@ -80,4 +78,5 @@ def _legs() -> None:
 PARTS: dict[str, Callable[[], None]] = {"programs": _programs, "networks": _networks, "images": _images, "legs": _legs}
 
 if __name__ == "__main__":
-    PARTS[sys.argv[1]]()
+    for name in sys.argv[1:]:
+        PARTS[name]()

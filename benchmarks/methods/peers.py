@@ -27,7 +27,7 @@ from benchmarks.methods import TaskQuestion, Work
 from benchmarks.problems import Leg
 from benchmarks.runs import MethodAnswer, Unsupported
 from cpcal.common.values import Floats
-from cpcal.legs import residuals
+from cpcal.models import residuals
 from cpcal.robot import rotation_matrix
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products

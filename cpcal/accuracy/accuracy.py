@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.certified_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.accuracy.findings import (
     Accuracy,
     AssumedError,
@@ -26,7 +25,6 @@ from cpcal.accuracy.findings import (
 )
 from cpcal.accuracy.model_error import Growth, growth
 from cpcal.accuracy.next_poses import next_poses
-from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.calibration import fit
 from cpcal.checker.platform import LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import CpcalError, InputError, Problem
@@ -34,7 +32,9 @@ from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.legs import PLAIN, beyond_legs, fit_model
+from cpcal.models import PLAIN, beyond_legs, fit_model
+from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
+from cpcal.models.platform import Covered, Workspace, cover
 from cpcal.questions import CampaignNote, Result
 from cpcal.robot import (
     Campaign,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import ConstraintNetwork

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.accuracy.certified_set import CertifiedSet
 from cpcal.accuracy.findings import NextPose
 from cpcal.common.values import Floats
-from cpcal.legs import PLAIN, ModelResiduals, reading_sensitivities
+from cpcal.models import PLAIN, ModelResiduals, reading_sensitivities
+from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import (
     Campaign,
     KinematicsError,

@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import Accuracy, save_accuracy
-from cpcal.accuracy.workspace import Workspace
 from cpcal.cli.options import Status, Talk, answer, argument, numbers_of, option, output
 from cpcal.cli.verify import refusals
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
+from cpcal.models.platform import Workspace
 from cpcal.questions import load_result
 from cpcal.report.accuracy_page import assumption, sentences, write_accuracy
 

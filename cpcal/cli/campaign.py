@@ -34,7 +34,7 @@ from cpcal.files import (
     save_study,
     settings_template,
 )
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions.data_check import check_data, expected, mistake_in
 from cpcal.robot import ROBOTS, Campaign, KnownRobot, Uncertainty, known_robot, rotation_vector
 from cpcal.robot.campaign import Given, stated_uncertainty

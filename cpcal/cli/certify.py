@@ -34,7 +34,7 @@ from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import RUN, answers_into, locked
-from cpcal.legs import LegModel, built_in
+from cpcal.models import LegModel, built_in
 from cpcal.questions import Result, load_result, save_result, verdict_of
 from cpcal.questions.ask import answered, question_of
 from cpcal.questions.compare import comparison

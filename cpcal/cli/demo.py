@@ -38,7 +38,8 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
+from cpcal.models.sight import CameraSet, Enclosing, PoseSet, TargetSet, campaign_of
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.ask import question_of
 from cpcal.questions.fits import certify_fits
@@ -48,11 +49,9 @@ from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder
-from cpcal.vision.batch.enclose import Enclosing
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, readings_of, values_of
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.pose_sets import CameraSet, PoseSet, TargetSet, campaign_of
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice

@@ -15,17 +15,16 @@ from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
 from cpcal.files import load_study
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG
-from cpcal.handeye.certify import (
-    GAP,
-    HandEyeResult,
-    Within,
-    certify_hand_eye,
-    load_hand_eye_result,
-    save_hand_eye_result,
+from cpcal.models.hand_eye import (
+    HandEyeStudy,
+    Setup,
+    load_hand_eye,
+    load_hand_poses,
+    save_hand_eye,
+    simulate_hand_eye,
+    study_json,
 )
-from cpcal.handeye.files import load_hand_eye, load_hand_poses, save_hand_eye, study_json
-from cpcal.handeye.next_images import next_poses
-from cpcal.handeye.sources import (
+from cpcal.models.hand_eye_sources import (
     REMEDY,
     TARGET,
     PrintedBoard,
@@ -37,12 +36,20 @@ from cpcal.handeye.sources import (
     study_of_target_photos,
     with_half_widths,
 )
-from cpcal.handeye.study import HandEyeStudy, Setup, simulate_hand_eye
-from cpcal.handeye.words import names_of, sentences, wrong_sentences
-from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
 from cpcal.questions import load_result
+from cpcal.questions.hand_eye import (
+    GAP,
+    HandEyeResult,
+    Within,
+    certify_hand_eye,
+    find_wrong_images,
+    load_hand_eye_result,
+    save_hand_eye_result,
+    save_wrong_images,
+)
 from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
-from cpcal.report.hand_eye_page import write_hand_eye, write_wrong_images
+from cpcal.questions.next_images import next_poses
+from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye, write_wrong_images, wrong_sentences
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -28,6 +28,7 @@ from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import file_cell, guarded
+from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.detections_page import write_detections_page
 from cpcal.robot import Robot, Study
 from cpcal.simulate import simulate_study
@@ -35,7 +36,6 @@ from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
 from cpcal.vision.batch.detect import detect as detect_poses
-from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
 from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -61,7 +61,6 @@ from cpcal.vision.files.plate_and_camera import (
 )
 from cpcal.vision.files.target_print import on_paper, print_target
 from cpcal.vision.opencv import opencv
-from cpcal.vision.pose_sets import CameraSet, TargetSet
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET, Target, resized
 

@@ -28,9 +28,9 @@ from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, REPORT_NAME
-from cpcal.handeye.certify import load_hand_eye_result
 from cpcal.questions import Result, load_result
 from cpcal.questions.fits import fits_of
+from cpcal.questions.hand_eye import load_hand_eye_result
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_page import HAND_EYE_FORMS
 from cpcal.report.run_page import frames_of_run, render

@@ -12,7 +12,7 @@ from cpcal.cli.progress import SearchProgress, line
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.legs import leg_model, models
+from cpcal.models import leg, leg_model
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem
@@ -119,7 +119,7 @@ def _show(found: Answer, output: Path, talk: Talk) -> None:
 _GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
     registry.GROUP: ("contractor", registry.load),
     registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
-    models.GROUP: ("leg model", leg_model),
+    leg.GROUP: ("leg model", leg_model),
 }
 
 

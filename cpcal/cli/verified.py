@@ -22,7 +22,7 @@ from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
-from cpcal.legs import leg_model
+from cpcal.models import leg_model
 from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
 from cpcal.questions.undetermined import determination
 from cpcal.report.words import notices
@@ -31,7 +31,7 @@ from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
     from cpcal.checker.pose_claim import PoseSetChecked
-    from cpcal.legs import LegModel
+    from cpcal.models import LegModel
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -174,7 +174,7 @@ def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     """What the table of a folder states that its claims do not; "" where both agree, number by number."""
-    from cpcal.vision.batch.enclose import stem_of
+    from cpcal.models.sight import stem_of
 
     problems = Problems()
     content = small_file(path, problems, "", most=JSON_MAX)
@@ -199,7 +199,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
 
 def assumptions(target: Path) -> list[str]:
     """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
-    from cpcal.vision.pose_sets import SUFFIX
+    from cpcal.models.sight import SUFFIX
 
     files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
     said = sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files})

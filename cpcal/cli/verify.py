@@ -230,7 +230,7 @@ def _of_folder(folder: Path) -> Iterator[Statement]:
         if len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
         if heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
-            from cpcal.handeye.verify import verify_hand_eye
+            from cpcal.questions.hand_eye import verify_hand_eye
 
             yield from verify_hand_eye(folder)
         elif heads == [ACCURACY.head]:
@@ -272,7 +272,7 @@ def _there(folder: Path) -> None:
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
-        from cpcal.handeye.files import load_hand_eye, load_study_json
+        from cpcal.models.hand_eye import load_hand_eye, load_study_json
 
         if load_study_json(target) != load_hand_eye(campaign):
             yield False, "study: REFUSED, the hand-eye study is another one"

@@ -287,11 +287,13 @@ CSV_NAME = "measurements.csv"
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
     uncertainty: dict[str, object] = {"exact": True}
+    model: dict[str, object] = {}
     if (stated := campaign.uncertainty) is not None:
         suffix = "half_width" if stated.factor is None else "sigma"
         uncertainty = {} if stated.factor is None else {"factor": float(stated.factor)}
         uncertainty |= {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
-    model = {} if campaign.model is None else {"name": campaign.model.name, "half_widths": campaign.model.half_widths}
+    if (asked := campaign.model) is not None:
+        model = {"name": asked.name, "half_widths": {k: float(v) for k, v in asked.half_widths.items()} or None}
     sections = {"robot": _of_robot(campaign.robot), "uncertainty": uncertainty, "model": model}
     return document(FORMAT, sections, campaign.provenance)
 
@@ -301,11 +303,11 @@ def _of_robot(robot: Robot) -> dict[str, object]:
 
 
 def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Mapping[str, str]) -> bytes:
-    """A TOML file of its format and sections; one that is empty is left out, and so are None and empty tables."""
+    """A TOML file of its format and sections; one that is empty is left out, and so is None."""
     lines = [f"format = {written(format_)}"]
     free = {written(key): value for key, value in provenance.items()}
     for name, values in (*sections.items(), ("provenance", free)):
-        stated = {key: value for key, value in values.items() if value is not None and value != {}}
+        stated = {key: value for key, value in values.items() if value is not None}
         lines += ["", f"[{name}]", *(f"{key} = {written(value)}" for key, value in stated.items())] if stated else []
     return ("\n".join(lines) + "\n").encode()
 
@@ -474,7 +476,7 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
         reader.wrong(path, "half-widths are given both directly and as factor * sigma", remedy)
         return None
     asked, others = (widths, sigmas) if direct else (sigmas, widths)
-    found = reader.table(path, table, asked, others, remedy=f"add {{key}}; {EXACT_OR_NOT}")
+    found = reader.table(path, table, asked, {"exact": truth, **others}, remedy=f"add {{key}}; {EXACT_OR_NOT}")
     if found is None or legs is None:
         return None
     try:
@@ -597,13 +599,13 @@ def settings_template(name: str, legs: int) -> str:
     if known is None and not 1 <= legs <= _LEGS_MAX:
         raise InputError([Problem("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")])
     blank = np.full((legs, 3), np.nan)
-    robot = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
+    robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
     lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]
     if known is not None:
         robot = _of_robot(known.robot)
         lines.append(f"# Dimensions: {known.source}")
     for key, value in robot.items():
         lines += [*([f"# {_COMMENTS[key]}"] if key in _COMMENTS else []), f"{key} = {written(value)}"]
-    lengths = np.full(len(np.atleast_1d(robot["offset"])), np.nan)
+    lengths = np.full(len(robot["offset"]), np.nan)
     uncertain = f"{_UNCERTAINTY}length_sigma = {written(lengths)}    # leg readings, mm, one for each leg"
     return "\n".join([*lines, uncertain, _REST])

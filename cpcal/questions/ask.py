@@ -17,7 +17,7 @@ from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
-from cpcal.legs import LegModel, built_in, exactly_read
+from cpcal.models import LegModel, built_in, exactly_read
 from cpcal.questions import (
     CampaignNote,
     Determination,

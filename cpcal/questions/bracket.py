@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats, Indices
 from cpcal.files.folders import keep_beside
-from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
+from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.questions import SupportProof, Uncertified, VerifiedPoint
 from cpcal.questions.question import Question, chosen_model
 from cpcal.questions.verdict import calls_sentence

@@ -12,7 +12,7 @@ from typing import Any
 
 from cpcal.common.errors import Problem
 from cpcal.files.run_folder import RUN, answers_into
-from cpcal.legs import LegModel
+from cpcal.models import LegModel
 from cpcal.questions.ask import LOADS, answered, question_of
 from cpcal.questions.question import Question, chosen_model
 from cpcal.questions.result import Result

@@ -10,7 +10,7 @@ import numpy as np
 from cpcal.calibration import LegEquations, fit
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions.result import Determination
 from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign

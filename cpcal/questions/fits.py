@@ -17,7 +17,7 @@ from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import FITTED, answers_into
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions.bracket import certify_point
 from cpcal.questions.result import VerifiedPoint
 from cpcal.robot import Campaign

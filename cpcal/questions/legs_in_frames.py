@@ -17,8 +17,8 @@ from fractions import Fraction as F
 
 from cpcal.checker.frames import R_F, R_X, T_F, T_X, Interval
 from cpcal.common.errors import InputError, Problem
-from cpcal.handeye.certify import HandEyeResult
 from cpcal.questions import Result
+from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.solver.certificate.recording import rounded
 
 JOINTS = ("base x", "base y", "base z", "mobile x", "mobile y", "mobile z")

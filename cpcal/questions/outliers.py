@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.questions import LegBracket, LegResult, Uncertified, Work
 from cpcal.questions.bracket import all_or_none, written
 from cpcal.questions.question import Question

@@ -20,7 +20,7 @@ from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
-from cpcal.legs import (
+from cpcal.models import (
     PLAIN,
     LegModel,
     beyond_legs,

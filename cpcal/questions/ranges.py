@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.legs import PARAMETERS, LegModel, model_jacobian
+from cpcal.models import PARAMETERS, LegModel, model_jacobian
 from cpcal.questions import LegResult, Options, Projection, Projections, Ranges
 from cpcal.questions.bracket import PreparedLeg, by_bound
 from cpcal.robot import Campaign

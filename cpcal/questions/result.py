@@ -19,7 +19,7 @@ from cpcal.common.numbers import plain_gap, stated
 from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
-from cpcal.legs import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
+from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.solver.accounts import ContractorUse, Found, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box

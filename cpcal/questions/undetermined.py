@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.legs import LegModel, model_jacobian
+from cpcal.models import LegModel, model_jacobian
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 

@@ -16,7 +16,7 @@ from cpcal.calibration.statistics import kept
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
-from cpcal.legs import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
+from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
 from cpcal.questions import (
     LegResult,
     Result,

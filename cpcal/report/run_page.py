@@ -25,7 +25,7 @@ from cpcal.common.numbers import about, bracket_text, gap_text, nearest, plain_g
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
+from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
 from cpcal.report.advice import FEW, Fitted, advise, fitted, forcing_numbers, measurement_names, support_numbers
 from cpcal.report.figures import (

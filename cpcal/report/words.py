@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.numbers import about, stated
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions import (
     LegResult,
     LegVerdict,

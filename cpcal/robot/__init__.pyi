@@ -23,10 +23,6 @@ from .kinematics import (
     small_rotation,
     transformed,
 )
-from .proved_pose import (
-    ProvedPose,
-    prove_pose,
-)
 from .robot import (
     DELTALAB,
     EXACT_OR_NOT,
@@ -60,7 +56,6 @@ __all__ = [
     "Pose",
     "PoseRange",
     "PoseTable",
-    "ProvedPose",
     "Robot",
     "Study",
     "Truth",
@@ -75,7 +70,6 @@ __all__ = [
     "leg_vectors",
     "normalised",
     "pose_jacobian",
-    "prove_pose",
     "quaternion_conjugate",
     "quaternion_from_matrix",
     "quaternion_from_rotation_vector",

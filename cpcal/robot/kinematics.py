@@ -227,7 +227,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Forward
     `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those
     asked for in small steps, with a damped Newton iteration on (P, rotation vector) at each; a row that fails
     is tried again with shorter steps. Six legs give the pose exactly; more give the least-squares pose.
-    `cpcal.robot.prove_pose` proves one.
+    `cpcal.models.prove_pose` proves one.
 
     Raises KinematicsError for fewer than six legs, and for readings that are no lengths of such a robot.
     """

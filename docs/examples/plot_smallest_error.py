@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cpcal
-from cpcal.legs import residuals
+from cpcal.models import residuals
 
 campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
 result = cpcal.certify(campaign, delta=100.0)

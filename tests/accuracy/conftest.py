@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from cpcal.accuracy.certified_set import AskedSet, CertifiedSet, certified_set
-from cpcal.legs import fit_model
+from cpcal.models import fit_model
+from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
 from cpcal.robot import Campaign, Robot
 from cpcal.simulate import simulate
 from cpcal.simulate.campaigns import true_robot

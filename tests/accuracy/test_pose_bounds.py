@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.accuracy import pose_bounds as bounds
 from cpcal.accuracy.accuracy import distances, true_poses
-from cpcal.accuracy.certified_set import SIZE, AskedSet, certified_set
-from cpcal.accuracy.pose_bounds import ENGINE, Cells, cell_bounds, point, pose_bounds
+from cpcal.models import platform
+from cpcal.models.leg_set import SIZE, AskedSet, certified_set
+from cpcal.models.platform import ENGINE, Cells, cell_bounds, point, pose_bounds
 from cpcal.robot import (
     Pose,
     central_pose,
@@ -138,7 +138,7 @@ class Linear:
 @pytest.mark.parametrize("r", [0.1, 0.5, 0.9, 0.99, 1.01, 2.0])
 def test_what_is_proved_holds_the_zero_on_whichever_side_the_step_goes(side, r):
     step = point(np.full((1, 6), 3.0 * side))
-    region, image, proved = bounds._proved(Linear(np.full((1, 6), r)), step, np.array([True]))
+    region, image, proved = platform._proved(Linear(np.full((1, 6), r)), step, np.array([True]))
     assert proved[0] or r > 0.4
     assert not (proved[0] and r >= 1.0)
     if proved[0]:
@@ -172,11 +172,11 @@ def test_newtons_operator_holds_what_it_makes_of_every_pose_in_the_box(known):
     # x - C F(x), F by its definition; with the ends of the box, where what is not linear counts most
     poses, controller, rng = unseen(known, 3, 8), known.controller.parameters, np.random.default_rng(9)
     cells = Cells.of_poses(poses)
-    scale = bounds.scales(cells, controller)
-    inverse, _ = bounds._inverses(cells, controller)
+    scale = platform.scales(cells, controller)
+    inverse, _ = platform._inverses(cells, controller)
     half = np.array([5.0, 5.0, 5.0, 0.03, 0.03, 0.03])
     box = IntervalArray(np.tile(-half, (3, 1)), np.tile(half, (3, 1)))
-    spread = bounds._Equations(cells, alone(known, 0.0), controller, scale, inverse).spread(box)
+    spread = platform._Equations(cells, alone(known, 0.0), controller, scale, inverse).spread(box)
     length = np.linalg.norm(leg_vectors(known.controller, poses), axis=-1)
     for corner in rng.uniform(size=(100, 3, 6)):
         move = half * np.where(corner < 0.4, -1.0, np.where(corner > 0.6, 1.0, 10.0 * corner - 5.0))
@@ -192,7 +192,7 @@ def test_a_bound_is_that_of_the_farthest_corner_and_of_what_is_added_to_it():
     inverse = rng.normal(size=(4, 6, 6))
     value = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
     spread = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
-    position, angle = bounds._sizes(inverse, value, spread)
+    position, angle = platform._sizes(inverse, value, spread)
     for corner, more in rng.integers(0, 2, (2000, 2, 4, 6)):
         moved = -(inverse @ np.where(corner, value.hi, value.lo)[..., None])[..., 0]
         moved += np.where(more, spread.hi, spread.lo)

@@ -9,7 +9,7 @@ import pytest
 
 import cpcal
 from cpcal.accuracy.accuracy import certify_accuracy
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 from cpcal.robot import ROBOTS
 from tests.report.made import made_leg, made_result
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.accuracy.pose_bounds import pose_bounds
-from cpcal.accuracy.workspace import Workspace, cover
 from cpcal.common.errors import InputError
+from cpcal.models.platform import Workspace, cover, pose_bounds
 from cpcal.robot import Pose, central_pose
 
 

@@ -9,7 +9,7 @@ from benchmarks.methods import PEERS, TaskQuestion, method
 from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.problems import Leg, problem
 from benchmarks.runs import MINIMISE, MethodAnswer, Task, Unsupported
-from cpcal.legs import residuals
+from cpcal.models import residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
 

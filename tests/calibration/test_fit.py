@@ -10,7 +10,7 @@ from scipy.special import ndtri, stdtrit
 from cpcal.calibration import LegEquations, Noise, fit, least_squares
 from cpcal.calibration.leg_equations import whitening
 from cpcal.common.errors import InputError
-from cpcal.legs import residuals
+from cpcal.models import residuals
 from cpcal.robot import (
     DELTALAB,
     Campaign,

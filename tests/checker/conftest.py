@@ -14,7 +14,7 @@ import pytest
 import cpcal
 from cpcal.checker import Accepted, check
 from cpcal.files.folders import NAME, save_campaign_json
-from cpcal.legs import leg_box, leg_model, leg_network, leg_statement
+from cpcal.models import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.interval import Box, get_arithmetic
 from tests.checker.proofs import Lines, Proof, halved, short

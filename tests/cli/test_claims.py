@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cpcal.checker.claims import Accepted, Claims, Point
 from cpcal.cli.verify import sentences
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]\d+)?"
 exact = st.fractions(-4000, 4000)

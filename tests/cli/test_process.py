@@ -13,7 +13,7 @@ from rich.console import Console
 import cpcal
 from cpcal.cli.certify import show_result
 from cpcal.cli.options import Talk
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from tests.cli.command import run
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
@@ -78,11 +78,12 @@ def test_hostile_names_and_narrow_terminals(campaign, monkeypatch):
     measured = cpcal.load_campaign(campaign)
     result = cpcal.certify(measured, legs=[1], eps=0.1)
     hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
-    console = Console(file=io.StringIO(), force_terminal=True, width=40, markup=False, highlight=False)
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=40, markup=False, highlight=False)
     monkeypatch.setattr(Talk, "out", property(lambda _: console))
     for verbose in (True, False):
         show_result(Talk(verbose=verbose), measured, hostile, PLAIN)
-    text = console.file.getvalue()
+    text = file.getvalue()
     assert "[bold]\\x1b[2J:smile:" in text
     assert "…" not in text  # no figure is cut off
     assert "does not explain" in " ".join(text.split())

@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from contractors import HC4
 from cpcal.calibration import least_squares
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 
 

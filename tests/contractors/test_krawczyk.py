@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from contractors import HC4, Beaumont, Krawczyk
 from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import Contraction, Repeat

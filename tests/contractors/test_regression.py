@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contractors import HC4, Regression
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.interval import Box, get_arithmetic

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contractors import HC4, Lifted
 from contractors.lifted import Directions, over_box
 from cpcal.calibration import least_squares
-from cpcal.legs import leg_box, leg_network, residuals
+from cpcal.models import leg_box, leg_network, residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
@@ -60,7 +60,7 @@ def test_a_strip_is_much_thinner_than_its_box(arithmetic: str) -> None:
 
 
 @ARITHMETICS
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(seed=SEEDS)
 def test_they_hold_every_sampled_solution_of_a_leg(arithmetic: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -128,7 +128,7 @@ def test_lifted_offers_them_and_hc4_does_not() -> None:
     assert not isinstance(HC4(strip()), SupportFunction)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(seed=SEEDS)
 def test_they_hold_the_true_leg_within_its_reading_sets(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -16,10 +16,9 @@ import pytest
 
 from cpcal.checker.hand_eye import HandEyeCertificates
 from cpcal.common.values import Floats
-from cpcal.handeye import verify
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.files import study_json
-from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
+from cpcal.models.hand_eye_fit import classical_answer
+from cpcal.questions import hand_eye
 
 
 def unknowns_of(frames: HandEyeFrames) -> Floats:
@@ -54,7 +53,7 @@ def judged_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(HandEyeCertificates, "accepted", remembered)
-        patch.setattr(verify, "classical_answer", answered)
+        patch.setattr(hand_eye, "classical_answer", answered)
         yield
 
 
@@ -72,7 +71,7 @@ def refused(tmp_path: Path) -> Callable[..., None]:
             path.write_text(json.dumps(data))
         else:
             path.write_text(change(path.read_text()))
-        found = {sentence.split(":")[0]: (ok, sentence) for ok, sentence in verify.verify_hand_eye(tmp_path / "run")}
+        found = {sentence.split(":")[0]: (ok, sentence) for ok, sentence in hand_eye.verify_hand_eye(tmp_path / "run")}
         accepted, sentence = found[what]
         assert not accepted, found
         assert re.search(f"REFUSED, .*{reason}", sentence), found

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.minimax_fit import excess, minimax_fit
-from cpcal.handeye.study import PARAMETERS, HandEyeStudy, PixelModel, moved, simulate_hand_eye
+from cpcal.models.hand_eye import PARAMETERS, HandEyeStudy, PixelModel, moved, simulate_hand_eye
+from cpcal.models.hand_eye_fit import classical_answer, excess, minimax_fit
 from cpcal.robot import Pose
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]

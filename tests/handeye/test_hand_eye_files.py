@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.files import load_hand_eye, save_hand_eye
-from cpcal.handeye.study import simulate_hand_eye
+from cpcal.models.hand_eye import load_hand_eye, save_hand_eye, simulate_hand_eye
 
 
 @pytest.fixture

@@ -20,15 +20,22 @@ import pytest
 import cpcal.checker
 from cpcal.checker.hand_eye import errors, largest, parameter_ranges
 from cpcal.common.errors import InputError
-from cpcal.handeye import wrong_images
-from cpcal.handeye.certify import Within, certify_hand_eye, exact_readings, load_hand_eye_result, save_hand_eye_result
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.files import load_study_json, study_json
-from cpcal.handeye.model import PlacedFrames, Prover, exact, exact_study
-from cpcal.handeye.sources import read_pose_pairs, study_of_pairs
-from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, simulate_hand_eye
-from cpcal.handeye.verify import verify_hand_eye
-from cpcal.handeye.wrong_images import find_wrong_images, load_wrong_images, save_wrong_images
+from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json, simulate_hand_eye, study_json
+from cpcal.models.hand_eye_fit import classical_answer
+from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs
+from cpcal.questions import hand_eye
+from cpcal.questions.hand_eye import (
+    Within,
+    certify_hand_eye,
+    exact_readings,
+    find_wrong_images,
+    load_hand_eye_result,
+    load_wrong_images,
+    save_hand_eye_result,
+    save_wrong_images,
+    verify_hand_eye,
+)
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from tests.every_key import accepted_changes, unlisted_keys
 from tests.handeye.conftest import unknowns_of
@@ -97,7 +104,7 @@ def wrong(tmp_path_factory):
     run.folder.mkdir()
     (run.folder / "study.json").write_bytes(study_json(study))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(wrong_images, "_TRIALS", 4)
+        patch.setattr(hand_eye, "_TRIALS", 4)
         run.result = find_wrong_images(study, 1, run.folder, within=NEAR)
     save_wrong_images(run.result, run.folder)
     return run

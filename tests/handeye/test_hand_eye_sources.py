@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.sources import PrintedBoard, read_pose_pairs, study_of_pairs, study_of_photos
-from cpcal.handeye.study import CAMERA, simulate_hand_eye
+from cpcal.models.hand_eye import CAMERA, simulate_hand_eye
+from cpcal.models.hand_eye_fit import classical_answer
+from cpcal.models.hand_eye_sources import PrintedBoard, read_pose_pairs, study_of_pairs, study_of_photos
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 

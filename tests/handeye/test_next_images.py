@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.certify import PARAMETERS, Within, certify_hand_eye
-from cpcal.handeye.next_images import next_poses
-from cpcal.handeye.study import simulate_hand_eye
+from cpcal.models.hand_eye import simulate_hand_eye
+from cpcal.questions.hand_eye import PARAMETERS, Within, certify_hand_eye
+from cpcal.questions.next_images import next_poses
 
 
 @pytest.fixture(scope="module")

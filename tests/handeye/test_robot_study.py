@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.certify import Within, certify_hand_eye
-from cpcal.handeye.sources import platform_poses, study_of_robot, with_half_widths
+from cpcal.models.hand_eye_sources import platform_poses, study_of_robot, with_half_widths
+from cpcal.questions.hand_eye import Within, certify_hand_eye
 from cpcal.questions.legs_in_frames import legs_in_frames
 from cpcal.robot import Pose, inverse, quaternion_conjugate, quaternion_product, rotation_vector, transformed
 from cpcal.simulate import simulate_study

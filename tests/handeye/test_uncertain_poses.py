@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.handeye import minimax_fit, model
-from cpcal.handeye.certify import certify_hand_eye
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.study import ReadFrames, ReadingModel, read_study, simulate_hand_eye
+from cpcal.models import frames, hand_eye_fit
+from cpcal.models.hand_eye import ReadFrames, ReadingModel, read_study, simulate_hand_eye
+from cpcal.models.hand_eye_fit import classical_answer
+from cpcal.questions.hand_eye import certify_hand_eye
 from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
 from tests.handeye.conftest import unknowns_of
 
@@ -74,7 +74,7 @@ def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
 
 def test_of_many_images_the_most_different_ones_narrow_the_ranges(monkeypatch):
     study, truth = uncertain("eye-in-hand", images=4)
-    monkeypatch.setattr(model, "_UNCERTAIN", 3)
+    monkeypatch.setattr(frames, "_UNCERTAIN", 3)
     said = []
     found = certify_hand_eye(study, tolerance=0.2, tell=said.append)
     assert sum("its pose is bounded" in text for text in said) == 3
@@ -89,6 +89,6 @@ def test_programs_of_many_readings_give_the_frames_of_those_of_few(monkeypatch):
     start = ReadFrames(answer.frames, answer.readings)
     values = []
     for many in (1000, 0):
-        monkeypatch.setattr(minimax_fit, "_MANY", many)
-        values.append(minimax_fit.minimax_fit(ReadingModel(study), start)[1])
+        monkeypatch.setattr(hand_eye_fit, "_MANY", many)
+        values.append(hand_eye_fit.minimax_fit(ReadingModel(study), start)[1])
     assert values[1] == pytest.approx(values[0], rel=1e-3)

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import cpcal
-from cpcal.legs import built_in, leg_model
+from cpcal.models import built_in, leg_model
 
 MODULE = """
 from cpcal import LegModel, Parameter

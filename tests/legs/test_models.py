@@ -12,11 +12,11 @@ import pytest
 import cpcal
 from cpcal.checker.readers import dyadic
 from cpcal.files import campaign_sha256
-from cpcal.legs import (
+from cpcal.models import (
     PLAIN,
     ModelResiduals,
-    equation,
     fit_model,
+    leg,
     leg_box,
     leg_model,
     leg_network,
@@ -326,7 +326,7 @@ def test_a_reading_turns_a_leg_by_the_whole_rotation_however_large():
     rng = np.random.default_rng(1)
     net, arms, s = ConstraintNetwork(), rng.normal(size=(7, 3)), rng.uniform(-0.5, 0.5, (7, 3))
     v = net.variable("v", 3)
-    expr = equation._turning(net, np.ones((7, 3)))(arms + v)
+    expr = leg._turning(net, np.ones((7, 3)))(arms + v)
     tape = Tape(net, [expr])
     (digest,) = tape.reading_slots
     turned = tape.near(np.zeros(3), {digest: IntervalArray.point(s)}).reshape(7, 3)

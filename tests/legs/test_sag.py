@@ -9,7 +9,7 @@ import pytest
 
 import cpcal
 from cpcal.calibration.diagnosis import mid_range, sag_shape
-from cpcal.legs import built_in, fit_model, leg_model, model_residuals
+from cpcal.models import built_in, fit_model, leg_model, model_residuals
 from cpcal.robot import Pose, leg_vectors
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.questions import verdict_of
 from cpcal.questions.undetermined import determination
 

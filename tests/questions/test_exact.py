@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 import cpcal
-from cpcal.legs import leg_statement
+from cpcal.models import leg_statement
 from cpcal.questions import Options, proved_sentence
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.float_rows import at_point, holding

@@ -7,7 +7,7 @@ import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
 from cpcal.common.values import Floats
-from cpcal.legs import residuals
+from cpcal.models import residuals
 from cpcal.questions import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot

@@ -11,7 +11,7 @@ import pytest
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.checker import check
-from cpcal.legs import fit_model, leg_model, leg_statement, residuals
+from cpcal.models import fit_model, leg_model, leg_statement, residuals
 from cpcal.robot import ModelChoice
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.float_rows import at_point, failing, holding

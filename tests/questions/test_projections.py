@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 import cpcal
-from cpcal.legs import PARAMETERS, residuals
+from cpcal.models import PARAMETERS, residuals
 from cpcal.questions import ask
 from cpcal.questions.bracket import PreparedLeg
 from cpcal.questions.question import Question

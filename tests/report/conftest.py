@@ -10,7 +10,7 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study
 from cpcal.files import campaign_sha256
-from cpcal.legs import PARAMETERS, Parameter
+from cpcal.models import PARAMETERS, Parameter
 from cpcal.questions import ModelNote, Projection, Projections
 from cpcal.questions.fits import CertifiedFits, VerifiedFit
 from cpcal.report import write_report

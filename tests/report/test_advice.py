@@ -7,7 +7,7 @@ import pytest
 
 import cpcal
 from cpcal.common.numbers import bracket_text
-from cpcal.legs import PLAIN
+from cpcal.models import PLAIN
 from cpcal.report.advice import advise, fitted
 from cpcal.report.words import fit_sentence, short_fit
 from cpcal.robot import Campaign

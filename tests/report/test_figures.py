@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 from cpcal.questions import Projection, Projections, Ranges
 from cpcal.report import errors_svg, parameters_drawing, residuals_drawing
 from cpcal.report.figures import (

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 from cpcal.questions import CampaignNote, Options
 from tests.report.made import made_leg
 

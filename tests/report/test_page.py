@@ -19,7 +19,7 @@ from cpcal.cli.certify import show_result
 from cpcal.cli.options import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.legs import PARAMETERS, PLAIN
+from cpcal.models import PARAMETERS, PLAIN
 from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
 from cpcal.report.run_page import render
 from tests.report.made import made_leg, made_result

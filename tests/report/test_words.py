@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 import cpcal
-from cpcal.legs import PARAMETERS
+from cpcal.models import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.verdict import proved_sentence
 from cpcal.report.run_page import _sides, _trial

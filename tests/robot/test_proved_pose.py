@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError
+from cpcal.models import prove_pose
 from cpcal.robot import (
     DELTALAB,
     Pose,
@@ -17,7 +18,6 @@ from cpcal.robot import (
     forward_kinematics,
     forward_poses,
     normalised,
-    prove_pose,
     quaternion_from_rotation_vector,
     quaternion_product,
 )

@@ -24,7 +24,7 @@ from lower import step
 def twice(x):
     return step(step(x))
 """
-LONG = "    x = x + 1.0\n" * 400
+LONG = "    x = x + 1.0\n" * 100
 SLOW = f"from cpcal.solver.compiled import compiled\n\n@compiled\ndef f(x):\n{LONG}    return x\n"
 HOLD = """
 import os, sys, time
@@ -93,7 +93,7 @@ def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules)
     (modules / "slow.py").write_text(SLOW)
     both = [begun(modules, "from slow import f; print(f(1.0))") for _ in range(2)]
     said = [one.communicate(timeout=100) for one in both]
-    assert [out for out, _ in said] == ["401.0\n"] * 2
+    assert [out for out, _ in said] == ["101.0\n"] * 2
     assert sum("compiling" in told.replace("that compiles", "") for _, told in said) == 1
 
 
@@ -171,12 +171,14 @@ def test_machine_code_that_is_damaged_is_compiled_again_and_replaced(modules, ru
     run()
     files = list((modules / "__pycache__").glob("*.kernel"))
     assert len(files) == 2
-    for damage in DAMAGES.values():
-        for file in files:
-            file.write_bytes(damage(file.read_bytes()))
+    for damages in (("of length zero", "cut"), ("one bit turned", "overwritten")):
+        damaged = [DAMAGES[damage](file.read_bytes()) for file, damage in zip(files, damages, strict=True)]
+        for file, content in zip(files, damaged, strict=True):
+            file.write_bytes(content)
         value, told = run()
         assert value == 3.0
         assert "compiling 'twice', once ... done" in told
+        assert all(file.read_bytes() != content for file, content in zip(files, damaged, strict=True))
     assert run() == (3.0, "")
 
 

@@ -48,7 +48,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[object, ...],
     return answer(solved(**LIFTED, certificate=path)), path.read_bytes()
 
 
-@pytest.mark.parametrize(("options", "step"), [(LIFTED, 9), (HC4, 400)])
+@pytest.mark.parametrize(("options", "step"), [(LIFTED, 40), (HC4, 400)])
 def test_stopped_again_and_again_it_ends_in_the_same_answer(
     options: dict[str, object], step: int, tmp_path: Path, whole: tuple[tuple[object, ...], bytes]
 ) -> None:

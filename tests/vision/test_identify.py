@@ -38,7 +38,7 @@ def checked(centers: Floats, labels: Ints, target: Target, camera: Camera | None
 
 @pytest.mark.parametrize("target", [DELTALAB_TARGET, SMALL])
 def test_every_dot_of_a_good_image_is_identified(target: Target) -> None:
-    for centers, labels in lists(target, 6, seed=1):
+    for centers, labels in lists(target, 3, seed=1):
         found = checked(centers, labels, target)
         assert len(found.found) == len(labels)
         assert not len(found.false)
@@ -47,7 +47,7 @@ def test_every_dot_of_a_good_image_is_identified(target: Target) -> None:
 
 
 def test_missing_and_false_dots_are_named() -> None:
-    for centers, labels in lists(DELTALAB_TARGET, 6, seed=2, kind="anywhere"):
+    for centers, labels in lists(DELTALAB_TARGET, 3, seed=2, kind="anywhere"):
         found = checked(centers, labels, DELTALAB_TARGET)
         assert np.array_equal(found.false, np.flatnonzero(labels < 0))
         gone = np.setdiff1d(np.arange(len(DELTALAB_TARGET.dots)), labels)
@@ -56,7 +56,7 @@ def test_missing_and_false_dots_are_named() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_is_never_wrong_on_a_small_target(kind: str) -> None:
-    for centers, labels in lists(SMALL, 8, seed=3, kind=kind):
+    for centers, labels in lists(SMALL, 4, seed=3, kind=kind):
         try:
             found = identify(centers, SMALL, DELTALAB_CAMERA)
         except Unidentified:
@@ -82,14 +82,14 @@ def reason(centers: Floats, target: Target = DELTALAB_TARGET) -> str:
 
 
 def test_a_mirror_image_is_refused() -> None:
-    for centers, _ in lists(DELTALAB_TARGET, 3, seed=5, kind="anywhere"):
+    for centers, _ in lists(DELTALAB_TARGET, 1, seed=5, kind="anywhere"):
         assert "mirror" in reason(np.array([2.0 * DELTALAB_CAMERA.center[0], 0.0]) + centers * [-1.0, 1.0])
 
 
 def test_a_target_that_turns_into_itself_is_ambiguous() -> None:
     row = (-70.0, -55.0, -20.0, 20.0, 55.0, 70.0)
     even = two_diagonals("even", row, row, 110.0, 20.0, 4.0)
-    for centers, _ in lists(even, 3, seed=6):
+    for centers, _ in lists(even, 1, seed=6):
         assert "ambiguous" in reason(centers, even)
 
 
@@ -108,16 +108,15 @@ def test_too_many_dots_are_refused() -> None:
 
 def test_dots_of_something_else_are_refused() -> None:
     rng = np.random.default_rng(9)
-    for _ in range(3):
+    for _ in range(2):
         reason(rng.uniform([0.0, 0.0], [1024.0, 768.0], (130, 2)))
     rows = np.array([i for line in DELTALAB_TARGET.lines for i in line])
     grid = Target("grid", np.delete(DELTALAB_TARGET.dots, rows, axis=0), DELTALAB_TARGET.radius, ())
     full = np.stack(np.meshgrid(np.arange(12.0), np.arange(11.0)), axis=-1).reshape(-1, 2)
     regular = Target("regular", 30.0 * (full - 5.5), 6.0, ())
-    poses = facing_poses(rng, 2)
-    for k in range(2):
-        for other in (grid, regular, SMALL):
-            reason(predicted_centers(other, DELTALAB_CAMERA, one(poses, k)))
+    pose = one(facing_poses(rng, 1), 0)
+    for other in (grid, regular, SMALL):
+        reason(predicted_centers(other, DELTALAB_CAMERA, pose))
 
 
 def test_the_rows_alone_are_enough() -> None:
@@ -175,8 +174,8 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
 
 
 def test_one_row_and_the_grid_are_enough_unless_the_mirror_image_is_like_it() -> None:
-    poses = facing_poses(np.random.default_rng(13), 4, depth=(700.0, 700.0))
-    for k in range(4):
+    poses = facing_poses(np.random.default_rng(13), 2, depth=(700.0, 700.0))
+    for k in range(2):
         centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k))
         three_left = np.setdiff1d(np.arange(len(centers)), [7, 8, 12])
         assert len(checked(centers[three_left], three_left, DELTALAB_TARGET).found) == len(three_left)
@@ -238,7 +237,7 @@ def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
     assert min(accepted, refused) >= 2
 
 
-@pytest.mark.parametrize("count", [48, pytest.param(300, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [24, pytest.param(300, marks=pytest.mark.nightly)])
 def test_no_list_is_taken_for_another(count):
     """All kinds of spoiled and partial views; `benchmarks.vision_scenes` does thousands."""
     figures = identified(count, seed=25)

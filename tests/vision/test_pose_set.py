@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
 from cpcal.common.errors import InputError
+from cpcal.models.sight import Frames, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.robot import (
     Pose,
     compose,
@@ -20,7 +21,6 @@ from cpcal.robot import (
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.pose_sets import Frames, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 

@@ -10,10 +10,10 @@ import pytest
 import cpcal
 from cpcal.common.errors import InputError
 from cpcal.files import load_campaign, save_campaign
+from cpcal.models.sight import Frames, PixelBoxes, PoseSet, campaign_of, enclose_pose
 from cpcal.robot import Pose, compose, inverse_kinematics, transformed
 from cpcal.simulate import simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets import Frames, PixelBoxes, PoseSet, campaign_of, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

@@ -12,7 +12,7 @@ import pytest
 from cpcal.checker.problem import Unknowns
 from cpcal.checker.rule import Weights
 from cpcal.common.values import Floats
-from cpcal.solver.certificate.float_rows import FloatRule, Parts, _swept, row_of
+from cpcal.solver.certificate.float_rows import FloatRule, Parts, _lowest, _swept, row_of
 from cpcal.solver.certificate.recording import brief, rounded
 
 
@@ -101,3 +101,14 @@ def test_a_bound_as_float64_is_the_next_number_on_its_side() -> None:
         exact = F(number) / 3
         assert F(rounded(exact, True)) <= exact <= F(rounded(exact, False))
         assert np.nextafter(rounded(exact, True), np.inf) >= rounded(exact, False)
+
+
+def test_a_sum_whose_terms_cancel_is_not_below_what_float64_says() -> None:
+    rng, nothing = np.random.default_rng(6), np.zeros(1)
+    for _ in range(100):
+        half = rng.normal(size=30)
+        values = np.concatenate([half, rng.normal(size=30) * 1e-12 - half])
+        weights = rng.uniform(0.5, 2.0)
+        start, columns = np.array([0, 60]), np.zeros(60, np.intp)
+        found, error = _lowest(start, columns, values, nothing, np.array([weights]), np.zeros(1, np.bool_), 0, 0.0)
+        assert F(found) - F(error) <= F(weights) * sum(map(F, values)) <= F(found) + F(error)

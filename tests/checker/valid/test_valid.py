@@ -17,8 +17,8 @@ import pytest
 import cpcal
 from cpcal.checker import ExactCampaign, check
 from cpcal.files.folders import NAME, save_campaign_json
-from cpcal.legs import leg_statement
-from cpcal.legs.equation import exact_measurement
+from cpcal.models import leg_statement
+from cpcal.models.leg import exact_measurement
 from cpcal.questions import save_result
 from tests.checker.valid.exact_legs import Exact, in_fractions
 

@@ -127,7 +127,7 @@ def looks_of(campaign, **options):
 def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign, support):
     count, whole = looks_of(campaign, support=support)
     numbers = set()
-    for looks in range(0, count, max(count // 6, 1)):
+    for looks in range(0, count, max(count // 3, 1)):
         part = stopped_after(campaign, looks, support=support)
         assert part.interrupted or len(part.legs) == 2
         numbers.add(len(part.legs))

@@ -75,8 +75,8 @@ def test_readings_must_serve_all_constraints_at_once(shared: bool) -> None:
 
 def test_no_value_between_those_of_a_jump_is_taken() -> None:
     net = ConstraintNetwork()
-    x = net.variable("x", (), (-2, 2))
-    net.add(np.floor(net.reading(0.0, 0.5)) + x == 0.5)
+    x, r = net.variable("x", (), (-2, 2)), net.reading(0.0, 0.5)
+    net.add(np.floor(r) + r / 8 + x == 0.5)  # from -17/16 to -1, and from 0 to 1/16, beside x
     at = np.ones(1)
     for_some, for_all = ReadingConstraint(net, net.constraints[0]).holding(
         get_arithmetic("float64"), IntervalArray.point(at[None]), at

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
-from cpcal.solver.existence.operators import Linearization, image, inside
+from cpcal.solver.existence.operators import Equalities, Linearization, image, inside
 from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 
@@ -226,3 +226,12 @@ def test_no_zero_of_a_linearised_system_is_lost(operator: str) -> None:
             narrowed += bool((found.width[columns] < box.width[columns]).all())
             assert ((found.lo <= x) & (x <= found.hi))[columns].all()
     assert narrowed > 100
+
+
+@pytest.mark.parametrize("operation", [lambda x: x**1.5, np.floor, lambda x: 1 / x, lambda x: np.arctan2(x, x - 1)])
+def test_nothing_is_linear_where_an_operation_is_not_continuous(operation: Callable[[Expr], Expr]) -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-2, 2))
+    net.add(x + operation(x) == -0.1)
+    box = Box(net.names, np.array([-0.2]), np.array([0.2]))
+    assert Equalities.of(net).linearize(get_arithmetic("float64"), box, np.array([0.005])) is None

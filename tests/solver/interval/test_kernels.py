@@ -1,4 +1,4 @@
-"""Interval kernels: 10,000 operand pairs each against arb, and the same results as plain Python."""
+"""Interval kernels: 3,000 operand pairs each against arb, and the same results as plain Python."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ assert ("numba" in sys.modules) == (sys.argv[1] == "compiled")
 
 
 @pytest.mark.parametrize("name", KERNELS)
-def test_ten_thousand_operand_pairs_are_enclosed(name: str) -> None:
-    compared, wrong = swept(name, 10_000, seed=3)
+def test_three_thousand_operand_pairs_are_enclosed(name: str) -> None:
+    compared, wrong = swept(name, 3_000, seed=3)
     assert wrong is None
-    assert compared > 2_000
+    assert compared > 600
 
 
 def test_no_factor_among_small_whole_numbers_is_lost() -> None:

@@ -12,7 +12,7 @@ import pytest
 from cpcal.solver.linear import Dense
 from tests.solver.linear.exact_programs import KINDS, Highs, contradictions, main, program
 
-COUNT = 63
+COUNT = 35
 
 
 @pytest.mark.parametrize("solver", [Dense, Highs])

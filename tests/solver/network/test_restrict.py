@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from contractors import Lifted, lifted
 from cpcal.calibration import least_squares
-from cpcal.legs import leg_box, leg_network
+from cpcal.models import leg_box, leg_network
 from cpcal.simulate import simulate
 from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic

@@ -62,7 +62,7 @@ def test_one_leg_uses_all_workers_and_its_certificate_is_the_same(tmp_path):
     campaign = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
 
     def certified(name, **place):
-        options = {"legs": [6], "delta": 200.0, "support": "none", "node_limit": 40, **place}
+        options = {"legs": [6], "delta": 200.0, "support": "none", "node_limit": 24, **place}
         found = cpcal.certify(campaign, certificates=tmp_path / name, **options)
         return found.legs[0].work.nodes, (tmp_path / name / "leg6.cert.jsonl").read_bytes()
 

@@ -93,7 +93,7 @@ def test_no_time_no_calls() -> None:
     )
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_both_methods_agree(seed: int) -> None:
     """On random campaigns the optimum of branch and bound lies in the bracket; calls may take their time."""
     campaign = cpcal.simulate(seed=seed, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
@@ -119,7 +119,7 @@ def test_the_method_of_certify_is_the_script() -> None:
     """With the contractors' own search as the solver; how far it gets depends on the machine, what it says does not."""
     campaign = cpcal.simulate(seed=8, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
     bound = cpcal.certify(campaign, legs=[1], delta=10.0).legs[0]
-    found = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=2.0, gap=1e-2).legs[0]
+    found = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=1.0, gap=1e-2).legs[0]
     assert found.bracket.lo <= bound.bracket.hi
     assert found.bracket.hi >= bound.bracket.lo
     assert found.work.trials

@@ -1,30 +1,29 @@
-from .equation import (
-    ModelResiduals,
-    beyond_legs,
-    exactly_read,
-    fit_model,
-    leg_box,
-    leg_network,
-    leg_statement,
-    model_jacobian,
-    model_residuals,
-    model_statement,
-    reading_sensitivities,
-    residuals,
-)
-from .models import (
+from .leg import (
     BUILT_IN,
     PARAMETERS,
     PLAIN,
     Drawn,
     LegModel,
     Measured,
+    ModelResiduals,
     Parameter,
+    beyond_legs,
     built_in,
+    exactly_read,
+    fit_model,
     half_width_problems,
+    leg_box,
     leg_model,
+    leg_network,
+    leg_statement,
+    model_jacobian,
     model_name_problem,
+    model_residuals,
+    model_statement,
+    reading_sensitivities,
+    residuals,
 )
+from .platform import ProvedPose, Workspace, prove_pose
 
 __all__ = [
     "BUILT_IN",
@@ -35,6 +34,8 @@ __all__ = [
     "Measured",
     "ModelResiduals",
     "Parameter",
+    "ProvedPose",
+    "Workspace",
     "beyond_legs",
     "built_in",
     "exactly_read",
@@ -48,6 +49,7 @@ __all__ = [
     "model_name_problem",
     "model_residuals",
     "model_statement",
+    "prove_pose",
     "reading_sensitivities",
     "residuals",
 ]

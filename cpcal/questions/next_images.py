@@ -16,10 +16,9 @@ import numpy as np
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
-from cpcal.handeye.certify import best_frames
-from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.minimax_fit import excess
-from cpcal.handeye.study import PARAMETERS, HandEyeFrames, HandEyeStudy, ReadFrames, ReadingModel, cross, read_study
+from cpcal.models.hand_eye import PARAMETERS, HandEyeFrames, HandEyeStudy, ReadFrames, ReadingModel, cross, read_study
+from cpcal.models.hand_eye_fit import classical_answer, excess
+from cpcal.questions.hand_eye import best_frames
 from cpcal.robot import Pose
 from cpcal.solver.linear import Dense, LinearStatus
 
@@ -212,7 +211,7 @@ class _Ranges:
 
 
 def _as_stated(frames: HandEyeFrames) -> Floats:
-    """(12, 12): turn and place of X and F, as they are stated, by the motions of `cpcal.handeye.study.moved`."""
+    """(12, 12): turn and place of X and F, as they are stated, by the motions of `cpcal.models.hand_eye.moved`."""
     back = frames.e_rotation.T
     found = np.zeros((12, 12))
     found[:3, :3] = -back

@@ -12,12 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.checker import Refused, Unusable
 from cpcal.checker.frames import holds
 from cpcal.checker.hand_eye import (
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
     UNKNOWNS,
+    WRONG_FORMAT,
+    WRONG_NAME,
     Readings,
+    check_hand_eye,
     errors,
     largest,
     parameter_ranges,
@@ -27,14 +31,23 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import INFORMED, checked, load, save
-from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer, image_poses
-from cpcal.handeye.minimax_fit import minimax_fit
-from cpcal.handeye.model import PlacedFrames, Proof, Prover, exact, exact_study
-from cpcal.handeye.study import PARAMETERS as MOTIONS
-from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, PixelModel, ReadFrames, ReadingModel, moved, read_study
+from cpcal.files.codec import INFORMED, checked, informed, load, save
+from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
+from cpcal.models.hand_eye import PARAMETERS as MOTIONS
+from cpcal.models.hand_eye import (
+    HandEyeFrames,
+    HandEyeStudy,
+    PixelModel,
+    ReadFrames,
+    ReadingModel,
+    load_study_json,
+    moved,
+    read_study,
+)
+from cpcal.models.hand_eye_fit import ClassicalAnswer, classical_answer, excess, image_poses, minimax_fit
+from cpcal.robot import quaternion_from_matrix, rotation_vector
 
-Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.handeye.study`
+Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer to a hand-eye study, as plain values.
@@ -444,3 +457,267 @@ def judged(study: HandEyeStudy, placed: PlacedFrames, readings: tuple[Reading, .
             raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
         verdicts.append(ImageVerdict(name, up(worst), worst <= F(tolerance)))
     return Classical(readings, max((verdict.largest for verdict in verdicts), default=0.0), tuple(verdicts))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Some images may be wrong: a slipped board, a wrong robot pose. What is proved whichever at most q of them are.
+#
+# Let q + 1 groups of images have no image in common. If q images are wrong, some group holds none of them. So
+#
+# - eps_lo: when no frames explain any one of the groups to eps_lo, none explain all images but some q to it.
+# - an image k is wrong (at a tolerance) when no frames explain any one of q + 1 groups together with k to the
+# tolerance:
+#   were k right, each of these groups would hold a wrong image, which makes q + 1.
+
+_LEAST = 4  # images of a group
+_TRIALS = 30  # of random images that the fit starts from
+_GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
+
+
+@dataclass(frozen=True)
+class RefutedGroup:
+    """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
+
+    images: tuple[str, ...] = field(
+        metadata=checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
+    )
+    certificate: str = field(
+        metadata=checked("a file of the run, which is accepted, and so are those that it rests on")
+    )
+
+
+@dataclass(frozen=True)
+class WrongImages:
+    """When at most `outliers` images may be wrong.
+
+    PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
+    `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. Each image of `blamed`
+    is wrong if right ones fit to `tolerance`; the others of `left_out` may be right.
+    The box is about the least-squares answer of all images but those left out. `asked_tolerance`: px, at which images
+    were to be blamed. Raises ValueError for numbers that are not finite.
+    """
+
+    outliers: int = field(metadata=checked("so many are left out, and each claim has a group more"))
+    asked: AskedBox
+    eps_lo: float = field(metadata=checked("that of each of `groups`; 0 without these"))
+    eps_hi: float = field(metadata=checked(LARGEST_ERROR))
+    point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
+    readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
+    left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
+    groups: tuple[RefutedGroup, ...]
+    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
+        metadata=checked("images left out, each once, and in all of its groups; these as `groups`, at `tolerance`")
+    )
+    tolerance: float | None = field(metadata=checked("that of the certificates of `blamed`; null without these"))
+    version: str = field(metadata=INFORMED)
+    asked_tolerance: float = field(metadata=informed("tolerance"))
+    seconds: float = field(metadata=INFORMED)
+
+    def __post_init__(self) -> None:
+        check_finite(self)
+
+
+def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
+    """Write `handeye-wrong.json` into the folder; its path. Raises InputError."""
+    return save(found, Path(folder) / WRONG_NAME, WRONG_FORMAT)
+
+
+def load_wrong_images(folder: str | os.PathLike[str]) -> WrongImages:
+    """Read `handeye-wrong.json` from the folder. Raises InputError."""
+    return load(WrongImages, Path(folder) / WRONG_NAME, WRONG_FORMAT, remedy="run cpcal handeye certify again")
+
+
+def find_wrong_images(
+    study: HandEyeStudy,
+    outliers: int,
+    folder: Path,
+    *,
+    within: Within | None = None,
+    tolerance: float | None = None,
+    seed: int = 0,
+    tell: Tell = lambda text: None,
+) -> WrongImages:
+    """Bracket eps* of all but at most `outliers` images, and prove which ones are wrong; certificates go to `folder`.
+
+    tolerance  px at which images are called wrong; default 1.1 times the upper end of the bracket
+
+    Raises InputError for fewer than four images a group, and for studies without a classical answer.
+    """
+    began = time.monotonic()
+    if not 0 < outliers <= len(study.images) // _LEAST - 2:
+        most = max(len(study.images) // _LEAST - 2, 0)
+        what = f"is {outliers} of {len(study.images)} images"
+        remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
+        raise InputError([Problem("outliers", what, remedy)])
+    left = trimmed_fit(study, outliers, np.random.default_rng(seed))
+    good = [k for k in range(len(study.images)) if k not in left]
+    part = study.part(np.array(good))
+    classical = classical_answer(part)
+    best = best_frames(part, classical)
+    point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
+    worst = largest(errors(exact_study(part), point.numbers, exact_readings(readings)))
+    assert worst is not None  # the fit keeps all points in front of the camera
+    eps_hi = up(worst)
+    tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
+    center = PlacedFrames.of(classical.frames)
+    asked = (within or Within()).about(center)
+    check_inside(asked, point)
+    prover = _Groups(Prover(study, center.numbers, asked.reach, asked.angle, best.frames, tell), folder)
+    eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
+    at = _BEYOND * eps_hi if tolerance is None else tolerance
+    blamed = []
+    for k in left:
+        reasons = prover.refuted([[*group, k] for group in _parted(good, outliers + 1)], at)
+        if reasons is not None:
+            blamed.append((study.images[k], reasons))
+    return WrongImages(
+        outliers=outliers,
+        asked=asked,
+        eps_lo=eps_lo,
+        eps_hi=eps_hi,
+        point=point,
+        readings=readings,
+        left_out=tuple(study.images[k] for k in left),
+        groups=groups,
+        blamed=tuple(blamed),
+        tolerance=at if blamed else None,
+        version=__version__,
+        asked_tolerance=at,
+        seconds=time.monotonic() - began,
+    )
+
+
+def _parted(images: list[int], count: int) -> list[list[int]]:
+    """Groups of about the same size, interleaved."""
+    return [images[k::count] for k in range(count)]
+
+
+class _Groups:
+    """Proofs about some of the images."""
+
+    def __init__(self, prover: Prover, folder: Path) -> None:
+        self.prover, self.study, self.folder, self.count = prover, prover.study, folder, 0
+
+    def lower(self, groups: list[list[int]]) -> tuple[float, tuple[RefutedGroup, ...]]:
+        """The largest tolerance tried at which every group is refuted."""
+        least = min(self.fitted(group) for group in groups)
+        for share in _GROUP_SHARES:
+            found = self.refuted(groups, share * least)
+            if found is not None:
+                return share * least, found
+        return 0.0, ()
+
+    def fitted(self, group: list[int]) -> float:
+        """About the least error of a group: where a fit ends, px."""
+        part = self.study.part(np.array(sorted(group)))
+        best = best_frames(part, classical_answer(part))
+        return excess(ReadingModel(part), best)
+
+    def refuted(self, groups: list[list[int]], eps: float) -> tuple[RefutedGroup, ...] | None:
+        """The proofs, written, that no frames explain any of the groups to within eps."""
+        found: list[tuple[Proof, RefutedGroup]] = []
+        for group in (sorted(group) for group in groups):
+            if self.fitted(group) <= eps:
+                return None
+            self.prover.tell(f"{len(group)} images at {at_most(eps)} px")
+            proof = self.prover.chain(f"wrong-{self.count + len(found) + 1}", eps, group)
+            if not proof.refuted or proof.certificate is None:
+                return None
+            found.append((proof, RefutedGroup(tuple(self.study.images[k] for k in group), proof.certificate)))
+        for proof, _ in found:
+            proof.write(self.folder)
+        self.count += len(found)
+        return tuple(group for _, group in found)
+
+
+def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:
+    """The `outliers` images that least squares over all others fits worst, in the best of fits from random images.
+
+    Each fit is repeated with the images that fit best, until they stay the same.
+    """
+    count = len(study.images)
+    best: tuple[float, list[int]] | None = None
+    for trial in range(_TRIALS):
+        chosen = np.arange(count) if not trial else np.sort(random.choice(count, _LEAST, replace=False))
+        for _ in range(10):
+            try:
+                frames = classical_answer(study.part(chosen)).frames
+            except InputError:
+                break
+            squares = _by_image(study, frames)
+            order = np.argsort(squares, kind="stable")
+            kept = np.sort(order[: count - outliers])
+            value = float(squares[kept].sum())
+            if math.isfinite(value) and (best is None or value < best[0] * (1.0 - 1e-9)):
+                best = value, sorted(order[count - outliers :].tolist())
+            if np.array_equal(kept, chosen):
+                break
+            chosen = kept
+    if best is None:
+        raise InputError([Problem("study", "has no images that determine the frames", "check poses and points")])
+    return best[1]
+
+
+def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
+    """Mean square of the residuals of each image."""
+    squares = (PixelModel(study)(frames) ** 2).reshape(2, -1).sum(axis=0)
+    number = np.bincount(study.image, minlength=len(study.images))
+    return np.asarray(np.bincount(study.image, weights=squares, minlength=len(study.images)) / np.maximum(number, 1))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Runs of `cpcal handeye certify` checked again: by the checker, and what no proof can say beside.
+#
+# The checker accepts what is proved. That the centre of the box is the least-squares answer is no matter of proof: that
+# answer is computed again here.
+
+_APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how far one computed again may be
+_ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pixels fit without error
+
+
+def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
+    """For each statement of the run in `folder`, with --wrong or without: whether it is accepted, and a sentence.
+
+    Raises InputError where files cannot be read.
+    """
+    run = Path(folder)
+    remedy = "run cpcal handeye certify again"
+    try:
+        study = load_study_json(run)
+        found = load_hand_eye_result(run) if (run / HAND_EYE_NAME).is_file() else load_wrong_images(run)
+        statements = check_hand_eye(run)
+    except (Refused, Unusable) as reason:
+        raise InputError([Problem(str(run), str(reason), remedy)]) from None
+    return [*statements, _least_squares(study, found)]
+
+
+def _least_squares(study: HandEyeStudy, found: HandEyeResult | WrongImages) -> tuple[bool, str]:
+    """Whether the box's centre is the least-squares answer of the images that the point explains."""
+    without = found.left_out if isinstance(found, WrongImages) else ()
+    said = "centre: the least-squares answer" + (f" without {', '.join(without)}" if without else "")
+    try:
+        part = study.part(np.array([k for k, name in enumerate(study.images) if name not in without]))
+        answer = classical_answer(part)
+        near = _near(found.asked, answer.frames, np.sqrt(np.diagonal(answer.covariance)))
+    except InputError as error:  # what a study must be for its answer to be computed again
+        return False, f"centre: REFUSED, {error.problems[0]}"
+    if not near:
+        return False, "centre: REFUSED, it is not the least-squares answer"
+    if isinstance(found, HandEyeResult):
+        readings = found.classical.readings or [[0.0] * 6] * len(study.images)
+        fits = [len(row) for row in readings] == [6] * len(study.images)
+        if not fits or not (np.abs(np.array(readings) - answer.readings) <= _APART * study.pose_half_width).all():
+            return False, "centre: REFUSED, the readings of the poses are not those of least squares"
+    return True, said
+
+
+def _near(asked: AskedBox, there: HandEyeFrames, deviations: Floats) -> bool:
+    off = asked.center.frames
+    apart = np.concatenate([
+        rotation_vector(quaternion_from_matrix(off.e_rotation @ there.e_rotation.T)),
+        off.e_translation - there.e_translation,
+        rotation_vector(quaternion_from_matrix(off.f_rotation @ there.f_rotation.T)),
+        off.f_translation - there.f_translation,
+    ])  # fmt: skip
+    room = np.minimum(deviations, np.tile(np.repeat([1.0, asked.reach], 3), 2))
+    return bool((np.abs(apart) <= _APART * room + _ROUNDING).all())

@@ -28,7 +28,7 @@ from cpcal.checker.platform import Commanded
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
-from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
+from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import number

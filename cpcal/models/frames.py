@@ -26,8 +26,7 @@ from cpcal.checker.frames import E_, F_, R_F, R_X, SIZE, T_F, T_X, Rows, Study, 
 from cpcal.checker.problem import Box
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
-from cpcal.handeye.files import study_json
-from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.row_prover import Contracted, System, contracted, write_steps

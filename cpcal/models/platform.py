@@ -12,17 +12,21 @@ every x and e exactly one (p, s) in D solves the equations, and it lies in the i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.accuracy.certified_set import SIZE, CertifiedSet
-from cpcal.common.values import Bools, Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Bools, Floats, Indices
+from cpcal.models.leg_set import SIZE, CertifiedSet
 from cpcal.robot import Pose, Robot, pose_jacobian
 from cpcal.robot.kinematics import rotation_numerators
-from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.existence import UniquenessProver
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, sqr
+from cpcal.solver.network.expression import as_expr
 
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
@@ -466,3 +470,300 @@ def _inflated(box: IntervalArray) -> IntervalArray:
 def _where(proved: Bools, box: IntervalArray) -> IntervalArray:
     keep = proved[:, None]
     return IntervalArray(np.where(keep, box.lo, -np.inf), np.where(keep, box.hi, np.inf))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The workspace, and the worst that the certified sets allow anywhere in it: branch and bound on the worst cell.
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+_SIDES = 3  # of the first grid, along each axis of position that has a width
+_AT_ONCE = 12  # cells divided at a time
+_SMALLEST = 1.0 / 64.0  # of the workspace's width: a cell that is not proved at that size is left out
+_ARM = 100.0  # mm: a half-turn's component is worth so many mm a radian, when the longest side is chosen
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """All poses P, R(1, S) with `lo <= (P, 2 S) <= hi`: mm and rad, 2 S the rotation vector to second order.
+
+    Raises InputError for bounds that cross or are not finite.
+    """
+
+    lo: tuple[float, ...]
+    hi: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        bad = [n for n, a, b in zip(AXES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
+        if bad or len(self.lo) != len(AXES):
+            what = f"has bounds that cross or are not finite: {', '.join(bad)}"
+            raise InputError([Problem("workspace", what, "give LO:HI with LO <= HI for each axis")])
+
+    @classmethod
+    def parsed(cls, text: str) -> Workspace:
+        """Of `x=-50:50,y=-50:50,z=430:480,rx=-2:2`, degrees for rx, ry, rz; one number is both ends. InputError."""
+        known: dict[str, tuple[float, float]] = dict.fromkeys(AXES[3:], (0.0, 0.0))
+        for part in text.split(","):
+            name, _, ends = part.strip().partition("=")
+            low, _, high = ends.partition(":")
+            try:
+                pair = float(low), float(high or low)
+            except ValueError:
+                name = ""
+            if name not in AXES:
+                what = f"{part.strip()!r} is no range of an axis"
+                raise InputError(
+                    [Problem("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")]
+                )
+            known[name] = pair if name in AXES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
+        missing = [name for name in AXES if name not in known]
+        if missing:
+            raise InputError([Problem("workspace", f"lacks {', '.join(missing)}", "give x, y and z in mm")])
+        return cls(tuple(known[n][0] for n in AXES), tuple(known[n][1] for n in AXES))
+
+    @property
+    def box(self) -> IntervalArray:
+        """(6,) of (P, S), outward."""
+        lo, hi = np.array(self.lo), np.array(self.hi)
+        half = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+        return IntervalArray(lo * half, hi * half)  # halves of floats are exact
+
+
+@dataclass(frozen=True, eq=False)
+class Covered:
+    """What the branch and bound leaves.
+
+    boxes (K, 6) of (P, S), a cover of the workspace; `proved` (K,): those of which something is; `position` (K,) mm
+    and `rotation` (K,) rad: no pose of the cell is off by more; `share` (K, n) as in PoseBounds. `at` (6,): the pose
+    whose own bound is the worst that was met, `at_position` mm. `complete`: the search ended by its gap.
+    """
+
+    boxes: IntervalArray
+    proved: Bools
+    position: Floats
+    rotation: Floats
+    share: Floats
+    at: Floats
+    at_position: float
+    complete: bool
+
+    @property
+    def worst(self) -> float:
+        """mm: proved of all poses in the cells that are proved."""
+        return float(self.position[self.proved].max(initial=0.0))
+
+
+def cover(
+    workspace: Workspace,
+    sets: Sequence[CertifiedSet],
+    *,
+    gap: float = 0.2,
+    most: int = 600,
+    tell: Callable[[float, float], None] | None = None,
+) -> Covered:
+    """Cells are divided where the bound is worst, until it is within `gap` of what a pose attains, or `most` cells.
+
+    Cells of which nothing can be proved are divided first; at a 64th of the workspace's width they are left out.
+    `tell` is called with the bracket of the worst bound, mm.
+    """
+    whole = workspace.box
+    open_ = _State.of(_grid(whole), sets)
+    complete = False
+    while True:
+        left_out = ~open_.proved & (_size(open_.boxes, whole) <= _SMALLEST)
+        rank = np.where(left_out, -np.inf, open_.position)
+        highest = float(rank.max(initial=0.0))
+        if tell is not None:
+            tell(open_.at_position, highest)
+        if highest <= (1.0 + gap) * open_.at_position:
+            complete = True
+            break
+        if len(rank) >= most:
+            break
+        worst = np.argsort(-rank, kind="stable")[:_AT_ONCE]
+        worst = worst[rank[worst] > (1.0 + gap) * open_.at_position]
+        divisible = [k for k in worst.tolist() if (open_.boxes.hi[k] > open_.boxes.lo[k]).any()]
+        if not divisible:
+            break
+        open_ = open_.divided(np.array(divisible, dtype=np.intp), sets)
+    return Covered(
+        boxes=open_.boxes,
+        proved=open_.proved,
+        position=open_.position,
+        rotation=open_.rotation,
+        share=open_.share,
+        at=open_.at,
+        at_position=open_.at_position,
+        complete=complete,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    boxes: IntervalArray
+    proved: Bools
+    position: Floats
+    rotation: Floats
+    share: Floats
+    at: Floats
+    at_position: float
+
+    @classmethod
+    def of(cls, boxes: IntervalArray, sets: Sequence[CertifiedSet]) -> _State:
+        found, centers = cell_bounds(Cells.of_boxes(boxes), sets)
+        at, value = _worst_center(boxes, centers)
+        return cls(boxes, found.proved, found.position, found.rotation, found.share, at, value)
+
+    def divided(self, rows: Indices, sets: Sequence[CertifiedSet]) -> _State:
+        """With the cells of these rows cut in two, each along its longest side."""
+        new = _State.of(_halves(self.boxes[rows]), sets)
+        keep = np.setdiff1d(np.arange(len(self.proved)), rows)
+        better = new if new.at_position > self.at_position else self
+        return _State(
+            IntervalArray(
+                np.concatenate([self.boxes.lo[keep], new.boxes.lo]), np.concatenate([self.boxes.hi[keep], new.boxes.hi])
+            ),
+            np.concatenate([self.proved[keep], new.proved]),
+            np.concatenate([self.position[keep], new.position]),
+            np.concatenate([self.rotation[keep], new.rotation]),
+            np.concatenate([self.share[keep], new.share]),
+            better.at,
+            better.at_position,
+        )
+
+
+def _worst_center(boxes: IntervalArray, centers: PoseBounds) -> tuple[Floats, float]:
+    value = np.where(centers.proved, centers.position, 0.0)
+    k = int(np.argmax(value))
+    return boxes.mid[k], float(value[k])
+
+
+def _grid(whole: IntervalArray) -> IntervalArray:
+    """The workspace in equal parts along the axes of position that have a width."""
+    lo, hi = whole.lo[None], whole.hi[None]
+    for axis in np.flatnonzero(whole.hi[:3] > whole.lo[:3]):
+        cuts = np.linspace(whole.lo[axis], whole.hi[axis], _SIDES + 1)
+        lo, hi = np.repeat(lo, _SIDES, axis=0), np.repeat(hi, _SIDES, axis=0)
+        lo[:, axis], hi[:, axis] = np.tile(cuts[:-1], len(lo) // _SIDES), np.tile(cuts[1:], len(hi) // _SIDES)
+    return IntervalArray(lo, hi)
+
+
+def _halves(boxes: IntervalArray) -> IntervalArray:
+    worth = (boxes.hi - boxes.lo) * np.array([1.0, 1.0, 1.0, _ARM, _ARM, _ARM])
+    axis, rows = np.argmax(worth, axis=1), np.arange(len(worth))
+    middle = boxes.mid[rows, axis]
+    first_hi, second_lo = boxes.hi.copy(), boxes.lo.copy()
+    first_hi[rows, axis] = second_lo[rows, axis] = middle
+    return IntervalArray(np.concatenate([boxes.lo, second_lo]), np.concatenate([first_hi, boxes.hi]))
+
+
+def _size(boxes: IntervalArray, whole: IntervalArray) -> Floats:
+    """Of the longest side, as a share of the workspace's."""
+    width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
+    return np.asarray(np.max((boxes.hi - boxes.lo) / width, axis=1))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Poses that are proved: a box of (P, s) that holds exactly one solution of the six leg equations.
+#
+# The robot's parameters and the readings are taken as the exact numbers that their floats are. With q the quaternion of
+# an approximate pose, also taken as exact, a pose is written as
+#
+#     P  and  R = R(1, s) R(q)          R(1, s) v = v + 2 (s x v + s x (s x v)) / (1 + s.s)
+#
+# in six unknowns: every rotation but the half-turns from R(q) is one s. The equations are ||P + R b - a||^2 = (L +
+# l)^2,
+# which are those of the legs where L + l > 0; the interval Newton test of cpcal.solver.existence does the proof.
+
+
+@dataclass(frozen=True, eq=False)
+class ProvedPose:
+    """PROVED: exactly one pose `P`, `R(1, s) R(quaternion)` with (P, s) in `box` gives all legs their lengths.
+
+    box         of `P[0]`, `P[1]`, `P[2]` in mm and `s[0]`, `s[1]`, `s[2]`; 2 s is the rotation vector from
+                R(quaternion) up to a relative error of angle^2 / 12
+    region      a larger box around it, which holds no other one
+    quaternion  (4,), the exact numbers that the floats are; its norm need not be 1 to the last bit
+    """
+
+    box: Box
+    region: Box
+    quaternion: Floats
+
+    @property
+    def pose(self) -> Pose:
+        """The pose at the middle of the box; floating point."""
+        middle = self.box.mid
+        w, r, s = self.quaternion[0], self.quaternion[1:], middle[3:]
+        turned = np.concatenate([[w - s @ r], r + w * s + np.cross(s, r)])
+        return Pose(middle[:3], turned / np.linalg.norm(turned))
+
+    @property
+    def position_radius(self) -> Floats:
+        """(3,) mm: the box's half-widths."""
+        return self.box.rad[:3]
+
+    @property
+    def rotation_radius(self) -> Floats:
+        """(3,) rad: half-widths of 2 s."""
+        return 2.0 * self.box.rad[3:]
+
+
+def prove_pose(
+    robot: Robot, readings: npt.ArrayLike, near: Pose, *, arithmetic: Arithmetic | None = None
+) -> ProvedPose | None:
+    """The one pose at (or next to) the pose `near` that has the six readings (6,) in mm; None: nothing was proved.
+
+    `near` comes from `forward_kinematics`. None says that Newton's method leads nowhere from there, or that the
+    platform is singular or nearly so at the pose: then there may be none, two, or infinitely many.
+
+    Raises InputError for another number of legs than six, and for readings that are not six finite numbers with
+    L + l > 0 for every leg.
+    """
+    length = _checked(robot, readings, near)
+    quaternion = np.array(near.quaternion, dtype=np.float64)
+    net = pose_network(robot, length, quaternion)
+    start = np.concatenate([near.position, np.zeros(3)])
+    found = UniquenessProver(net, arithmetic or get_arithmetic("float64")).prove(Box(net.names, start, start))
+    return None if found is None else ProvedPose(found.box, found.region, quaternion)
+
+
+def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> ConstraintNetwork:
+    """The equations ||P + R(1, s) R(q) b - a||^2 = (L + l)^2 in the unknowns P (mm) and s, one for each leg."""
+    net = ConstraintNetwork()
+    position, s = net.variable("P", 3), net.variable("s", 3)
+    arm = _turned(net.constant(quaternion), robot.mobile)
+    once = _cross(s[None, :], arm)
+    turned = arm + 2.0 * (once + _cross(s[None, :], once)) / (1.0 + sqr(s).sum())
+    vector = position[None, :] + turned - net.constant(robot.base)
+    net.add(sqr(vector).sum(-1) - sqr(net.constant(readings) + robot.offset) == 0.0)
+    return net
+
+
+def _turned(q: Expr, points: Floats) -> Expr:
+    """R(q) b, rational and so enclosed, for points (n, 3)."""
+    rows, norm_squared = rotation_numerators(q[k] for k in range(4))
+    axes = np.eye(3)
+    turned = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
+    return as_expr(turned / norm_squared)
+
+
+def _cross(x: Expr, y: Expr | Floats) -> Expr:
+    """Cross product of rows, (1, 3) or (n, 3)."""
+    forth, back = [1, 2, 0], [2, 0, 1]
+    return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
+
+
+def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:
+    length = np.asarray(readings, dtype=np.float64)
+    if robot.legs != LEGS or length.shape != (LEGS,):
+        what = f"are {length.shape} for {robot.legs} legs"
+        raise InputError([Problem("readings", what, "prove one pose at a time, of a robot with exactly six legs")])
+    numbers = np.concatenate([np.ravel(near.position), np.ravel(near.quaternion)])
+    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not np.any(near.quaternion):
+        raise InputError([Problem("near", "is not one pose", "give a position (3,) and a quaternion (4,), not zero")])
+    # a sum of floats is rounded to the nearest, and so has the sign of the exact one
+    wrong = np.flatnonzero(~(np.isfinite(length) & (length + robot.offset > 0.0)))
+    if len(wrong):
+        what = "does not have a finite length above 0"
+        raise InputError([Problem(f"leg {k + 1}", what, "check its reading and its offset, in mm") for k in wrong])
+    return length

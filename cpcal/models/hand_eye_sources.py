@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Floats, Indices
 from cpcal.files.tables import small_file
-from cpcal.handeye.study import HandEyeStudy, Setup
+from cpcal.models.hand_eye import HandEyeStudy, Setup
 from cpcal.robot import (
     Pose,
     Study,
@@ -198,7 +198,7 @@ TARGET = "target:"  # how --board names a target.toml
 def study_of_target_photos(
     folder: Path, target: Target, *, camera: Camera, poses: dict[str, tuple[float, ...]], setup: Setup
 ) -> tuple[HandEyeStudy, list[str]]:
-    """As `cpcal.handeye.sources.study_of_photos`, of photographs of a target.
+    """As `cpcal.models.hand_eye_sources.study_of_photos`, of photographs of a target.
 
     An outline's centre is not the image of the dot's centre; the difference at the pose that the image shows is taken
     off. Raises as that function does.
