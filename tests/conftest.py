@@ -29,30 +29,44 @@ settings.load_profile("cpcal")
 
 # More than five seconds of processor time each (`--durations` tells), the longest first. Begun last, one of them would
 # keep a worker busy while the others have nothing left to do.
-LONG = (
-    *(
-        "benchmarks/test_damaged_runs.py",
-        "cli/test_every_key.py",
-        "solver/test_planted.py",
-        "vision/test_identify.py",
-        "cli/test_images.py",
-    ),
-    *(
-        "contractors/test_conformance.py",
-        "checker/malformed/test_checker_hostile.py",
-        "solver/execution/test_places.py",
-    ),
-    *("solver/execution/test_cluster.py",),
-    *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),
-    *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
-    *("handeye/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
-    *("checker/forged/test_fuzz.py", "checker/valid/test_rule.py", "calibration/test_frames.py", "vision/test_dots.py"),
-    *("solver/interval/test_engines.py", "questions/test_compare.py", "solver/optimize/test_rounds.py"),
-    *("solver/linear/test_exact_programs.py", "questions/test_many_campaigns.py", "contractors/test_supports.py"),
-    *("calibration/test_fit.py", "questions/test_data_check.py", "solver/test_compiled.py", "test_notebook.py"),
-    *("solver/interval/test_sums.py", "solver/test_choice.py", "vision/test_world.py", "cli/test_pose_sets.py"),
-    *("cli/test_tampering.py", "cli/test_process.py", "vision/test_pose_set.py", "vision/test_calibrated_poses.py"),
-)
+LONG = [
+    "benchmarks/test_damaged_runs.py",
+    "cli/test_every_key.py",
+    "solver/execution/test_cluster.py",
+    "vision/test_pose_set_forgeries.py",
+    "contractors/test_conformance.py",
+    "vision/test_identify.py",
+    "cli/test_images.py",
+    "checker/malformed/test_checker_hostile.py",
+    "handeye/test_hand_eye_runs.py",
+    "report/test_browser.py",
+    "vision/test_pose_certificate.py",
+    "benchmarks/test_runs.py",
+    "test_commands.py",
+    "handeye/test_uncertain_poses.py",
+    "solver/network/test_forms.py",
+    "checker/forged/test_fuzz.py",
+    "checker/valid/test_rule.py",
+    "vision/test_dots.py",
+    "solver/interval/test_engines.py",
+    "questions/test_compare.py",
+    "solver/optimize/test_rounds.py",
+    "questions/test_many_campaigns.py",
+    "calibration/test_fit.py",
+    "questions/test_data_check.py",
+    "solver/test_compiled.py",
+    "test_notebook.py",
+    "solver/interval/test_sums.py",
+    "solver/test_choice.py",
+    "vision/test_world.py",
+    "cli/test_pose_sets.py",
+    "cli/test_tampering.py",
+    "cli/test_process.py",
+    "vision/test_pose_set.py",
+    "vision/test_calibrated_poses.py",
+    "vision/test_pose_set_robust.py",
+    "solver/test_minimum_checkpoint.py",
+]
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
 
 

@@ -15,7 +15,7 @@ from .refusal import Refused
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
 _OTHERS = ("files", "robot", "uncertainty", "model", "provenance")
-_LARGEST = 64 << 20  # bytes
+_LARGEST = 32 << 20  # bytes
 _DEEPEST = 28  # lists and objects, one in the other
 
 

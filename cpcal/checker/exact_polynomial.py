@@ -15,7 +15,7 @@ from .refusal import Refused
 
 FIELD = 6
 READINGS = 7
-_MOST_TERMS = 100_000  # of one polynomial
+MOST_TERMS = 100_000  # of one polynomial
 MOST_HELD = 500_000  # terms of all polynomials that one sum, or the rows of a step, hold: each for every 512 bits of it
 _MOST_KEPT = 100_000  # of all that are remembered of one kind
 _LONG = 1024  # bits behind the point
@@ -34,11 +34,12 @@ class Polynomial:
     That is what it takes in tenths of a microsecond, about; coefficients of a and b bits are multiplied in a b / 2^16.
     """
 
-    __slots__ = ("_bits", "exponent", "spend", "terms")
+    __slots__ = ("_bits", "_wide", "exponent", "spend", "terms")
 
     def __init__(self, terms: dict[int, int], exponent: int, spend: Spend) -> None:
         self.terms, self.exponent, self.spend = terms, exponent, spend
         self._bits: int | None = None
+        self._wide: int | None = None
 
     @property
     def bits(self) -> int:
@@ -48,9 +49,16 @@ class Polynomial:
         return self._bits
 
     @property
+    def wide(self) -> int:
+        """What its longest monomial takes besides, of time and memory: one for every 1024 bits, or 170 unknowns."""
+        if self._wide is None:
+            self._wide = max(self.terms, default=0).bit_length() >> 10
+        return self._wide
+
+    @property
     def size(self) -> int:
         """What it takes of memory: its terms, each once more for every 512 bits."""
-        return len(self.terms) * (1 + (self.bits >> 9))
+        return len(self.terms) * (1 + (self.bits >> 9) + 2 * self.wide)
 
     def __add__(self, other: Polynomial) -> Polynomial:
         return combined(((1, self), (1, other)), self.spend)
@@ -62,14 +70,14 @@ class Polynomial:
         a, b = self.terms, other.terms
         if self.bits + other.bits > _MOST_BITS:
             raise too_many(_MOST_BITS, "bits of a coefficient")
-        self.spend(50 + len(a) * len(b) * (3 + (self.bits * other.bits >> 16)))
+        self.spend(50 + len(a) * len(b) * (3 + (self.bits * other.bits >> 16) + self.wide + other.wide))
         out: dict[int, int] = {}
         known = out.get
         for m, c in a.items():
             for n, d in b.items():
                 out[m + n] = known(m + n, 0) + c * d
-            if len(out) > _MOST_TERMS:
-                raise too_many(_MOST_TERMS, "terms of a polynomial")
+            if len(out) > MOST_TERMS:
+                raise too_many(MOST_TERMS, "terms of a polynomial")
         return Polynomial(out, self.exponent + other.exponent, self.spend)
 
     def times(self, factor: int, power: int = 0) -> Polynomial:
@@ -103,12 +111,12 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomia
         bits = factor.bit_length() + shift
         if bits + p.bits > _MOST_BITS:
             raise too_many(_MOST_BITS, "bits of a coefficient")
-        spend(len(p.terms) * (3 + (bits * p.bits >> 16)))
+        spend(len(p.terms) * (3 + (bits * p.bits >> 16) + p.wide))
         multiple = factor << shift
         for m, c in p.terms.items():
             out[m] = known(m, 0) + multiple * c
-        if len(out) > _MOST_TERMS:
-            raise too_many(_MOST_TERMS, "terms of a polynomial")
+        if len(out) > MOST_TERMS:
+            raise too_many(MOST_TERMS, "terms of a polynomial")
     return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
 
 

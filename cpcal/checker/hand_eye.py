@@ -30,7 +30,8 @@ from .run import STRANGE, Json, compare, exact, names_all, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
-_POINTS, _POINT_WORK = 10_000, 4_000  # of a run: more for each point beyond so many
+_POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 4_000, 100_000  # of a run: more for each point beyond so many
+_ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames
@@ -65,11 +66,17 @@ _ASKED = record(
 # the study ----------------------------------------------------------------------------------------------------------
 
 
-def read_study(path: Path) -> tuple[Study, str]:
-    """The study of a file, and its SHA-256. Raises Unusable, Refused."""
+def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
+    """The study of a file, its SHA-256, and what is left to spend on its run. Raises Unusable, Refused."""
     given = content(path)
     try:
-        return _study(parsed(given, lambda number: F(finite(number)))), sha256(given).hexdigest()
+        data = parsed(given, finite)
+        points = len(array(data["points"]))
+        budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
+        if points > _MOST_POINTS:
+            raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
+        budget.spend(_ERRORS_WORK * points)
+        return _study(data), sha256(given).hexdigest(), budget
     except (Refused, *STRANGE) as error:
         raise Refused(f"{STUDY_NAME} {reason_of(error)}", "run", 0) from None
 
@@ -307,11 +314,10 @@ class _Run:
     format: str
 
     def __init__(self, folder: Path, work: int) -> None:
-        self.study, digest = read_study(folder / STUDY_NAME)
+        self.study, digest, budget = read_study(folder / STUDY_NAME, work)
         given = content(folder / self.name)
-        work = work or WORK + _POINT_WORK * max(0, len(self.study.image) - _POINTS)
-        self.certificates = HandEyeCertificates(folder, self.study, digest, Budget(work))
-        self.result = parsed(given, lambda number: F(finite(number)))
+        self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
+        self.result = parsed(given, finite)
         self.named: list[str] = []
         try:
             same("format", self.result["format"], self.format)

@@ -15,6 +15,7 @@ from .exact_polynomial import Polynomial, Spend, constant, unknown
 from .files import Lines
 from .leg import EXTRA, check_model, leg_problem
 from .problem import Box, Constraint, Problem
+from .program import dyadics
 from .readers import anything, ascending, choice, dyadic, entry, many, maybe, record, text, whole
 from .refusal import Refused
 
@@ -92,9 +93,14 @@ def _leg(
 
 def with_forms(root: Box, forms: Sequence[Given]) -> Box:
     """With a power of two for each form that none of its values on the box is above."""
-    most = [max(-a, b) for a, b in zip(root.lo, root.hi, strict=True)]
-    sizes = (sum(abs(c) * prod(most[v] for v in m) for m, c in form) for form in forms)
-    ends = [F(1 << size.__floor__().bit_length()) for size in sizes]
+    most, ends = dyadics([max(-a, b) for a, b in zip(root.lo, root.hi, strict=True)]), list[F]()
+    for form in forms:
+        by, degree = dyadics([abs(c) for _, c in form]), max((len(m) for m, _ in form), default=0)
+        sizes = (
+            c * prod(most.values[v] for v in m) << most.power * (degree - len(m))
+            for c, (m, _) in zip(by.values, form, strict=True)
+        )
+        ends.append(F(1 << (sum(sizes) >> by.power + most.power * degree).bit_length()))
     return Box((*root.lo, *(-end for end in ends)), (*root.hi, *ends))
 
 

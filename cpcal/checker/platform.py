@@ -310,7 +310,7 @@ def stated(bounds: PoseBounds) -> tuple[tuple[float, ...], tuple[float, ...], fl
 def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
     """For each statement of accuracy.json whether it is accepted, and a sentence. Raises Unusable, Refused."""
     try:
-        result = parsed(content(folder / ACCURACY_NAME), lambda number: F(finite(number)))
+        result = parsed(content(folder / ACCURACY_NAME), finite)
         same("format", result["format"], ACCURACY_FORMAT)
         return list(_statements(folder, result, ExactCampaign(folder / NAME), work))
     except (Refused, *STRANGE) as error:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from .exact_polynomial import (
     MOST_HELD,
+    MOST_TERMS,
     READINGS,
     Polynomial,
     Spend,
@@ -61,10 +62,13 @@ class Rule:
         """At most zero at every solution in the box: weighted rows, less weighted products and squares."""
         of_rows, of_products, of_tangents = weights.exponents
         terms: dict[int, int] = {}
+        self.x.spend(len(weights.products) * (20 + len(self.x) // 20) + 100 * len(weights.tangents))
         for i, j, p, q, weight in weights.products:
             one, two = unknown(i), unknown(j)
             for monomial, c in ((0, 1), (one, p), (two, q), (one + two, p * q)):
                 terms[monomial] = terms.get(monomial, 0) - weight * c
+            if len(terms) > MOST_TERMS:
+                raise too_many(MOST_TERMS, "terms of a polynomial")
         products = Polynomial(terms, of_products, self.x.spend)
         self.form(n for n, weight in weights.rows if weight)
         rows: Iterable[tuple[int, Polynomial]] = (

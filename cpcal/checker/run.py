@@ -69,7 +69,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
     try:
         text = content(folder / RESULT_NAME)
         campaign = ExactCampaign(folder / NAME)
-        result = parsed(text, lambda number: F(finite(number)))
+        result = parsed(text, finite)
         same("format", result["format"], RESULT_FORMAT)
         compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
@@ -304,7 +304,7 @@ def same(what: str, stated: Any, proved: Any) -> None:
 
 
 def exact(value: Any) -> F:
-    if isinstance(value, bool) or not isinstance(value, int | F):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise Refused(f"holds {shown(value)} where a number is needed")
     return F(value)
 

@@ -31,10 +31,9 @@ from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.questions import Result, load_result
 from cpcal.questions.fits import fits_of
 from cpcal.questions.hand_eye import load_hand_eye_result
-from cpcal.report.export import WRITERS, exported
-from cpcal.report.hand_eye_page import HAND_EYE_FORMS
-from cpcal.report.run_page import frames_of_run, render
-from cpcal.report.study_page import StudyFound, load_images, render_study
+from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
+from cpcal.report.run_page import render
+from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -80,7 +79,6 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
         result=load_result(folder / RUN),
         timeout=load_result(folder / TIMEOUT),
         checked=said,
-        images=load_images(folder),
     )
 
 

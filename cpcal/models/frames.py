@@ -242,7 +242,7 @@ def _lifted(i: int, j: int) -> bool:
 def _origins(study: HandEyeStudy, near: HandEyeFrames) -> tuple[tuple[F, ...], tuple[F, ...]]:
     """w, where the board's centre is in the mean of the images, and c: the centre of the board."""
     center = 0.5 * (study.points.min(axis=0) + study.points.max(axis=0))
-    turn, shift = study.motions
+    turn, shift = study.motions()
     mean = (turn @ (near.f_rotation @ center + near.f_translation) + shift).mean(axis=0)
     return exact(np.round(mean * 8.0) / 8.0), exact(center)
 
@@ -251,7 +251,7 @@ def spread(study: HandEyeStudy, images: Sequence[int], count: int) -> list[int]:
     """So many of the images, each in turn the one whose pose is farthest from those chosen before."""
     if len(images) <= count:
         return list(images)
-    turn = study.motions[0][list(images)].reshape(len(images), 9)
+    turn = study.motions()[0][list(images)].reshape(len(images), 9)
     place: Floats = study.poses.position[list(images)]
     place = place / max(float(np.ptp(place, axis=0).max()), 1e-9)
     where = np.concatenate([turn, place], axis=1)

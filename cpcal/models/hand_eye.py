@@ -86,23 +86,28 @@ class HandEyeStudy(Value):
             raise InputError([Problem("study", "has a point of an image without pose", "name the images by number")])
 
     @property
-    def planar(self) -> bool:
-        """Whether all points have Z = 0."""
-        return not self.points[:, 2].any()
+    def uncertain(self) -> bool:
+        """Whether the robot's poses have half-widths."""
+        return bool(self.pose_half_width.any())
 
     @property
     def rays(self) -> Floats:
         """(N, 2) pixels without the lens's distortion: what a pinhole of the same focal lengths and centre shows."""
         return np.asarray(self.camera.center + self.camera.focal * self.camera.normalised(self.pixels))
 
-    @property
-    def motions(self) -> tuple[Floats, Floats]:
-        """Rotations (n, 3, 3) and translations (n, 3), mm, of H_i, in float64."""
-        turn, shift = rotation_matrix(self.poses.quaternion), self.poses.position
+    def motions(self, readings: Floats | None = None) -> tuple[Floats, Floats]:
+        """Rotations (n, 3, 3) and translations (n, 3), mm, of H_i at the stated poses or at readings, in float64."""
+        poses = self.poses if readings is None else read_poses(self.poses, readings)
+        turn, shift = rotation_matrix(poses.quaternion), poses.position
         if self.setup == "eye-to-hand":
             return turn, shift
         back = np.swapaxes(turn, -1, -2)
         return back, -np.einsum("nij,nj->ni", back, shift)
+
+    def exactly(self, readings: Floats | None = None) -> HandEyeStudy:
+        """The study with each pose as it is stated, or at its reading, taken as exact."""
+        poses = self.poses if readings is None else read_poses(self.poses, readings)
+        return replace(self, poses=poses, pose_half_width=np.zeros_like(self.pose_half_width))
 
     def part(self, chosen: Indices) -> HandEyeStudy:
         """The study of some of the images, in their order."""
@@ -123,6 +128,13 @@ class HandEyeStudy(Value):
         )
 
 
+def read_poses(poses: Pose, readings: Floats) -> Pose:
+    """Poses at readings (n, 6) of them, (d, w) in mm and rad: position + d, R(1, w / 2) R, in the base frame."""
+    turn = np.concatenate([np.ones((len(readings), 1)), 0.5 * readings[:, 3:]], axis=1)
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    return Pose(poses.position + readings[:, :3], quaternion_product(turn, poses.quaternion))
+
+
 @dataclass(frozen=True, eq=False)
 class HandEyeFrames(Value):
     """E and F: rotations (3, 3), translations (3,) mm."""
@@ -135,187 +147,6 @@ class HandEyeFrames(Value):
     def __post_init__(self) -> None:
         for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
-
-    def in_camera(self, study: HandEyeStudy) -> Floats:
-        """x_ij (N, 3), mm."""
-        turn, shift = study.motions
-        on_target = study.points @ self.f_rotation.T + self.f_translation
-        moved = np.einsum("nij,nj->ni", turn[study.image], on_target) + shift[study.image]
-        return np.asarray(moved @ self.e_rotation.T + self.e_translation)
-
-    def residuals(self, study: HandEyeStudy) -> Floats:
-        """(N, 2) px: where a pinhole shows the points, less the undistorted pixels."""
-        x = self.in_camera(study)
-        return np.asarray(study.camera.center + study.camera.focal * x[:, :2] / x[:, 2:] - study.rays)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Residuals in pixels and their derivatives by twelve small motions of E and F.
-
-PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, then those of F (frame of its values)
-
-
-class PixelModel:
-    """The residuals (2 N,) of frames, first all along u and then all along v; what the study alone decides is kept."""
-
-    def __init__(self, study: HandEyeStudy) -> None:
-        self.study, self.rays = study, study.rays
-        turn, shift = study.motions
-        self._turn, self._shift = turn[study.image], shift[study.image]
-        self.size = PARAMETERS
-
-    def __call__(self, frames: HandEyeFrames) -> Floats:
-        """(2 N,) px; infinite where a point is not in front of the camera."""
-        x = self._in_camera(frames)[0]
-        camera = self.study.camera
-        with np.errstate(divide="ignore", invalid="ignore"):
-            seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
-        return np.where(x[:, 2:] > 0.0, seen - self.rays, np.inf).T.ravel()
-
-    def _in_camera(self, frames: HandEyeFrames) -> tuple[Floats, Floats, Floats]:
-        turned = self.study.points @ frames.f_rotation.T
-        moved = np.einsum("nij,nj->ni", self._turn, turned + frames.f_translation) + self._shift
-        on = moved @ frames.e_rotation.T
-        return on + frames.e_translation, on, turned
-
-    def moved(self, frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
-        return moved(frames, step)
-
-    def reach(self, frames: HandEyeFrames) -> Floats:
-        """A turn of 1 rad, and the way that it moves a point: (12,)."""
-        way = float(np.linalg.norm(frames.in_camera(self.study), axis=1).mean())
-        return np.tile(np.repeat([1.0, way], 3), 2)
-
-    def room(self, frames: HandEyeFrames) -> tuple[Floats, Floats]:
-        """No step is too far."""
-        return np.full(PARAMETERS, -np.inf), np.full(PARAMETERS, np.inf)
-
-    def jacobian(self, frames: HandEyeFrames) -> Floats:
-        """(2 N, 12) of the residuals by the motions of `moved`."""
-        _, on, turned = self._in_camera(frames)
-        of_f = frames.e_rotation @ self._turn  # (N, 3, 3)
-        by = np.concatenate([-cross(on), np.broadcast_to(np.eye(3), of_f.shape), -of_f @ cross(turned), of_f], axis=2)
-        return self.of_points(frames, by)
-
-    def of_points(self, frames: HandEyeFrames, by: Floats) -> Floats:
-        """(2 N, K) of the residuals, from derivatives (N, 3, K) of the points in the camera frame."""
-        x = self._in_camera(frames)[0]
-        focal, depth = self.study.camera.focal, x[:, 2]
-        rows = [focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
-        return np.concatenate(rows)
-
-
-def cross(vectors: Floats) -> Floats:
-    """[v]x (N, 3, 3)."""
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=1)
-
-
-def moved(frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
-    """Frames turned and moved by a step (12,)."""
-
-    def turned(matrix: Floats, vector: Floats) -> Floats:
-        return np.asarray(rotation_matrix(quaternion_from_rotation_vector(vector)) @ matrix)
-
-    return HandEyeFrames(
-        turned(frames.e_rotation, step[:3]),
-        frames.e_translation + step[3:6],
-        turned(frames.f_rotation, step[6:9]),
-        frames.f_translation + step[9:],
-    )
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
-#
-# A reading of pose i is (position + d, R(1, w / 2) R), with d in mm and w in rad within its half-widths, in the base
-# frame. All points of an image have the same reading, so six unknowns an image say all that a robot error does.
-
-READING = 6  # unknowns of a reading: d and w
-
-
-@dataclass(frozen=True, eq=False)
-class ReadFrames(Value):
-    """Frames, and a reading (d, w) of each image's pose: (n, 6) mm and rad."""
-
-    frames: HandEyeFrames
-    readings: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "readings", frozen_array(self.readings))
-
-    @staticmethod
-    def stated(frames: HandEyeFrames, study: HandEyeStudy) -> ReadFrames:
-        """At the stated poses."""
-        return ReadFrames(frames, np.zeros((len(study.images), READING)))
-
-
-def read_study(study: HandEyeStudy, readings: Floats) -> HandEyeStudy:
-    """The study with each pose at its reading, taken as exact."""
-    turn = np.concatenate([np.ones((len(readings), 1)), 0.5 * readings[:, 3:]], axis=1)
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    poses = Pose(study.poses.position + readings[:, :3], quaternion_product(turn, study.poses.quaternion))
-    return replace(study, poses=poses, pose_half_width=np.zeros_like(readings))
-
-
-class ReadingModel:
-    """The residuals (2 N,) of frames with readings, first all along u and then all along v."""
-
-    def __init__(self, study: HandEyeStudy) -> None:
-        self.study = study
-        self.size = PARAMETERS + READING * len(study.images)
-
-    def __call__(self, at: ReadFrames) -> Floats:
-        """(2 N,) px; infinite where a point is not in front of the camera."""
-        return PixelModel(read_study(self.study, at.readings))(at.frames)
-
-    def blocks(self, at: ReadFrames) -> tuple[Floats, Floats]:
-        """Derivatives (2 N, 12) by the motions of the frames, and (2 N, 6) by those of each point's own reading."""
-        there = read_study(self.study, at.readings)
-        model, frames = PixelModel(there), at.frames
-        on = there.points @ frames.f_rotation.T + frames.f_translation
-        turn, _ = there.motions
-        own = frames.e_rotation @ turn[there.image]  # (N, 3, 3) of what is on the target's side of the pose
-        place = there.poses.position[there.image]
-        if there.setup == "eye-to-hand":
-            lever = np.einsum("nij,nj->ni", turn[there.image], on)
-            by = np.concatenate([np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross(lever)], 2)
-        else:
-            by = np.concatenate([-own, own @ cross(on - place)], axis=2)
-        # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
-        half = 0.5 * at.readings[:, 3:]
-        turned = (np.eye(3) + cross(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
-        by[:, :, 3:] = by[:, :, 3:] @ turned[there.image]
-        return model.jacobian(frames), model.of_points(frames, by)
-
-    def jacobian(self, at: ReadFrames) -> Floats:
-        """(2 N, size): frames first, then the readings image by image."""
-        frames, own = self.blocks(at)
-        whole = np.zeros((len(own), self.size))
-        whole[:, :PARAMETERS] = frames
-        place = PARAMETERS + READING * np.tile(self.study.image, 2)
-        for k in range(READING):
-            whole[np.arange(len(own)), place + k] = own[:, k]
-        return whole
-
-    def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
-        """By a step (size,), readings kept within their half-widths."""
-        width = self.study.pose_half_width
-        readings = np.clip(at.readings + step[PARAMETERS:].reshape(-1, READING), -width, width)
-        return ReadFrames(moved(at.frames, step[:PARAMETERS]), readings)
-
-    def reach(self, at: ReadFrames) -> Floats:
-        """What counts as a step of one: a turn of 1 rad, and the way that it moves a point."""
-        frames = PixelModel(self.study).reach(at.frames)
-        own = np.tile(np.repeat([frames[3], 1.0], 3), len(self.study.images))
-        return np.concatenate([frames, own])
-
-    def room(self, at: ReadFrames) -> tuple[Floats, Floats]:
-        """Least and greatest step (size,) that the half-widths leave."""
-        width, free = self.study.pose_half_width, np.full(PARAMETERS, np.inf)
-        low, high = (-width - at.readings).ravel(), (width - at.readings).ravel()
-        return np.concatenate([-free, low]), np.concatenate([free, high])
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ proved.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,16 +17,7 @@ from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, frozen_array
-from cpcal.models.hand_eye import (
-    PARAMETERS,
-    READING,
-    HandEyeFrames,
-    HandEyeStudy,
-    PixelModel,
-    ReadFrames,
-    ReadingModel,
-    moved,
-)
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
 from cpcal.robot import (
     Pose,
     inverse,
@@ -34,9 +25,130 @@ from cpcal.robot import (
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
     quaternion_product,
+    rotation_matrix,
 )
 from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.solver.optimize.least_squares import Blocks, least_squares
+
+# ------------------------------------------------------------------------------------------------------------------
+# Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
+#
+# A reading of pose i is (position + d, R(1, w / 2) R), with d in mm and w in rad within its half-widths, in the base
+# frame. All points of an image have the same reading, so six unknowns an image say all that a robot error does; exact
+# poses have none.
+
+PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, then those of F (frame of its values)
+READING = 6  # unknowns of a reading: d and w
+
+
+@dataclass(frozen=True, eq=False)
+class ReadFrames(Value):
+    """Frames, and a reading (d, w) of each image's pose: (n, 6) mm and rad."""
+
+    frames: HandEyeFrames
+    readings: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "readings", frozen_array(self.readings))
+
+
+class PixelModel:
+    """The residuals (2 N,) of frames with readings, first all along u and then all along v, in `size` unknowns."""
+
+    def __init__(self, study: HandEyeStudy) -> None:
+        self.study, self._rays = study, study.rays
+        self._images = len(study.images) if study.uncertain else 0  # whose readings are unknown
+        self.size = PARAMETERS + READING * self._images
+
+    def stated(self, frames: HandEyeFrames) -> ReadFrames:
+        """Frames at the stated poses."""
+        return ReadFrames(frames, np.zeros((len(self.study.images), READING)))
+
+    def __call__(self, at: ReadFrames) -> Floats:
+        """(2 N,) px; infinite where a point is not in front of the camera."""
+        x, camera = self.in_camera(at), self.study.camera
+        with np.errstate(divide="ignore", invalid="ignore"):
+            seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
+        return np.where(x[:, 2:] > 0.0, seen - self._rays, np.inf).T.ravel()
+
+    def in_camera(self, at: ReadFrames) -> Floats:
+        """x_ij (N, 3), mm."""
+        return np.asarray(self._placed(at)[2] + at.frames.e_translation)
+
+    def _placed(self, at: ReadFrames) -> tuple[Floats, Floats, Floats]:
+        """Of each point the rotation of H_i; R_F p; and R_E H_i F p."""
+        turn, shift = (part[self.study.image] for part in self.study.motions(at.readings))
+        turned = self.study.points @ at.frames.f_rotation.T
+        moved = np.einsum("nij,nj->ni", turn, turned + at.frames.f_translation) + shift
+        return turn, turned, moved @ at.frames.e_rotation.T
+
+    def blocks(self, at: ReadFrames) -> tuple[Floats, Floats]:
+        """Derivatives (2 N, 12) by the motions of the frames, and (2 N, 6) by those of each point's own reading."""
+        turn, turned, on = self._placed(at)
+        frames, x = at.frames, on + at.frames.e_translation
+        own = frames.e_rotation @ turn  # (N, 3, 3) of what is on the target's side of the pose
+        by = [-cross_matrix(on), np.broadcast_to(np.eye(3), own.shape), -own @ cross_matrix(turned), own]
+        if not self._images:
+            return self._seen(x, np.concatenate(by, axis=2)), np.zeros((2 * len(x), 0))
+        on_hand = turned + frames.f_translation
+        if self.study.setup == "eye-to-hand":
+            lever = np.einsum("nij,nj->ni", turn, on_hand)
+            by += [np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross_matrix(lever)]
+        else:
+            place = read_poses(self.study.poses, at.readings).position[self.study.image]
+            by += [-own, own @ cross_matrix(on_hand - place)]
+        # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
+        half = 0.5 * at.readings[:, 3:]
+        turning = (np.eye(3) + cross_matrix(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
+        by[-1] = by[-1] @ turning[self.study.image]
+        slope = self._seen(x, np.concatenate(by, axis=2))
+        return slope[:, :PARAMETERS], slope[:, PARAMETERS:]
+
+    def _seen(self, x: Floats, by: Floats) -> Floats:
+        """(2 N, K) of the residuals, from derivatives (N, 3, K) of the points in the camera frame."""
+        focal, depth = self.study.camera.focal, x[:, 2]
+        rows = [focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
+        return np.concatenate(rows)
+
+    def jacobian(self, at: ReadFrames) -> Floats:
+        """(2 N, size): frames first, then the readings image by image."""
+        frames, own = self.blocks(at)
+        whole = np.zeros((len(own), self.size))
+        whole[:, :PARAMETERS] = frames
+        place = PARAMETERS + READING * np.tile(self.study.image, 2)
+        for k in range(own.shape[1]):
+            whole[np.arange(len(own)), place + k] = own[:, k]
+        return whole
+
+    def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
+        """By a step (size,): rotations turn by a vector; readings are kept within their half-widths."""
+
+        def turned(matrix: Floats, vector: Floats) -> Floats:
+            return np.asarray(rotation_matrix(quaternion_from_rotation_vector(vector)) @ matrix)
+
+        old, readings, width = at.frames, at.readings, self.study.pose_half_width
+        frames = HandEyeFrames(
+            turned(old.e_rotation, step[:3]),
+            old.e_translation + step[3:6],
+            turned(old.f_rotation, step[6:9]),
+            old.f_translation + step[9:12],
+        )
+        if self._images:
+            readings = np.clip(readings + step[PARAMETERS:].reshape(-1, READING), -width, width)
+        return ReadFrames(frames, readings)
+
+    def reach(self, at: ReadFrames) -> Floats:
+        """What counts as a step of one in each unknown: a turn of 1 rad, and the way that it moves a point."""
+        way = float(np.linalg.norm(self.in_camera(at), axis=1).mean())
+        frames, readings = (np.repeat(pair, 3) for pair in ([1.0, way], [way, 1.0]))
+        return np.concatenate([np.tile(frames, 2), np.tile(readings, self._images)])
+
+    def room(self, at: ReadFrames) -> tuple[Floats, Floats]:
+        """Least and greatest step (size,) that the half-widths leave."""
+        width, free = self.study.pose_half_width[: self._images], np.full(PARAMETERS, np.inf)
+        low, high = (-width - at.readings[: self._images]).ravel(), (width - at.readings[: self._images]).ravel()
+        return np.concatenate([-free, low]), np.concatenate([free, high])
+
 
 # ------------------------------------------------------------------------------------------------------------------
 # Least squares where the robot's poses have errors too: pixels and poses weighted by their deviations.
@@ -50,7 +162,7 @@ from cpcal.solver.optimize.least_squares import Blocks, least_squares
 _LEAST_GAIN = 1e-9  # of the deviation of a reading that is taken as exact, against dividing by zero
 
 
-def weighted_fit(model: ReadingModel, frames: HandEyeFrames, pixel: float) -> tuple[ReadFrames, Floats]:
+def _weighted_fit(model: PixelModel, start: ReadFrames, pixel: float) -> tuple[ReadFrames, Floats]:
     """Frames and readings from a start, and the covariance (12, 12) of the frames; `pixel`: deviation in px."""
     study = model.study
     deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
@@ -73,7 +185,6 @@ def weighted_fit(model: ReadingModel, frames: HandEyeFrames, pixel: float) -> tu
         mixed = of_images(own[:, :, None] * by_frames[:, None, :])
         return Blocks(by_frames.T @ by_frames, -by_frames.T @ off, mixed, alone, side)
 
-    start = ReadFrames.stated(frames, study)
     at = least_squares(residual, blocks, start, tolerance=1e-12, moved=model.moved, steps=_STEPS).at
     normal, _ = blocks(at).reduced()
     scale = np.sqrt(np.diagonal(normal))
@@ -129,37 +240,35 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     if len(kept) < _LEAST_IMAGES:
         what = f"has {len(kept)} images whose points determine a pose"
         raise InputError([Problem("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")])
-    turn, shift = study.motions
-    motions = Pose(shift[kept], quaternion_from_matrix(turn[kept]))
-    found = calibrate_frames(motions, seen)
-    e, f = inverse(found.camera_in_base), found.target_in_mobile
-    start = HandEyeFrames(e.rotation, e.position, f.rotation, f.position)
+    turn, shift = study.motions()
+    closed = calibrate_frames(Pose(shift[kept], quaternion_from_matrix(turn[kept])), seen)
+    e, f = inverse(closed.camera_in_base), closed.target_in_mobile
     model = PixelModel(study)
-    if not np.isfinite(model(start)).all():
+    at = model.stated(HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
+    if not np.isfinite(model(at)).all():
         what = "puts points behind the camera"
         raise InputError([Problem("the closed form", what, "check the setup, and which pose belongs to which image")])
-    frames = least_squares(model, model.jacobian, start, tolerance=1e-13, moved=moved, steps=_STEPS).at
-    residuals = model(frames)
-    covariance, weak = _covariance(model.jacobian(frames), residuals)
-    readings = np.zeros((len(study.images), 6))
-    alone = single_rms(study, kept, seen)
-    if study.pose_half_width.any():
-        reading = ReadingModel(study)
-        at, covariance = weighted_fit(reading, frames, max(alone, _LEAST_PIXEL))
-        frames, readings, residuals = at.frames, at.readings, reading(at)
-    elif alone > 0.0 and float(np.sqrt(np.mean(residuals**2))) > _APART * alone:
-        weak = [*weak, _robot(alone, float(np.sqrt(np.mean(residuals**2))))]
+    exact = PixelModel(study.exactly())
+    at = least_squares(exact, exact.jacobian, at, tolerance=1e-13, moved=exact.moved, steps=_STEPS).at
+    residuals = model(at)
+    covariance, weak = _covariance(exact.jacobian(at), residuals)
+    alone, rms = _single_rms(study, kept, seen), float(np.sqrt(np.mean(residuals**2)))
+    if study.uncertain:
+        at, covariance = _weighted_fit(model, at, max(alone, _LEAST_PIXEL))
+        residuals = model(at)
+    elif 0.0 < _APART * alone < rms:
+        weak = [*weak, _robot(alone, rms)]
     return ClassicalAnswer(
-        frames=frames,
-        readings=readings,
+        frames=at.frames,
+        readings=at.readings,
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
         rms=float(np.sqrt(np.mean(residuals**2))),
-        remarks=(*found.remarks, *weak),
+        remarks=(*closed.remarks, *weak),
     )
 
 
-def single_rms(study: HandEyeStudy, kept: list[int], seen: Pose) -> float:
+def _single_rms(study: HandEyeStudy, kept: list[int], seen: Pose) -> float:
     """px per axis: what the poses of single images, each fitted to its own pixels, leave; no robot error enters."""
     camera, rays, turn = study.camera, study.rays, seen.rotation
     square, free = 0.0, 0
@@ -269,25 +378,6 @@ def _robot(alone: float, rms: float) -> str:
 # that a
 # point satisfies every pixel is proved elsewhere.
 
-At = TypeVar("At")  # frames, or frames with readings
-
-
-class MinimaxModel(Protocol[At]):
-    """Residuals (2 N,) of what is fitted, in `size` unknowns.
-
-    `reach`: what counts as a step of one in each of them; `room`: the least and greatest step allowed.
-    """
-
-    study: HandEyeStudy
-    size: int
-
-    def __call__(self, at: At, /) -> Floats: ...
-    def jacobian(self, at: At, /) -> Floats: ...
-    def moved(self, at: At, step: Floats, /) -> At: ...
-    def reach(self, at: At, /) -> Floats: ...
-    def room(self, at: At, /) -> tuple[Floats, Floats]: ...
-
-
 _PROGRAMS = 60
 _TRUSTED = 0.05  # rad: the trust region of rotations; that of translations is as far as it moves a point
 _SHORTEST = 1e-13
@@ -295,7 +385,7 @@ _RESTARTS = 3
 _MANY = 150  # unknowns, from which on a program is nearly all zeros: each image has readings of its own
 
 
-def minimax_fit(model: MinimaxModel[At], at: At, *, restarts: int = _RESTARTS) -> tuple[At, float]:
+def minimax_fit(model: PixelModel, at: ReadFrames, *, restarts: int = _RESTARTS) -> tuple[ReadFrames, float]:
     """Frames near those given, and their largest excess `|residual| - half-width` in px.
 
     The search begins again with a wide trust region until that finds nothing better: one that stops early leaves the
@@ -313,13 +403,13 @@ def minimax_fit(model: MinimaxModel[At], at: At, *, restarts: int = _RESTARTS) -
     return best, value
 
 
-def excess(model: MinimaxModel[At], at: At) -> float:
+def excess(model: PixelModel, at: ReadFrames) -> float:
     """px: by how much the worst pixel is off beyond its half-width; from 0."""
     off = np.abs(model(at)) - np.tile(model.study.half_width, 2)
     return max(float(off.max()), 0.0)
 
 
-def _descent(model: MinimaxModel[At], at: At, radius: float) -> tuple[At, float]:
+def _descent(model: PixelModel, at: ReadFrames, radius: float) -> tuple[ReadFrames, float]:
     value, size = excess(model, at), model.reach(at)
     for _ in range(_PROGRAMS):
         step, promised = _step(model, at, size * radius, value)
@@ -337,7 +427,7 @@ def _descent(model: MinimaxModel[At], at: At, radius: float) -> tuple[At, float]
     return at, value
 
 
-def _step(model: MinimaxModel[At], at: At, reach: Floats, worst: float) -> tuple[Floats, float]:
+def _step(model: PixelModel, at: ReadFrames, reach: Floats, worst: float) -> tuple[Floats, float]:
     """The step of the linear program within the trust region, and the excess that it promises."""
     slope, residuals = model.jacobian(at) * reach, model(at)
     width = np.tile(model.study.half_width, 2)

@@ -399,7 +399,7 @@ def leg_equation(
     else:
         matrix = net.constant(rotation_enclosure(campaign.quaternion, engine))
         if scaled:
-            scale = net.constant(_squared_norm(campaign.quaternion, engine))
+            scale = net.constant(engine.sum(engine.sqr(IntervalArray.point(campaign.quaternion)), 1))
     turn = _turning(net, campaign.rotation_radius)
 
     def rotate(u: npt.ArrayLike) -> Expr:
@@ -430,14 +430,14 @@ def _turning(net: ConstraintNetwork, radius: Floats) -> Callable[[Expr], Expr]:
     s = net.reading(np.zeros_like(radius), 0.5 * radius)
 
     def turned(v: Expr) -> Expr:
-        once = _cross(s, v)
-        return v + 2.0 * (once + _cross(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
+        once = cross_rows(s, v)
+        return v + 2.0 * (once + cross_rows(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
 
     return turned
 
 
-def _cross(x: Expr, y: Expr) -> Expr:
-    """Cross product of rows, shape (N, 3)."""
+def cross_rows(x: Expr, y: Expr | Floats) -> Expr:
+    """Cross products of rows, (N, 3) or (1, 3)."""
     forth, back = [1, 2, 0], [2, 0, 1]
     return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
 
@@ -445,43 +445,26 @@ def _cross(x: Expr, y: Expr) -> Expr:
 def _rational_rotation(quaternion: Floats) -> tuple[Expr, Expr]:
     """The matrices R(q) (N, 3, 3) of quaternions (N, 4), scalar first, as exact expressions, and |q|^2 (N,)."""
     q = as_expr(quaternion)
-    products = (q[:, :, None] * q[:, None, :])[:, *np.divmod(np.arange(16), 4)]
-    scale = sqr(q).sum(-1)
-    numerators = (products @ as_expr(_numerators()))[:, np.arange(9).reshape(3, 3)]
-    return numerators / scale[:, None, None], scale
-
-
-def _numerators() -> Floats:
-    """What multiplies q_i q_j (row 4 i + j) in the nine entries of |q|^2 R(q)."""
-    out = np.zeros((4, 4, 3, 3))
-    for i in range(3):
-        out[0, 0, i, i] = 1.0
-        for k in range(3):
-            out[k + 1, k + 1, i, i] = 1.0 if k == i else -1.0
-            if k != i:
-                out[i + 1, k + 1, i, k] = 2.0
-                out[0, 4 - i - k, i, k] = 2.0 if (k - i) % 3 == 2 else -2.0
-    return out.reshape(16, 9)
-
-
-def _squared_norm(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
-    """Enclosure (N,) of |q|^2."""
-    square = [engine.sqr(IntervalArray.point(quaternion[:, k])) for k in range(4)]
-    return engine.add(engine.add(square[0], square[1]), engine.add(square[2], square[3]))
+    rows, scale = rotation_numerators(q[:, k, None, None] for k in range(4))
+    units = np.eye(9).reshape(3, 3, 1, 3, 3)
+    numerators = sum((rows[i][j] * units[i, j] for i in range(3) for j in range(3)), as_expr(0.0))
+    return numerators / scale, scale[:, 0, 0]
 
 
 def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
     """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
     if engine.name == "float64":
         return IntervalArray(*enclosed_rotations(np.array(quaternion, np.float64, order="C")))
-    q = [IntervalArray.point(quaternion[:, k]) for k in range(4)]
-    rows, norm_squared = rotation_numerators(q, engine)
+    return rotations(IntervalArray.point(np.asarray(quaternion, np.float64)), engine)
+
+
+def rotations(quaternion: IntervalArray, engine: Arithmetic) -> IntervalArray:
+    """R(q) (..., 3, 3), divided by |q|^2, of quaternions (..., 4), scalar first."""
+    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)], engine)
     entries = [engine.div(entry, norm_squared) for row in rows for entry in row]
-    shape = (len(quaternion), 3, 3)
-    return IntervalArray(
-        np.stack([x.lo for x in entries], axis=1).reshape(shape),
-        np.stack([x.hi for x in entries], axis=1).reshape(shape),
-    )
+    shape = (*quaternion.shape[:-1], 3, 3)
+    lo, hi = (np.stack([getattr(one, side) for one in entries], -1).reshape(shape) for side in ("lo", "hi"))
+    return IntervalArray(lo, hi)
 
 
 def beyond_legs(campaign: Campaign, leg: int, offset: float, error: float, what: str) -> list[Problem]:

@@ -14,19 +14,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Bools, Floats, Indices
-from cpcal.models.leg_set import SIZE, CertifiedSet
-from cpcal.robot import Pose, Robot, pose_jacobian
+from cpcal.common.values import Bools, Floats
+from cpcal.models.leg import cross_rows, rotations
+from cpcal.models.leg_set import CertifiedSet
+from cpcal.robot import Pose, Robot, leg_vectors, pose_jacobian
 from cpcal.robot.kinematics import rotation_numerators
+from cpcal.solver.contract import Contraction
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr
+from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
@@ -81,21 +85,10 @@ def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
     return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
-def rotation(quaternion: IntervalArray) -> IntervalArray:
-    """R(q) (..., 3, 3), divided by |q|^2, of quaternions (..., 4), scalar first."""
-    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)], ENGINE)
-    entries = [ENGINE.div(entry, norm_squared) for row in rows for entry in row]
-    shape = (*quaternion.shape[:-1], 3, 3)
-    return IntervalArray(
-        np.stack([e.lo for e in entries], axis=-1).reshape(shape),
-        np.stack([e.hi for e in entries], axis=-1).reshape(shape),
-    )
-
-
 def turned(s: IntervalArray) -> IntervalArray:
     """R(1, s) (..., 3, 3) of s (..., 3)."""
     one = np.ones((*s.shape[:-1], 1))
-    return rotation(joined([point(one), s]))
+    return rotations(joined([point(one), s]), ENGINE)
 
 
 def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
@@ -119,12 +112,6 @@ class Cells:
     reach: IntervalArray
 
     @classmethod
-    def of_poses(cls, poses: Pose) -> Cells:
-        """Each of K poses as a cell."""
-        position, quaternion = np.atleast_2d(poses.position), np.atleast_2d(poses.quaternion)
-        return cls(Pose(position, quaternion), point(np.zeros((len(position), 6))))
-
-    @classmethod
     def of_boxes(cls, boxes: IntervalArray) -> Cells:
         """Boxes (K, 6) of (P, S): the poses P, R(1, S), P in mm and 2 S the rotation vector to second order."""
         middle = boxes.mid
@@ -139,119 +126,15 @@ class Cells:
     def __len__(self) -> int:
         return len(self.reach.lo)
 
-    def __getitem__(self, rows: Floats) -> Cells:
-        pose = Pose(self.center.position[rows], self.center.quaternion[rows])
-        return Cells(pose, self.reach[rows])
-
     @property
     def centers(self) -> Cells:
         """The poses at the centers, alone."""
         return Cells(self.center, point(np.zeros(self.reach.shape)))
 
 
-@dataclass(frozen=True, eq=False)
-class LegVectors:
-    """For K cells and n legs of the controller, over all poses of each cell: enclosures.
-
-    rotation (K, 1, 3, 3): R. arm (K, n, 3): R b^. vector (K, n, 3): v = P + R b^ - a^, mm. length (K, n): ||v||.
-    """
-
-    rotation: IntervalArray
-    arm: IntervalArray
-    vector: IntervalArray
-    length: IntervalArray
-
-
-def leg_vectors_over(cells: Cells, controller: Floats) -> LegVectors:
-    """The vectors of the controller's legs (n, 7)."""
-    turn = product(turned(cells.reach[:, 3:]), rotation(point(cells.center.quaternion)))[:, None]
-    arm = applied(turn, point(controller[None, :, 3:6]))
-    position = ENGINE.add(point(cells.center.position), cells.reach[:, :3])
-    vector = ENGINE.sub(ENGINE.add(position[:, None], arm), point(controller[None, :, :3]))
-    return LegVectors(turn, arm, vector, norm(vector))
-
-
 # ------------------------------------------------------------------------------------------------------------------
-# By how much the certified sets let each leg deviate from what the controller believes, over cells of poses.
+# The equations of the legs over cells, and Newton's operator.
 
-
-def scales(cells: Cells, controller: Floats) -> Floats:
-    """(K, n) mm: lengths of the controller's legs at the centers, in floating point; what makes deviations mm."""
-    return leg_vectors_over(cells.centers, controller).length.mid
-
-
-def center_deviations(cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats) -> IntervalArray:
-    """(K, n) mm: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S for the centers P, R of the cells."""
-    center = leg_vectors_over(cells.centers, controller)
-    exact = _directions(center, scale)
-    asked = exact.mid
-    rounding = ENGINE.sub(exact, point(asked))
-    found = [one.ranges(asked[:, k]) for k, one in enumerate(sets)]
-    at_center = joined([r.reshape((len(cells), 1)) for r in found])
-    boxes = joined([one.box[None] for one in sets], 0)
-    return ENGINE.add(at_center, dot(rounding, boxes[None]))
-
-
-def deviations_across(
-    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats, at_center: IntervalArray
-) -> IntervalArray:
-    """The same for all poses of each cell: what they add to `at_center` is enclosed, without linear programs."""
-    center = leg_vectors_over(cells.centers, controller)
-    return ENGINE.add(at_center, _across(cells, sets, controller, scale, center))
-
-
-def _directions(legs: LegVectors, scale: Floats) -> IntervalArray:
-    """(K, n, 17): the linear form in z of each leg, divided by 2 scale."""
-    count, n = scale.shape
-    of_alpha, of_beta = ENGINE.neg(legs.vector), applied(transposed(legs.rotation), legs.vector)
-    of_w = point(np.full((count, n, 1), 0.5))
-    of_products = ENGINE.neg(legs.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
-    form = joined([of_alpha, of_beta, ENGINE.neg(legs.length[..., None]), of_w, of_products])
-    assert form.shape == (count, n, SIZE)
-    return ENGINE.div(form, point(scale[..., None]))
-
-
-def _across(
-    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats, center: LegVectors
-) -> IntervalArray:
-    """(K, n) mm: what the linear form adds between the center and the other poses of a cell, for all z of S.
-
-    Of its first seven coefficients as a mean-value form in (p, s) for each direction of the sets' basis: a direction
-    that the measurements leave open changes the length much the same at all poses. Of the products by their boxes.
-    """
-    legs = leg_vectors_over(cells, controller)
-    basis = np.stack([one.basis for one in sets])  # (n, 7 components, 7 directions)
-    along = joined([one.along[None] for one in sets], 0)
-    boxes = joined([one.box[None] for one in sets], 0)
-    slopes = _slopes(cells, legs, basis)
-    per_direction = dot(slopes, cells.reach[:, None, None, :])  # (K, n, 7)
-    linear = dot(per_direction, along[None])
-    # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
-    lost = ENGINE.sub(point(np.eye(7)[None]), _squared(basis))
-    change = ENGINE.sub(_directions(legs, np.ones_like(scale)), _directions(center, np.ones_like(scale)))
-    stray = dot(change[..., :7], applied(lost, boxes[:, :7])[None])
-    by_products = dot(change[..., 8:], boxes[None, :, 8:])
-    return ENGINE.div(ENGINE.add(ENGINE.add(linear, stray), by_products), point(scale))
-
-
-def _slopes(cells: Cells, legs: LegVectors, basis: Floats) -> IntervalArray:
-    """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau, over the cells."""
-    tau = np.swapaxes(basis, 1, 2)  # (n, 7 directions, 7 components)
-    turned_b = applied(legs.rotation[:, :, None], point(tau[None, :, :, 3:6]))  # (K, n, 7, 3)
-    unit = ENGINE.div(legs.vector, legs.length[..., None])[:, :, None]
-    shift = ENGINE.sub(turned_b, point(tau[None, :, :, :3]))
-    of_position = ENGINE.sub(shift, ENGINE.mul(unit, point(tau[None, :, :, 6:])))
-    vector, arm = legs.vector[:, :, None], legs.arm[:, :, None]
-    of_turn = ENGINE.add(cross(turned_b, vector), cross(arm, of_position))
-    return joined([of_position, along_turn(cells.reach[:, None, None, 3:], of_turn)])
-
-
-def _squared(basis: Floats) -> IntervalArray:
-    """basis @ basis.T for each leg, (n, 7, 7)."""
-    return total(ENGINE.mul(point(basis[:, :, None, :]), point(basis[:, None, :, :])))
-
-
-LEGS = 6  # as many equations as unknowns: what the Newton test needs
 _TRIES = 8  # inflations of D
 _REFINED = 3  # applications of the operator after the proof
 _INFLATE = 0.15  # of the image's width, on both sides
@@ -264,7 +147,6 @@ class PoseBounds:
 
     box       (K, 6): (p, s) of the true pose, mm and half a rotation vector, for all poses of the cell
     position  (K,) mm: ||p|| is at most this; rotation (K,) rad: the angle of R(1, s) is at most this
-    region    (K, 6): no other solution of the equations lies in this box around `box`
     share     (K, n) mm: how far, to first order and at the center, what is not known of each leg moves the platform
     """
 
@@ -272,82 +154,108 @@ class PoseBounds:
     box: IntervalArray
     position: Floats
     rotation: Floats
-    region: IntervalArray
     share: Floats
 
 
-def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet]) -> PoseBounds:
-    """Proved bounds for K poses, for the six certified sets of a robot and their controller."""
-    cells = Cells.of_poses(poses)
-    controller = np.stack([one.controller for one in sets])
-    scale = scales(cells, controller)
-    return _bounds(cells, sets, center_deviations(cells, sets, controller, scale), scale)
-
-
 def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet]) -> tuple[PoseBounds, PoseBounds]:
-    """Proved bounds for all poses of each cell, and for the centers alone."""
-    controller = np.stack([one.controller for one in sets])
-    scale = scales(cells, controller)
-    at_center = center_deviations(cells, sets, controller, scale)
-    over = deviations_across(cells, sets, controller, scale, at_center)
-    return _bounds(cells, sets, over, scale), _bounds(cells.centers, sets, at_center, scale)
+    """Proved bounds for all poses of each cell, and for the centers alone, for the six certified sets of a robot."""
+    over, centers = Equations(cells, sets), Equations(cells.centers, sets)
+    at_center = centers.deviations()
+    return over.bounds(ENGINE.add(at_center, over.across(centers))), centers.bounds(at_center)
 
 
-def _bounds(cells: Cells, sets: Sequence[CertifiedSet], deviation: IntervalArray, scale: Floats) -> PoseBounds:
-    controller = np.stack([one.controller for one in sets])
-    value = _with_error(cells, sets, controller, deviation, scale)
-    inverse, good = _inverses(cells, controller)
-    step = ENGINE.neg(applied(point(inverse), value))
-    equations = _Equations(cells, sets, controller, scale, inverse)
-    region, image, proved = _proved(equations, step, good & np.isfinite(value.lo).all(axis=1))
-    position, angle = _sizes(inverse, value, equations.spread(_with_zero(image)))
-    share = np.linalg.norm(inverse[:, :3], axis=1) * value.rad
-    return PoseBounds(
-        proved,
-        _where(proved, image),
-        np.where(proved, position, np.inf),
-        np.where(proved, angle, np.inf),
-        _where(proved, region),
-        share,
-    )
+def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet]) -> PoseBounds:
+    """The same for K poses."""
+    cells = Cells(poses, point(np.zeros((len(poses.position), 6))))
+    centers = Equations(cells, sets)
+    return centers.bounds(centers.deviations())
 
 
-def _with_error(
-    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, deviation: IntervalArray, scale: Floats
-) -> IntervalArray:
-    """F(0) (K, n) with all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
-    eps = point(np.array([one.eps for one in sets]))
-    rest = joined([one.box[6:7] for one in sets])
-    length = ENGINE.add(leg_vectors_over(cells, controller).length, rest[None])  # L + l
-    most = ENGINE.mul(eps[None], ENGINE.div(ENGINE.add(length, ENGINE.mul(point(0.5), eps[None])), point(scale)))
-    short = length.lo <= eps.hi[None]
-    reach = np.where(short, np.inf, most.hi)
-    return ENGINE.add(deviation, IntervalArray(-reach, reach))
+class Equations:
+    """F of n legs over K cells, for all x of the sets, with approximate inverses C (K, 6, n) of its Jacobian.
 
+    For the legs that the controller believes in: `rotation` (K, 1, 3, 3): R. `arm` (K, n, 3): R b^. `vector` (K, n, 3):
+    v = P + R b^ - a^, mm. `length` (K, n): ||v||.
+    """
 
-def _inverses(cells: Cells, controller: Floats) -> tuple[Floats, Bools]:
-    """(K, 6, n): approximate inverses of the Jacobian in (p, s) at the centers; whether there is one."""
-    robot = Robot.from_parameters("controller", controller)
-    jacobian = pose_jacobian(robot, cells.center)
-    jacobian[..., 3:] *= 2.0
-    with np.errstate(all="ignore"):
-        good = np.linalg.cond(jacobian) < 1e12
-        safe = np.where(good[:, None, None], jacobian, np.eye(6))
-        return np.linalg.inv(safe), good
+    def __init__(self, cells: Cells, sets: Sequence[CertifiedSet]) -> None:
+        self.cells, self.sets = cells, sets
+        self.controller, self.basis = np.stack([one.controller for one in sets]), np.stack([one.basis for one in sets])
+        self.box, self.along = (joined([getattr(one, name)[None] for one in sets], 0) for name in ("box", "along"))
+        robot = Robot.from_parameters("controller", self.controller)
+        jacobian = pose_jacobian(robot, cells.center)
+        jacobian[..., 3:] *= 2.0
+        with np.errstate(all="ignore"):
+            self.regular = np.linalg.cond(jacobian) < 1e12
+            self.inverse = np.linalg.inv(np.where(self.regular[:, None, None], jacobian, np.eye(6)))
+        turn = product(turned(cells.reach[:, 3:]), rotations(point(cells.center.quaternion), ENGINE))[:, None]
+        self.rotation, self.arm = turn, applied(turn, point(self.controller[None, :, 3:6]))
+        position = ENGINE.add(point(cells.center.position), cells.reach[:, :3])
+        self.vector = ENGINE.sub(ENGINE.add(position[:, None], self.arm), point(self.controller[None, :, :3]))
+        self.length = norm(self.vector)
+        # mm: lengths of the legs at the centers, in floating point, make deviations mm
+        self.scale = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
 
+    def deviations(self) -> IntervalArray:
+        """(K, n) mm at centers: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S."""
+        exact = ENGINE.div(self._form(), point(self.scale[..., None]))
+        asked = exact.mid
+        at_center = joined([one.ranges(asked[:, k])[:, None] for k, one in enumerate(self.sets)])
+        return ENGINE.add(at_center, dot(ENGINE.sub(exact, point(asked)), self.box[None]))
 
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """The interval Jacobian of F over boxes of (p, s), times approximate inverses C (K, 6, n)."""
+    def _form(self) -> IntervalArray:
+        """(K, n, 17): the linear form in z of each leg."""
+        count, n = self.length.shape
+        of_products = ENGINE.neg(self.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
+        of_beta, of_w = applied(transposed(self.rotation), self.vector), point(np.full((count, n, 1), 0.5))
+        return joined([ENGINE.neg(self.vector), of_beta, ENGINE.neg(self.length[..., None]), of_w, of_products])
 
-    cells: Cells
-    sets: Sequence[CertifiedSet]
-    controller: Floats
-    scale: Floats
-    inverse: Floats
+    def across(self, centers: Equations) -> IntervalArray:
+        """(K, n) mm: what the linear form adds between the centers and the other poses of the cells, for all z of S.
+
+        Of its first seven coefficients as a mean-value form in (p, s) for each direction of the sets' basis: a
+        direction that the measurements leave open changes the length much the same at all poses. Of the products by
+        their boxes.
+        """
+        linear = dot(dot(self._slopes(), self.cells.reach[:, None, None, :]), self.along[None])
+        # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
+        squared = total(ENGINE.mul(point(self.basis[:, :, None, :]), point(self.basis[:, None, :, :])))
+        lost = applied(ENGINE.sub(point(np.eye(7)[None]), squared), self.box[:, :7])
+        change = ENGINE.sub(self._form(), centers._form())
+        added = ENGINE.add(linear, dot(change[..., :7], lost[None]))
+        return ENGINE.div(ENGINE.add(added, dot(change[..., 8:], self.box[None, :, 8:])), point(self.scale))
+
+    def _slopes(self) -> IntervalArray:
+        """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau of the basis."""
+        tau = np.swapaxes(self.basis, 1, 2)  # (n, 7 directions, 7 components)
+        turned_b = applied(self.rotation[:, :, None], point(tau[None, :, :, 3:6]))  # (K, n, 7, 3)
+        unit = ENGINE.div(self.vector, self.length[..., None])[:, :, None]
+        shift = ENGINE.sub(turned_b, point(tau[None, :, :, :3]))
+        of_position = ENGINE.sub(shift, ENGINE.mul(unit, point(tau[None, :, :, 6:])))
+        of_turn = ENGINE.add(cross(turned_b, self.vector[:, :, None]), cross(self.arm[:, :, None], of_position))
+        return joined([of_position, along_turn(self.cells.reach[:, None, None, 3:], of_turn)])
+
+    def bounds(self, deviation: IntervalArray) -> PoseBounds:
+        """From F(0) without errors e."""
+        value = self._with_error(deviation)
+        step = ENGINE.neg(applied(point(self.inverse), value))
+        image, proved = proved_image(self.spread, step, self.regular & np.isfinite(value.lo).all(axis=1))
+        position, angle = sizes(self.inverse, value, self.spread(_with_zero(image)))
+        box = IntervalArray(np.where(proved[:, None], image.lo, -np.inf), np.where(proved[:, None], image.hi, np.inf))
+        share = np.linalg.norm(self.inverse[:, :3], axis=1) * value.rad
+        return PoseBounds(proved, box, np.where(proved, position, np.inf), np.where(proved, angle, np.inf), share)
+
+    def _with_error(self, deviation: IntervalArray) -> IntervalArray:
+        """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
+        eps = point(np.array([one.eps for one in self.sets]))
+        length = ENGINE.add(self.length, self.box[None, :, 6])  # L + l
+        longest = ENGINE.add(length, ENGINE.mul(point(0.5), eps[None]))
+        most = ENGINE.mul(eps[None], ENGINE.div(longest, point(self.scale)))
+        reach = np.where(length.lo <= eps.hi[None], np.inf, most.hi)
+        return ENGINE.add(deviation, IntervalArray(-reach, reach))
 
     def spread(self, box: IntervalArray) -> IntervalArray:
-        """(I - C J(D)) D, (K, 6), for boxes D (K, 6) that hold 0."""
+        """(I - C J(D)) D, (K, 6), for boxes D (K, 6) of (p, s) that hold 0, with the interval Jacobian J of F."""
         return applied(ENGINE.sub(point(np.eye(6)[None]), self._product(box)), box)
 
     def _product(self, box: IntervalArray) -> IntervalArray:
@@ -360,15 +268,15 @@ class _Equations:
             sum u = sum u_0 + (sum 1) t + 2 S x (sum r)
             sum m = sum m_0 + (sum r) x t + (T - tr T) 2 S          with T = sum r w'
         """
-        cells = self.cells
-        shift = ENGINE.add(cells.reach[:, :3], box[:, :3])
-        turn = _turns_joined(box[:, 3:], cells.reach[:, 3:])
+        reach = self.cells.reach
+        shift = ENGINE.add(reach[:, :3], box[:, :3])
+        turn = _turns_joined(box[:, 3:], reach[:, 3:])
         weight = ENGINE.div(point(self.inverse), point(self.scale[:, None]))[..., None]  # (K, 6, n, 1)
         arm_0, leg_0 = self._at(point(np.zeros(turn.shape)), point(np.zeros(turn.shape)))
         arm, leg = self._at(turn, shift)
         arms = _sum(weight, arm)  # (K, 6, 3)
         outer = ENGINE.mul(arm[..., :, None], ENGINE.sub(leg, arm)[..., None, :])  # (K, n, 3, 3)
-        of_turn = _sum(weight, outer.reshape((*outer.shape[:2], 9))).reshape((len(cells), 6, 3, 3))
+        of_turn = _sum(weight, outer.reshape((*outer.shape[:2], 9))).reshape((len(reach.lo), 6, 3, 3))
         trace = total(IntervalArray(*(np.diagonal(side, axis1=-2, axis2=-1) for side in (of_turn.lo, of_turn.hi))))
         way = _path(turn)[:, None]
         units = total(weight[..., 0])
@@ -380,23 +288,21 @@ class _Equations:
 
     def _at(self, turn: IntervalArray, shift: IntervalArray) -> tuple[IntervalArray, IntervalArray]:
         """R b and the leg P + R b - a, (K, n, 3) both, over all x of the sets; `turn` is S and `shift` t, (K, 3)."""
-        boxes = joined([one.box[None] for one in self.sets], 0)
-        matrix = product(turned(turn), rotation(point(self.cells.center.quaternion)))[:, None]
-        arm = applied(matrix, ENGINE.add(point(self.controller[:, 3:6]), boxes[:, 3:6])[None])
+        matrix = product(turned(turn), rotations(point(self.cells.center.quaternion), ENGINE))[:, None]
+        arm = applied(matrix, ENGINE.add(point(self.controller[:, 3:6]), self.box[:, 3:6])[None])
         place = ENGINE.add(point(self.cells.center.position), shift)[:, None]
-        plain = ENGINE.add(ENGINE.sub(place, ENGINE.add(point(self.controller[:, :3]), boxes[:, :3])[None]), arm)
+        plain = ENGINE.add(ENGINE.sub(place, ENGINE.add(point(self.controller[:, :3]), self.box[:, :3])[None]), arm)
         return arm, plain.intersect(self._leg(matrix, place))
 
     def _leg(self, matrix: IntervalArray, place: IntervalArray) -> IntervalArray:
         """The leg by the sets' directions: what shifts a and b alike hardly changes it."""
         known = ENGINE.add(place, applied(matrix, point(self.controller[None, :, 3:6])))
         known = ENGINE.sub(known, point(self.controller[None, :, :3]))
-        tau = np.stack([one.basis.T for one in self.sets])  # (n, 7 directions, 7 components)
-        along = joined([one.along[None] for one in self.sets], 0)
+        tau = np.swapaxes(self.basis, 1, 2)  # (n, 7 directions, 7 components)
         by_each = ENGINE.sub(applied(matrix[:, :, None], point(tau[None, :, :, 3:6])), point(tau[None, :, :, :3]))
         # the basis is orthonormal up to rounding: so much of the sets' size covers what that leaves
-        stray = np.stack([_STRAY * one.box.mag[:7].sum() for one in self.sets])[None, :, None]
-        away = total(ENGINE.mul(by_each, along[None, :, :, None]), 2)
+        stray = _STRAY * self.box.mag[None, :, :7].sum(axis=2, keepdims=True)
+        away = total(ENGINE.mul(by_each, self.along[None, :, :, None]), 2)
         return ENGINE.add(ENGINE.add(known, away), IntervalArray(-stray, stray))
 
 
@@ -421,26 +327,27 @@ def _path(turn: IntervalArray) -> IntervalArray:
     return ENGINE.mul(factor[:, None], turn)
 
 
-def _proved(equations: _Equations, step: IntervalArray, good: Bools) -> tuple[IntervalArray, IntervalArray, Bools]:
-    """D, its image, and whether the image lies in the interior of D; D always holds 0."""
+def proved_image(
+    spread: Callable[[IntervalArray], IntervalArray], step: IntervalArray, good: Bools
+) -> tuple[IntervalArray, Bools]:
+    """An image of D by the operator `step + spread(D)`, and whether it lies in the interior of D; D always holds 0."""
     box = _inflated(_with_zero(step))
     image, proved = step, np.zeros(len(good), dtype=bool)
     with np.errstate(all="ignore"):
         for _ in range(_TRIES):
-            image = ENGINE.add(step, equations.spread(box))
+            image = ENGINE.add(step, spread(box))
             proved = good & ((image.lo > box.lo) & (image.hi < box.hi)).all(axis=1)
             if proved[good].all():
                 break
             grown = _inflated(_with_zero(image))
             keep = proved[:, None] | ~np.isfinite(grown.lo) | ~np.isfinite(grown.hi)
             box = IntervalArray(np.where(keep, box.lo, grown.lo), np.where(keep, box.hi, grown.hi))
-        region = box
         for _ in range(_REFINED):
-            image = image.intersect(ENGINE.add(step, equations.spread(_with_zero(image))))
-    return region, image, proved & np.isfinite(image.lo).all(axis=1)
+            image = image.intersect(ENGINE.add(step, spread(_with_zero(image))))
+    return image, proved & np.isfinite(image.lo).all(axis=1)
 
 
-def _sizes(inverse: Floats, value: IntervalArray, spread: IntervalArray) -> tuple[Floats, Floats]:
+def sizes(inverse: Floats, value: IntervalArray, spread: IntervalArray) -> tuple[Floats, Floats]:
     """Bounds (K,) of ||p|| in mm and of the angle in rad.
 
     (p, s) = -C F(0) + an element of `spread`, and a norm is largest at a corner of the box of F(0). The angle of
@@ -465,11 +372,6 @@ def _with_zero(box: IntervalArray) -> IntervalArray:
 def _inflated(box: IntervalArray) -> IntervalArray:
     more = _INFLATE * (box.hi - box.lo) + 1e-9
     return IntervalArray(box.lo - more, box.hi + more)
-
-
-def _where(proved: Bools, box: IntervalArray) -> IntervalArray:
-    keep = proved[:, None]
-    return IntervalArray(np.where(keep, box.lo, -np.inf), np.where(keep, box.hi, np.inf))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -565,76 +467,77 @@ def cover(
     Cells of which nothing can be proved are divided first; at a 64th of the workspace's width they are left out.
     `tell` is called with the bracket of the worst bound, mm.
     """
-    whole = workspace.box
-    open_ = _State.of(_grid(whole), sets)
-    complete = False
+    dividing = _Dividing(sets, workspace.box, gap)
+    search = Search(dividing.pieces(_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
     while True:
-        left_out = ~open_.proved & (_size(open_.boxes, whole) <= _SMALLEST)
-        rank = np.where(left_out, -np.inf, open_.position)
-        highest = float(rank.max(initial=0.0))
         if tell is not None:
-            tell(open_.at_position, highest)
-        if highest <= (1.0 + gap) * open_.at_position:
-            complete = True
+            waits = 0.0 if search.lowest is None else max(-search.lowest, 0.0)
+            tell(dividing.attained, max(waits, dividing.highest_kept))
+        if not search.waiting or search.waiting + len(search.kept) >= most:
             break
-        if len(rank) >= most:
-            break
-        worst = np.argsort(-rank, kind="stable")[:_AT_ONCE]
-        worst = worst[rank[worst] > (1.0 + gap) * open_.at_position]
-        divisible = [k for k in worst.tolist() if (open_.boxes.hi[k] > open_.boxes.lo[k]).any()]
-        if not divisible:
-            break
-        open_ = open_.divided(np.array(divisible, dtype=np.intp), sets)
+        next(search)
+    cells = [*search.kept, *(Piece(node.box, node.state) for node in search.pending)]
     return Covered(
-        boxes=open_.boxes,
-        proved=open_.proved,
-        position=open_.position,
-        rotation=open_.rotation,
-        share=open_.share,
-        at=open_.at,
-        at_position=open_.at_position,
-        complete=complete,
+        boxes=IntervalArray(np.stack([cell.box.lo for cell in cells]), np.stack([cell.box.hi for cell in cells])),
+        proved=np.array([cell.state.proved for cell in cells]),
+        position=np.array([cell.state.position for cell in cells]),
+        rotation=np.array([cell.state.rotation for cell in cells]),
+        share=np.stack([cell.state.share for cell in cells]),
+        at=dividing.at,
+        at_position=dividing.attained,
+        complete=not search.waiting,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    boxes: IntervalArray
-    proved: Bools
-    position: Floats
-    rotation: Floats
+class _Cell(NamedTuple):
+    """What is proved of a cell; `worth`: the bound that a division may lower, 0 where it is left out."""
+
+    proved: bool
+    position: float
+    rotation: float
     share: Floats
-    at: Floats
-    at_position: float
-
-    @classmethod
-    def of(cls, boxes: IntervalArray, sets: Sequence[CertifiedSet]) -> _State:
-        found, centers = cell_bounds(Cells.of_boxes(boxes), sets)
-        at, value = _worst_center(boxes, centers)
-        return cls(boxes, found.proved, found.position, found.rotation, found.share, at, value)
-
-    def divided(self, rows: Indices, sets: Sequence[CertifiedSet]) -> _State:
-        """With the cells of these rows cut in two, each along its longest side."""
-        new = _State.of(_halves(self.boxes[rows]), sets)
-        keep = np.setdiff1d(np.arange(len(self.proved)), rows)
-        better = new if new.at_position > self.at_position else self
-        return _State(
-            IntervalArray(
-                np.concatenate([self.boxes.lo[keep], new.boxes.lo]), np.concatenate([self.boxes.hi[keep], new.boxes.hi])
-            ),
-            np.concatenate([self.proved[keep], new.proved]),
-            np.concatenate([self.position[keep], new.position]),
-            np.concatenate([self.rotation[keep], new.rotation]),
-            np.concatenate([self.share[keep], new.share]),
-            better.at,
-            better.at_position,
-        )
+    worth: float
 
 
-def _worst_center(boxes: IntervalArray, centers: PoseBounds) -> tuple[Floats, float]:
-    value = np.where(centers.proved, centers.position, 0.0)
-    k = int(np.argmax(value))
-    return boxes.mid[k], float(value[k])
+class _Dividing:
+    """The process of the search. `at` (6,) is the pose met whose own bound is the worst, `attained` mm."""
+
+    def __init__(self, sets: Sequence[CertifiedSet], whole: IntervalArray, gap: float) -> None:
+        self._sets, self._gap = sets, gap
+        self._width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
+        self.at, self.attained, self.highest_kept = whole.mid, 0.0, 0.0
+
+    @staticmethod
+    def priority(node: Node) -> float:
+        return -float(node.state.worth)
+
+    def pieces(self, boxes: IntervalArray) -> list[Piece]:
+        """Cells (K, 6) with their bounds."""
+        over, centers = cell_bounds(Cells.of_boxes(boxes), self._sets)
+        met = np.where(centers.proved, centers.position, 0.0)
+        if met.max() > self.attained:
+            self.at, self.attained = boxes.mid[met.argmax()], float(met.max())
+        small = ((boxes.hi - boxes.lo) / self._width).max(axis=1) <= _SMALLEST
+        worth = np.where(~over.proved & small, 0.0, over.position)
+        cells = map(_Cell, over.proved, over.position, over.rotation, over.share, worth)
+        return list(map(Piece, Box.rows(AXES, boxes.lo, boxes.hi), cells))
+
+    def __call__(self, node: Node) -> Decision:
+        return self.all([node])[0]
+
+    def all(self, nodes: Sequence[Node]) -> list[Decision]:
+        """Each is cut in two along its longest side, where that may lower the worst bound."""
+        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        worth = np.array([node.state.worth for node in nodes])
+        cut = np.flatnonzero((worth > (1.0 + self._gap) * self.attained) & (hi > lo).any(axis=1))
+        halves = self.pieces(_halves(IntervalArray(lo[cut], hi[cut]))) if cut.size else []
+        self.highest_kept = max(self.highest_kept, float(np.delete(worth, cut).max(initial=0.0)))
+        found = {int(k): (EventKind.SPLIT, (halves[i], halves[len(cut) + i])) for i, k in enumerate(cut)}
+        return [
+            Decision(kind, Contraction(node.box), pieces)
+            for k, node in enumerate(nodes)
+            for kind, pieces in [found.get(k, (EventKind.KEPT, (Piece(node.box, node.state),)))]
+        ]
 
 
 def _grid(whole: IntervalArray) -> IntervalArray:
@@ -654,12 +557,6 @@ def _halves(boxes: IntervalArray) -> IntervalArray:
     first_hi, second_lo = boxes.hi.copy(), boxes.lo.copy()
     first_hi[rows, axis] = second_lo[rows, axis] = middle
     return IntervalArray(np.concatenate([boxes.lo, second_lo]), np.concatenate([first_hi, boxes.hi]))
-
-
-def _size(boxes: IntervalArray, whole: IntervalArray) -> Floats:
-    """Of the longest side, as a share of the workspace's."""
-    width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
-    return np.asarray(np.max((boxes.hi - boxes.lo) / width, axis=1))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -732,8 +629,8 @@ def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> Constrai
     net = ConstraintNetwork()
     position, s = net.variable("P", 3), net.variable("s", 3)
     arm = _turned(net.constant(quaternion), robot.mobile)
-    once = _cross(s[None, :], arm)
-    turned = arm + 2.0 * (once + _cross(s[None, :], once)) / (1.0 + sqr(s).sum())
+    once = cross_rows(s[None, :], arm)
+    turned = arm + 2.0 * (once + cross_rows(s[None, :], once)) / (1.0 + sqr(s).sum())
     vector = position[None, :] + turned - net.constant(robot.base)
     net.add(sqr(vector).sum(-1) - sqr(net.constant(readings) + robot.offset) == 0.0)
     return net
@@ -747,15 +644,9 @@ def _turned(q: Expr, points: Floats) -> Expr:
     return as_expr(turned / norm_squared)
 
 
-def _cross(x: Expr, y: Expr | Floats) -> Expr:
-    """Cross product of rows, (1, 3) or (n, 3)."""
-    forth, back = [1, 2, 0], [2, 0, 1]
-    return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
-
-
 def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:
     length = np.asarray(readings, dtype=np.float64)
-    if robot.legs != LEGS or length.shape != (LEGS,):
+    if robot.legs != 6 or length.shape != (6,):  # as many equations as unknowns: what the Newton test needs
         what = f"are {length.shape} for {robot.legs} legs"
         raise InputError([Problem("readings", what, "prove one pose at a time, of a robot with exactly six legs")])
     numbers = np.concatenate([np.ravel(near.position), np.ravel(near.quaternion)])

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from fractions import Fraction as F
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,18 +34,16 @@ from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files.codec import INFORMED, checked, informed, load, save
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
-from cpcal.models.hand_eye import PARAMETERS as MOTIONS
-from cpcal.models.hand_eye import (
-    HandEyeFrames,
-    HandEyeStudy,
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
+from cpcal.models.hand_eye_fit import (
+    ClassicalAnswer,
     PixelModel,
     ReadFrames,
-    ReadingModel,
-    load_study_json,
-    moved,
-    read_study,
+    classical_answer,
+    excess,
+    image_poses,
+    minimax_fit,
 )
-from cpcal.models.hand_eye_fit import ClassicalAnswer, classical_answer, excess, image_poses, minimax_fit
 from cpcal.robot import quaternion_from_matrix, rotation_vector
 
 Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
@@ -61,13 +60,40 @@ LARGEST_ERROR = (  # how `eps_hi`, the point and its readings are checked
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
 
-@dataclass(frozen=True)
-class AskedBox:
-    """The box of frames that everything speaks of.
+REACH = 2000.0  # mm: the box around the classical positions
+_ASKED = "the box of the certificates"
 
-    `center`: least-squares answer; positions within `reach` mm of it on each axis. `angle`: degrees from its rotations,
-    or None for any rotation. Raises InputError for a reach or an angle that is none.
+
+@dataclass(frozen=True)
+class Within:
+    """A box about frames: positions within `reach` mm on each axis, rotations within `angle` degrees (None: any).
+
+    Raises InputError for a reach or an angle that is none.
     """
+
+    reach: float = field(default=REACH, metadata=checked(_ASKED))
+    angle: float | None = field(default=None, metadata=checked(_ASKED))
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
+            what = f"has an angle of {self.angle} degrees and a reach of {self.reach} mm"
+            remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
+            raise InputError([Problem("the box", what, remedy)])
+
+    @staticmethod
+    def parsed(text: str) -> Within:
+        """Of `DEGREES,MM`, or `any,MM`. Raises InputError."""
+        try:
+            angle, reach = (part.strip() for part in text.split(","))
+            return Within(float(reach), None if angle == "any" else float(angle))
+        except ValueError:
+            remedy = "give degrees and mm, such as 60,1000; or any,2000 for any rotation"
+            raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)]) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskedBox(Within):
+    """The box of frames that everything speaks of, about the least-squares answer."""
 
     center: PlacedFrames = field(
         metadata=checked(
@@ -75,14 +101,6 @@ class AskedBox:
             "or of the box, apart at most; and the box of the certificates"
         )
     )
-    reach: float = field(metadata=checked("the box of the certificates"))
-    angle: float | None = field(metadata=checked("the box of the certificates"))
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
-            what = f"has an angle of {self.angle} degrees and a reach of {self.reach} mm"
-            remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
-            raise InputError([Problem("the box", what, remedy)])
 
     def holds(self, placed: PlacedFrames) -> bool:
         """Whether frames are in the box, exactly."""
@@ -229,7 +247,6 @@ def check_finite(value: object, where: str = "") -> None:
 # S(eps) = { (X, F) in the box : for every point a pixel within its half-width is met to within eps on both axes }
 # eps*   = min { eps : S(eps) is not empty }
 
-REACH = 2000.0  # mm: the box around the classical positions
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
 LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
@@ -239,32 +256,6 @@ _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single im
 _BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
 
 Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Within:
-    """The box: positions within `reach` mm of the classical ones, rotations within `angle` degrees (None: any)."""
-
-    reach: float = REACH
-    angle: float | None = None
-
-    @staticmethod
-    def parsed(text: str) -> Within:
-        """Of `DEGREES,MM`, or `any,MM`. Raises InputError."""
-        parts = [part.strip() for part in text.split(",")]
-        try:
-            angle = None if parts[0] == "any" else float(parts[0])
-            reach = float(parts[1]) if len(parts) == 2 else math.nan
-        except ValueError:
-            reach, angle = math.nan, None
-        if not 0.0 < reach < 1e6 or (angle is not None and not 0.0 < angle <= 180.0):
-            remedy = "give degrees and mm, such as 60,1000; or any,2000 for any rotation"
-            raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)])
-        return Within(reach, angle)
-
-    def about(self, center: PlacedFrames) -> AskedBox:
-        """The box about the classical answer. Raises InputError for a reach or an angle that is none."""
-        return AskedBox(center, self.reach, self.angle)
 
 
 def certify_hand_eye(
@@ -290,23 +281,16 @@ def certify_hand_eye(
     began = time.monotonic()
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
         raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
-    classical = classical_answer(study)
-    center = PlacedFrames.of(classical.frames)
-    asked = (within or Within()).about(center)
-    best = best_frames(study, classical)
-    point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
-    worst = largest(errors(exact_study(study), point.numbers, exact_readings(readings)))
-    assert worst is not None  # the fit keeps all points in front of the camera
-    eps_hi = up(worst)
-    check_inside(asked, point)
+    begun = _begun(study, within)
+    asked, eps_hi = begun.asked, begun.eps_hi
     tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
-    at = ranges_tolerance(eps_hi, tolerance)
-    prover = Prover(study, center.numbers, asked.reach, asked.angle, best.frames, tell)
+    at = _BEYOND * eps_hi if tolerance is None else tolerance
+    prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, begun.best.frames, tell)
     wide = prover.chain(RANGES, at, range(len(study.images)), time.monotonic() + time_limit)
-    eps_lo, lower = _lower_end(prover, wide, best, eps_hi, gap, time_limit)
-    for proof in (wide, lower):
-        if proof is not None:
-            proof.write(certificates)
+    eps_lo, lower = _lower_end(prover, wide, begun.best, eps_hi, gap, time_limit)
+    proofs, classical = [wide] if lower is None else [wide, lower], begun.classical
+    for proof in proofs:
+        proof.write(certificates)
     return HandEyeResult(
         setup=study.setup,
         images=len(study.images),
@@ -314,49 +298,62 @@ def certify_hand_eye(
         asked=asked,
         eps_lo=eps_lo,
         eps_hi=eps_hi,
-        point=point,
-        readings=readings,
+        point=begun.point,
+        readings=begun.readings,
         support=_support(study, lower),
         lower=None if lower is None else lower.certificate,
         tolerance=tolerance,
-        ranges=_ranges(wide, point),
-        classical=judged(study, center, stated_readings(study, classical.readings), at),
+        ranges=_ranges(wide, begun.point),
+        classical=judged(study, asked.center, stated_readings(study, classical.readings), at),
         version=__version__,
         gap=gap,
         rms=classical.rms,
         sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
         remarks=classical.remarks,
-        programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
-        timed=any(proof.timed for proof in (wide, lower) if proof is not None),
+        programs=sum(proof.programs for proof in proofs),
+        timed=any(proof.timed for proof in proofs),
         seconds=time.monotonic() - began,
     )
 
 
-def ranges_tolerance(eps_hi: float, tolerance: float | None) -> float:
-    """px: of the ranges, where a tolerance was asked for or none (None) was."""
-    return _BEYOND * eps_hi if tolerance is None else tolerance
+class _Begun(NamedTuple):
+    """What fits: least squares and the box about it, the frames of the least largest error, and that error."""
+
+    classical: ClassicalAnswer
+    asked: AskedBox
+    best: ReadFrames
+    point: PlacedFrames
+    readings: tuple[Reading, ...]
+    eps_hi: float
+
+
+def _begun(study: HandEyeStudy, within: Within | None) -> _Begun:
+    """Raises InputError for studies without a classical answer, and for a box without the best frames."""
+    classical, box = classical_answer(study), within or Within()
+    asked, best = (
+        AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames)),
+        best_frames(study, classical),
+    )
+    point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
+    if not asked.holds(point):
+        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
+    worst = largest(errors(exact_study(study), point.numbers, exact_readings(readings)))
+    assert worst is not None  # the fit keeps all points in front of the camera
+    return _Begun(classical, asked, best, point, readings, up(worst))
 
 
 def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
     """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
-    if not study.pose_half_width.any():
-        return ReadFrames.stated(minimax_fit(PixelModel(study), classical.frames)[0], study)
-    return minimax_fit(ReadingModel(study), ReadFrames(classical.frames, classical.readings))[0]
+    return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
 
 
 def stated_readings(study: HandEyeStudy, values: Floats) -> tuple[Reading, ...]:
     """As a result states them; none of exact poses."""
-    return tuple(map(tuple, values.tolist())) if study.pose_half_width.any() else ()
+    return tuple(map(tuple, values.tolist())) if study.uncertain else ()
 
 
 def exact_readings(readings: Sequence[Reading]) -> Readings:
     return tuple(map(exact, readings))
-
-
-def check_inside(asked: AskedBox, point: PlacedFrames) -> None:
-    """Raises InputError for frames outside of the box."""
-    if not asked.holds(point):
-        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
 
 
 # the lower end ------------------------------------------------------------------------------------------------------
@@ -397,35 +394,13 @@ def _lower_end(
     return found
 
 
-class _OneImage:
-    """Residuals of one image by its own pose in the camera frame (6)."""
-
-    def __init__(self, study: HandEyeStudy) -> None:
-        self.study, self.size = study, MOTIONS // 2
-        self._model = PixelModel(study)
-
-    def __call__(self, at: HandEyeFrames) -> Floats:
-        return self._model(at)
-
-    def jacobian(self, at: HandEyeFrames) -> Floats:
-        return self._model.jacobian(at)[:, : self.size]
-
-    def moved(self, at: HandEyeFrames, step: Floats) -> HandEyeFrames:
-        return moved(at, np.append(step, np.zeros(MOTIONS - self.size)))
-
-    def reach(self, at: HandEyeFrames) -> Floats:
-        return self._model.reach(at)[: self.size]
-
-    def room(self, at: HandEyeFrames) -> tuple[Floats, Floats]:
-        low, high = self._model.room(at)
-        return low[: self.size], high[: self.size]
-
-
 def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
     """By image, about the least error in px that its pixels allow with any pose of the target; found near `best`."""
-    there = read_study(study, best.readings)
-    kept, _ = image_poses(study)
-    return {k: minimax_fit(_OneImage(there.part(np.array([k]))), best.frames, restarts=1)[1] for k in kept}
+    there, found = study.exactly(best.readings), {}
+    for k in image_poses(study)[0]:
+        model = PixelModel(there.part(np.array([k])))
+        found[k] = minimax_fit(model, model.stated(best.frames), restarts=1)[1]
+    return found
 
 
 def _support(study: HandEyeStudy, lower: Proof | None) -> tuple[tuple[str, str], ...]:
@@ -551,18 +526,11 @@ def find_wrong_images(
         raise InputError([Problem("outliers", what, remedy)])
     left = trimmed_fit(study, outliers, np.random.default_rng(seed))
     good = [k for k in range(len(study.images)) if k not in left]
-    part = study.part(np.array(good))
-    classical = classical_answer(part)
-    best = best_frames(part, classical)
-    point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
-    worst = largest(errors(exact_study(part), point.numbers, exact_readings(readings)))
-    assert worst is not None  # the fit keeps all points in front of the camera
-    eps_hi = up(worst)
+    begun = _begun(study.part(np.array(good)), within)
+    asked, eps_hi = begun.asked, begun.eps_hi
     tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
-    center = PlacedFrames.of(classical.frames)
-    asked = (within or Within()).about(center)
-    check_inside(asked, point)
-    prover = _Groups(Prover(study, center.numbers, asked.reach, asked.angle, best.frames, tell), folder)
+    proving = Prover(study, asked.center.numbers, asked.reach, asked.angle, begun.best.frames, tell)
+    prover = _Groups(proving, folder)
     eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
     at = _BEYOND * eps_hi if tolerance is None else tolerance
     blamed = []
@@ -575,8 +543,8 @@ def find_wrong_images(
         asked=asked,
         eps_lo=eps_lo,
         eps_hi=eps_hi,
-        point=point,
-        readings=readings,
+        point=begun.point,
+        readings=begun.readings,
         left_out=tuple(study.images[k] for k in left),
         groups=groups,
         blamed=tuple(blamed),
@@ -611,7 +579,7 @@ class _Groups:
         """About the least error of a group: where a fit ends, px."""
         part = self.study.part(np.array(sorted(group)))
         best = best_frames(part, classical_answer(part))
-        return excess(ReadingModel(part), best)
+        return excess(PixelModel(part), best)
 
     def refuted(self, groups: list[list[int]], eps: float) -> tuple[RefutedGroup, ...] | None:
         """The proofs, written, that no frames explain any of the groups to within eps."""
@@ -660,7 +628,8 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
 
 def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
     """Mean square of the residuals of each image."""
-    squares = (PixelModel(study)(frames) ** 2).reshape(2, -1).sum(axis=0)
+    model = PixelModel(study)
+    squares = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
     number = np.bincount(study.image, minlength=len(study.images))
     return np.asarray(np.bincount(study.image, weights=squares, minlength=len(study.images)) / np.maximum(number, 1))
 

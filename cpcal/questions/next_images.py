@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
-from cpcal.models.hand_eye import PARAMETERS, HandEyeFrames, HandEyeStudy, ReadFrames, ReadingModel, cross, read_study
-from cpcal.models.hand_eye_fit import classical_answer, excess
+from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
+from cpcal.models.hand_eye_fit import PARAMETERS, READING, PixelModel, ReadFrames, classical_answer, excess
 from cpcal.questions.hand_eye import best_frames
 from cpcal.robot import Pose
 from cpcal.solver.linear import Dense, LinearStatus
@@ -27,7 +28,7 @@ _DRAWS = 3
 _LOOSEST = np.array([0.3] * 3 + [300.0] * 3)  # rad and mm: ranges beyond it count as unknown
 
 Tell = Callable[[str], None]
-_Image = tuple[HandEyeStudy, ReadFrames]  # of a pose that is not measured yet
+_Image = tuple[HandEyeStudy, Floats]  # of a pose that is not measured yet, and the reading (1, 6) of it
 
 
 @dataclass(frozen=True)
@@ -69,45 +70,42 @@ def next_poses(
     least largest error, and studies without a classical answer.
     """
     best = best_frames(study, classical_answer(study))
-    least = excess(ReadingModel(study), best)
+    least = excess(PixelModel(study), best)
     at = _BEYOND * least if tolerance is None else tolerance
     if not at > least:
         what = f"is {stated(at)} px, and no frames were found that explain the pixels to it"
         raise InputError([Problem("tolerance", what, f"give more than {at_most(least, 4)} px")])
-    ranges = _Ranges(study, best, at)
-    shown = {name: _drawn(study, best, pose, least) for name, pose in candidates.items()}
+    shown = {name: _drawn(study, best.frames, pose, least) for name, pose in candidates.items()}
     unseen = tuple(name for name, images in shown.items() if not images)
     shown = {name: images for name, images in shown.items() if images}
     if not 1 <= count <= len(shown):
         what = f"is {count}, and the target is seen from {len(shown)} of {len(candidates)} poses"
         raise InputError([Problem("option --count", what, "give fewer, or more poses")])
-    before = ranges.chosen("", [[]])
+    ranges = _Ranges(study, best, [image for images in shown.values() for image in images], at)
+    first = {name: len(study.images) + _DRAWS * k for k, name in enumerate(shown)}  # of its images
+    before = ranges.chosen("", [])
     found: list[ChosenPose] = []
-    taken: list[list[_Image]] = [[] for _ in range(_DRAWS)]
     for _ in range(count):
-        left = [name for name in shown if name not in {one.name for one in found}]
-        with_it = {name: [[*had, new] for had, new in zip(taken, shown[name], strict=True)] for name in left}
-        tried = [ranges.chosen(name, draws) for name, draws in with_it.items()]
-        one = min(tried, key=lambda pose: (pose.widest, sum(pose.widths)))
-        tell(f"{one.name}: widest range {about(one.widest)} mm")
-        found.append(one)
-        taken = with_it[one.name]
+        taken = [first[one.name] for one in found]
+        tried = [ranges.chosen(name, [*taken, k]) for name, k in first.items() if k not in taken]
+        found.append(min(tried, key=lambda pose: (pose.widest, sum(pose.widths))))
+        tell(f"{found[-1].name}: widest range {about(found[-1].widest)} mm")
     return NextPoses(at, ranges.reach, before, tuple(found), unseen)
 
 
-def _drawn(study: HandEyeStudy, best: ReadFrames, pose: Sequence[float], error: float) -> list[_Image]:
+def _drawn(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float], error: float) -> list[_Image]:
     """Images from a pose, with drawn errors of pixels and pose; none where the target is not wholly seen."""
-    one = _view(study, best.frames, pose)
+    one = _view(study, frames, pose)
     if one is None:
         return []
-    random, found = np.random.default_rng(0), []
+    random, model, found = np.random.default_rng(0), PixelModel(one), list[_Image]()
     for _ in range(_DRAWS):
         reading = random.uniform(-1.0, 1.0, (1, 6)) * one.pose_half_width
-        x = best.frames.in_camera(read_study(one, reading))
+        x = model.in_camera(ReadFrames(frames, reading))
         if not (x[:, 2] > 0.0).all():
             return []
         pixels = one.camera.project(x) + random.uniform(-error, error, one.pixels.shape)
-        found.append((replace(one, pixels=pixels), ReadFrames(best.frames, reading)))
+        found.append((replace(one, pixels=pixels), reading))
     return found
 
 
@@ -126,69 +124,59 @@ def _view(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float]) -> 
         half_width=np.full(len(points), float(study.half_width.max())),
         pose_half_width=study.pose_half_width.max(axis=0)[None],
     )
-    x = frames.in_camera(one)
+    model = PixelModel(one)
+    x = model.in_camera(model.stated(frames))
     camera = study.camera
     if not (x[:, 2] > 0.0).all():
         return None
     pixels = camera.project(x)
     inside = (pixels >= -0.5).all() and (pixels <= [camera.width - 0.5, camera.height - 0.5]).all()
-    if not inside or (study.planar and _side(one, frames)[0] != np.sign(_side(study, frames).sum())):
+    flat = not study.points[:, 2].any()
+    if not inside or (flat and _side(one, frames)[0] != np.sign(_side(study, frames).sum())):
         return None
     return one
 
 
 def _side(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
     """(n,) 1 or -1: which side of a flat target each image shows."""
-    turn, shift = study.motions
+    turn, shift = study.motions()
     normal = turn @ frames.f_rotation[:, 2] @ frames.e_rotation.T
     place = (turn @ frames.f_translation + shift) @ frames.e_rotation.T + frames.e_translation
     return np.asarray(np.sign(np.einsum("ni,ni->n", normal, place)))
 
 
 class _Ranges:
-    """The linear programs of a study about its best frames."""
+    """The linear programs of a study, and of images that may come to it, about its best frames."""
 
-    def __init__(self, study: HandEyeStudy, best: ReadFrames, tolerance: float) -> None:
-        self.study, self.best, self.tolerance = study, best, tolerance
-        self.uncertain = bool(study.pose_half_width.any())
-        self.reach = float(np.linalg.norm(best.frames.in_camera(study), axis=1).mean())
-        self.wanted = _as_stated(best.frames)  # (12, 12)
-        self._kept = self._rows(study, best)
+    def __init__(self, study: HandEyeStudy, best: ReadFrames, more: Sequence[_Image], tolerance: float) -> None:
+        whole = _joined([study, *(one for one, _ in more)])
+        at = ReadFrames(best.frames, np.concatenate([best.readings, *(reading for _, reading in more)]))
+        model = PixelModel(whole)
+        slope, residuals, room = model.jacobian(at), model(at), tolerance + np.tile(whole.half_width, 2)
+        self._rows = np.concatenate([slope, -slope])
+        self._room = np.concatenate([room - residuals, room + residuals])
+        self._low, self._high = model.room(at)
+        self._image, self._measured = np.tile(whole.image, 4), np.arange(len(study.images))
+        self.reach = float(PixelModel(study).reach(best)[3])
+        self._wanted = _as_stated(best.frames)  # (12, 12)
 
-    def _rows(self, study: HandEyeStudy, at: ReadFrames) -> tuple[Floats, Floats, Floats, Floats]:
-        """Rows `matrix d <= room` of the pixels, and bounds of the readings."""
-        model = ReadingModel(study)
-        slope, residuals = model.jacobian(at), model(at)
-        low, high = model.room(at)
-        if not self.uncertain:
-            slope, low, high = slope[:, :PARAMETERS], low[:PARAMETERS], high[:PARAMETERS]
-        room = self.tolerance + np.tile(study.half_width, 2)
-        rows = np.concatenate([slope, -slope]), np.concatenate([room - residuals, room + residuals])
-        return *rows, low[PARAMETERS:], high[PARAMETERS:]
-
-    def chosen(self, name: str, draws: Sequence[Sequence[_Image]]) -> ChosenPose:
-        """The mean widths over draws of some more images."""
-        widths = np.mean([self._with(more) for more in draws], axis=0)  # turn and place of X, then of F
+    def chosen(self, name: str, more: Sequence[int]) -> ChosenPose:
+        """The mean widths over draws of some more images, each given by the number of its first draw."""
+        draws = range(_DRAWS if more else 1)
+        widths = np.mean([self._widths([k + draw for k in more]) for draw in draws], axis=0)  # turn and place of X, F
         counted = widths * np.tile(np.repeat([self.reach, 1.0], 3), 2)
         stated = np.concatenate([widths[3:6], np.degrees(widths[:3]), widths[9:], np.degrees(widths[6:9])])
         return ChosenPose(name, tuple(stated.tolist()), float(counted.max()))
 
-    def _with(self, more: Sequence[_Image]) -> Floats:
-        parts = [self._kept, *(self._rows(*one) for one in more)]
-        readings = sum(len(part[2]) for part in parts)
-        matrix = np.zeros((sum(len(part[0]) for part in parts), PARAMETERS + readings))
-        row, column = 0, PARAMETERS
-        for slope, *_ in parts:
-            own = slope.shape[1] - PARAMETERS
-            matrix[row : row + len(slope), :PARAMETERS] = slope[:, :PARAMETERS]
-            matrix[row : row + len(slope), column : column + own] = slope[:, PARAMETERS:]
-            row, column = row + len(slope), column + own
-        return self._widths(matrix, *(np.concatenate([part[k] for part in parts]) for k in (1, 2, 3)))
-
-    def _widths(self, matrix: Floats, room: Floats, low: Floats, high: Floats) -> Floats:
+    def _widths(self, more: Sequence[int]) -> Floats:
+        images = np.append(self._measured, more).astype(np.intp)
+        own = PARAMETERS + READING * images[:, None] + np.arange(READING)
+        columns = np.append(np.arange(PARAMETERS), own[own < self._rows.shape[1]])
+        rows = np.flatnonzero(np.isin(self._image, images))
+        low, high = self._low[columns[PARAMETERS:]], self._high[columns[PARAMETERS:]]
         loosest = np.tile(_LOOSEST, 2)
         scale = np.concatenate([loosest, np.maximum(high - low, 1e-9)])
-        matrix = matrix * scale
+        matrix, room = self._rows[np.ix_(rows, columns)] * scale, self._room[rows]
         size = np.abs(matrix).max(axis=1)
         engine = Dense()
         ends = np.ones(PARAMETERS)
@@ -199,7 +187,7 @@ class _Ranges:
             np.concatenate([ends, high / scale[PARAMETERS:]]),
         )
         widths = np.zeros(PARAMETERS)
-        for k, wanted in enumerate(self.wanted):
+        for k, wanted in enumerate(self._wanted):
             for sign in (1.0, -1.0):
                 objective = np.zeros(len(scale))
                 objective[:PARAMETERS] = sign * wanted * loosest
@@ -210,12 +198,32 @@ class _Ranges:
         return widths
 
 
+def _joined(studies: Sequence[HandEyeStudy]) -> HandEyeStudy:
+    """All their images as one study."""
+    first = np.cumsum([0, *(len(one.images) for one in studies)])
+    return HandEyeStudy(
+        setup=studies[0].setup,
+        camera=studies[0].camera,
+        images=tuple(name for one in studies for name in one.images),
+        poses=Pose(
+            np.concatenate([one.poses.position for one in studies]),
+            np.concatenate([one.poses.quaternion for one in studies]),
+        ),
+        image=np.concatenate([one.image + k for one, k in zip(studies, first, strict=False)]),
+        names=tuple(name for one in studies for name in one.names),
+        **{name: np.concatenate([getattr(one, name) for one in studies]) for name in _ARRAYS},
+    )
+
+
+_ARRAYS = ("pixels", "points", "half_width", "pose_half_width")
+
+
 def _as_stated(frames: HandEyeFrames) -> Floats:
-    """(12, 12): turn and place of X and F, as they are stated, by the motions of `cpcal.models.hand_eye.moved`."""
+    """(12, 12): turn and place of X and F, as they are stated, by the motions of `PixelModel.moved`."""
     back = frames.e_rotation.T
     found = np.zeros((12, 12))
     found[:3, :3] = -back
-    found[3:6, :3] = -back @ cross(frames.e_translation[None])[0]
+    found[3:6, :3] = -back @ cross_matrix(frames.e_translation)
     found[3:6, 3:6] = -back
     found[6:, 6:] = np.eye(6)
     return found

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.accuracy.findings import Accuracy, CellAccuracy, PoseAccuracy, WorkspaceAccuracy
+from cpcal.accuracy.findings import Accuracy, WorkspaceAccuracy
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
-from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, Svg, ticks
+from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 
 # ------------------------------------------------------------------------------------------------------------------
 # Sentences: what is assumed, what is proved under it, what is only estimated.
@@ -48,16 +48,26 @@ def sentences(found: Accuracy) -> list[str]:
         box = f"within {stated(found.delta)} mm of the center of the run"
         said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
         return [f"{said} Nothing is proved."]
-    out = []
-    if found.workspace is not None:
-        out += _of_workspace(found.workspace)
-    worst = found.worst_pose
-    if worst is not None:
-        count = len(found.proved_poses)
+    out, over, worst = list[str](), found.workspace, found.worst_pose
+    if over is not None and len(over.left_out) < len(over.cells):
+        end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
         out.append(
-            f"PROVED under the assumption: at {count} of {len(found.poses)} poses the platform is within "
-            f"{at_most(worst.position_bound)} mm and {degrees_up(max(p.rotation_bound for p in found.proved_poses))} "
-            f"degrees of where the controller says; the worst is {worst.name}."
+            f"PROVED under the assumption: anywhere in the workspace{' but the cells left out' * bool(over.left_out)} "
+            f"the platform is within {at_most(over.position_bound)} mm and {degrees_up(over.rotation_bound)} degrees "
+            f"of where the controller says. At the worst pose met the bound is {at_least(over.worst_pose_bound)} mm."
+            f"{end}"
+        )
+    if over is not None and over.left_out:
+        out.append(
+            f"LEFT OUT: {len(over.left_out)} of {len(over.cells)} cells, of which nothing is proved; the platform is "
+            "singular or nearly so there, or the cells are still too large. They are listed below."
+        )
+    if worst is not None:
+        turn = degrees_up(max(p.rotation_bound for p in found.proved_poses))
+        out.append(
+            f"PROVED under the assumption: at {len(found.proved_poses)} of {len(found.poses)} poses the platform is "
+            f"within {at_most(worst.position_bound)} mm and {turn} degrees of where the controller says; the worst is "
+            f"{worst.name}."
         )
     lost = [pose.name for pose in found.poses if not pose.proved]
     if lost:
@@ -67,101 +77,51 @@ def sentences(found: Accuracy) -> list[str]:
     beyond = [pose.name for pose in found.poses if pose.beyond]
     if beyond:
         out.append(f"{len(beyond)} poses need leg readings beyond those that were measured: {listed(beyond)}.")
-    out += _of_truth(found)
-    return out
-
-
-def _of_workspace(found: WorkspaceAccuracy) -> list[str]:
-    out = []
-    if len(found.left_out) < len(found.cells):
-        end = "" if found.complete else " The search stopped at its limit of cells: more would narrow this bound."
-        out.append(
-            f"PROVED under the assumption: anywhere in the workspace{' but the cells left out' * bool(found.left_out)} "
-            f"the platform is within {at_most(found.position_bound)} mm and {degrees_up(found.rotation_bound)} degrees "
-            f"of where the controller says. At the worst pose met the bound is {at_least(found.worst_pose_bound)} mm."
-            f"{end}"
-        )
-    if found.left_out:
-        out.append(
-            f"LEFT OUT: {len(found.left_out)} of {len(found.cells)} cells, of which nothing is proved; the platform is "
-            "singular or nearly so there, or the cells are still too large. They are listed below."
-        )
-    return out
-
-
-def _of_truth(found: Accuracy) -> list[str]:
-    if not found.truth_known:
-        return []
     if found.violated:
         names = listed([pose.name for pose in found.violated])
-        return [
-            f"THE ASSUMPTION FAILS: the simulator's truth violates the bound at {len(found.violated)} poses: {names}."
-        ]
-    true = max(p.estimated.true_position or 0.0 for p in found.poses)
-    return [f"The simulator's truth is inside at every pose; its largest error is {about(true)} mm."]
+        many = f"at {len(found.violated)} poses: {names}"
+        out.append(f"THE ASSUMPTION FAILS: the simulator's truth violates the bound {many}.")
+    elif found.truth_known:
+        true = max(p.estimated.true_position or 0.0 for p in found.poses)
+        out.append(f"The simulator's truth is inside at every pose; its largest error is {about(true)} mm.")
+    return out
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # The map of an accuracy certificate: slices of the workspace, each cell shaded by its proved bound.
 
-_SIDE, _LEFT, _TOP, _GAP, _BOTTOM = 150.0, 44.0, 18.0, 22.0, 36.0  # points
 _STEPS = 5  # shades
 
 
 def _shades(found: WorkspaceAccuracy) -> list[tuple[float, str]]:
     """Their upper ends, mm, and how opaque they are."""
     bounds = [cell.position_bound for cell in found.cells if cell.proved]
-    if not bounds:
-        return []
-    low, step = min(bounds), (max(bounds) - min(bounds)) / _STEPS
-    return [(low + step * (k + 1), nearest(0.1 + 0.75 * k / (_STEPS - 1), 2)) for k in range(_STEPS)]
+    low, step = min(bounds, default=0.0), (max(bounds, default=0.0) - min(bounds, default=0.0)) / _STEPS
+    return [(low + step * (k + 1), nearest(0.1 + 0.75 * k / (_STEPS - 1), 2)) for k in range(_STEPS)] if bounds else []
 
 
-def map_svg(found: WorkspaceAccuracy) -> Svg:
-    """Slices side by side, seen from above."""
-    (*_, lo), (*_, hi) = found.lo[:3], found.hi[:3]
-    heights = [lo] if lo == hi else [lo + share * (hi - lo) for share in (1 / 6, 0.5, 5 / 6)]
-    figure = Figure(_LEFT + len(heights) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM)
-    sides = zip(found.lo[:2], found.hi[:2], strict=True)
-    span = [(low - 0.5 * (low == high), high + 0.5 * (low == high)) for low, high in sides]
-    shades, thickness = _shades(found), (hi - lo) / len(heights) or np.inf
-    for n, height in enumerate(heights):
-        left = _LEFT + n * (_SIDE + _GAP)
-        axes = Axes(figure, (left, _TOP, left + _SIDE, _TOP + _SIDE), span[0], span[1])
-        figure.text(left + 0.5 * _SIDE, 7.0, f"z = {nearest(height, 0)} mm", anchor="middle")
+def map_svgs(found: WorkspaceAccuracy) -> list[Svg]:
+    """Slices, seen from above."""
+    sides = zip(found.lo[:3], found.hi[:3], strict=True)
+    x, y, (lo, hi) = ((a - 0.5 * (a == b), b + 0.5 * (a == b)) for a, b in sides)
+    heights = [found.lo[2]] if found.lo[2] == found.hi[2] else [lo + share * (hi - lo) for share in (1 / 6, 0.5, 5 / 6)]
+    shades, out = _shades(found), []
+    for height in heights:
+        plot = Plot((190.0, 185.0), x, y, (f"x [mm], at z = {nearest(height, 0)} mm", "y [mm]"))
         met = [cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]]
         # of several rotations the worst last
         for cell in sorted(met, key=lambda cell: (not cell.proved, cell.position_bound if cell.proved else 0.0)):
-            (x0, y0), (x1, y1) = cell.lo[:2], cell.hi[:2]
-            square = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-            if not cell.proved:
-                axes.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
-                continue
-            opacity = next((shade for end, shade in shades if cell.position_bound <= end), shades[-1][1])
-            axes.area("var(--paper)", square)
-            axes.area(f"{EDGE}; fill-opacity: {opacity}", square)
-        if n == 0:
-            axes.y_axis(ticks(*span[1], 5), "y [mm]")
-        axes.x_axis(ticks(*span[0], 5), "x [mm]")
-        if abs(found.worst_pose[2] - height) <= 0.5 * thickness:
-            axes.marks([found.worst_pose[:2]], "x", INK, 7.0, width=1.4)
-    return figure.svg("Slices of the workspace, each cell shaded by the proved bound of the position")
-
-
-def _dominating(found: WorkspaceAccuracy) -> list[tuple[str, str]]:
-    """Pairs of legs whose uncertainty moves the platform most, and the share of the proved volume where they do."""
-    volume: dict[str, float] = {}
-    for cell in found.cells:
-        if cell.proved:
-            sides = [hi - lo for lo, hi in zip(cell.lo, cell.hi, strict=True) if hi > lo]
-            pair = _two_legs(cell.shares)
-            volume[pair] = volume.get(pair, 0.0) + float(np.prod(sides))
-    total, largest = sum(volume.values()), sorted(volume.items(), key=lambda pair: -pair[1])
-    return [(pair, f"{nearest(100.0 * size / total, 0)} %") for pair, size in largest]
-
-
-def _two_legs(shares: Sequence[float]) -> str:
-    return " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(shares))[:2].tolist()))
+            square = rectangle(*cell.lo[:2], *cell.hi[:2])
+            if cell.proved:
+                opacity = next((shade for end, shade in shades if cell.position_bound <= end), shades[-1][1])
+                plot.area("var(--paper)", square)
+                plot.area(f"{EDGE}; fill-opacity: {opacity}", square)
+            else:
+                plot.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
+        if abs(found.worst_pose[2] - height) <= 0.5 * (hi - lo) / len(heights):
+            plot.marks([found.worst_pose[:2]], "x", INK, 7.0)
+        out.append(plot.svg("A slice of the workspace, each cell shaded by the proved bound of the position"))
+    return out
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -212,56 +172,60 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
     )
     legend |= {"dashed": "left out", "": "× worst pose met"}
-    legs = _dominating(over)[:6]
-    dominates = Section(
-        "Legs that dominate",
-        tables=[Table(("the two legs that move the platform most", "share of the workspace"), legs)],
-        notes=[
-            "To first order, at the cells' centers: what is not known of a leg's length, and how far that moves the "
-            "platform."
-        ],
+    cells = Table(
+        ("cell",),
+        [(f"{_pose_text(cell.lo)} to {_pose_text(cell.hi)}",) for cell in over.left_out],
+        ("word",),
+        "",
+        _MOST,
+        "accuracy.json",
     )
-    cells = Table(("cell",), [(_cell_text(cell),) for cell in over.left_out], ("word",), "", _MOST, "accuracy.json")
     left = Section("Cells left out", ["Nothing is proved of the poses in these cells."], tables=[cells])
-    parts = [dominates] * bool(legs) + [left] * bool(over.left_out)
-    yield Section("Where in the workspace", figures=[Drawing([map_svg(over)], legend, caption)], parts=parts)
+    parts = [left] * bool(over.left_out)
+    yield Section("Where in the workspace", figures=[Drawing(map_svgs(over), legend, caption)], parts=parts)
 
 
 def _at_poses(found: Accuracy) -> Iterator[Section]:
     poses = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
     if not poses:
         return
-    truth = found.truth_known
-    axes = [max(max(abs(p.lo[k]), abs(p.hi[k])) for p in poses) for k in range(6)]
-    widest = [f"{at_most(v)} mm" for v in axes[:3]] + [f"{degrees_up(v)}°" for v in axes[3:]]
-    by_axis = ", ".join(f"{n} {v}" for n, v in zip(("x", "y", "z", "rx", "ry", "rz"), widest, strict=True))
-    head = ("pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "U [mm]", "legs", *(["truth [mm]"] * truth))
-    worst = Table(head, [_pose_row(pose, truth) for pose in poses], most=_MOST, where="accuracy.json")
+    estimates = [pose.estimated for pose in poses]
+    quantities = [
+        ("proved bound", at_most, [(pose.position_bound, pose.rotation_bound) for pose in poses]),
+        ("U of least squares, k = 2", about, [(e.u_position, e.u_rotation) for e in estimates]),
+    ]
+    head, truth = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "U [mm]", "legs"], found.truth_known
+    if truth:
+        true = [(e.true_position or 0.0, e.true_rotation or 0.0) for e in estimates]
+        quantities.append(("simulator's truth", about, true))
+        head.append("truth [mm]")
+    summary = []
+    for name, text, values in quantities:
+        position, rotation = np.array(values).T
+        sizes = (float(size(of)) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max))
+        summary.append((name, *map(text, sizes)))
+    rows = []
+    for pose in poses:
+        box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
+        legs = " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(pose.shares))[:2].tolist()))
+        bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
+        true_error = [about(pose.estimated.true_position or 0.0)] * truth
+        rows.append((pose.name, *bounds, *box, about(pose.estimated.u_position), legs, *true_error))
     yield Section(
         "At the poses asked for",
-        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), list(_summary(poses, truth)))],
+        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), summary)],
         notes=[
-            f"Largest by axis: {by_axis}.",
             "Only the first row is proved (under the assumption). U and the truth are estimates: U takes what the "
             "residuals scatter for noise, and speaks of 95 % of cases, not of all.",
         ],
-        parts=[Section("Worst first", tables=[worst])],
+        parts=[
+            Section(
+                "Worst first",
+                tables=[Table(head, rows, most=_MOST, where="accuracy.json")],
+                notes=["“Legs”: the two whose uncertainty moves the platform most, to first order."],
+            )
+        ],
     )
-
-
-def _summary(poses: Sequence[PoseAccuracy], truth: bool) -> Iterator[tuple[str, ...]]:
-    """Mean and largest over the poses, as position accuracy is stated; a row a quantity."""
-    estimates = [pose.estimated for pose in poses]
-    bounds = [(pose.position_bound, pose.rotation_bound) for pose in poses]
-    quantities = [
-        ("proved bound", at_most, bounds),
-        ("U of least squares, k = 2", about, [(e.u_position, e.u_rotation) for e in estimates]),
-        ("simulator's truth", about, [(e.true_position or 0.0, e.true_rotation or 0.0) for e in estimates]),
-    ]
-    for name, text, values in quantities[: 3 if truth else 2]:
-        position, rotation = np.array(values).T
-        sizes = (size(of) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max))
-        yield name, *(text(float(v)) for v in sizes)
 
 
 def _assumption(found: Accuracy) -> Section:
@@ -302,30 +266,7 @@ def _origin(found: Accuracy) -> Section:
     return origin({"Campaign, SHA-256": campaign, "Proofs": proofs})
 
 
-def _pose_row(pose: PoseAccuracy, truth: bool) -> tuple[str, ...]:
-    e = pose.estimated
-    box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
-    row = (
-        pose.name,
-        at_most(pose.position_bound),
-        degrees_up(pose.rotation_bound),
-        *box,
-        about(e.u_position),
-        _two_legs(pose.shares),
-    )
-    return (*row, about(e.true_position or 0.0)) if truth else row
-
-
 def _pose_text(pose: tuple[float, ...]) -> str:
     turns = [math.degrees(v) for v in pose[3:]]
     text = f"({', '.join(nearest(v, 1) for v in pose[:3])}) mm"
     return text if not any(turns) else f"{text}, turned by ({', '.join(nearest(v, 2) for v in turns)})°"
-
-
-def _cell_text(cell: CellAccuracy) -> str:
-    lo, hi = list(cell.lo[:3]), list(cell.hi[:3])
-    lo += [math.degrees(v) for v in cell.lo[3:]]
-    hi += [math.degrees(v) for v in cell.hi[3:]]
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    parts = zip(names, lo, hi, strict=True)
-    return ", ".join(f"{n} {nearest(a, 2)} to {nearest(b, 2)}" for n, a, b in parts if b > a)

@@ -12,7 +12,6 @@ from itertools import product
 
 import numpy as np
 
-from cpcal.calibration.statistics import kept
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
@@ -55,8 +54,8 @@ FEW = 20  # a larger support points at nothing
 _OTHER_MODELS = ("gain", "lateral", "linear")  # the simplest first
 _HELPS = 0.6  # another model is named when its largest residual is below this share of the model's own
 _FORCED = 0.5  # measurements are to be taken again when without them the largest residual is below this share
-_ENOUGH = 500  # measurements, for the fits of other models
-_SURELY = 1.5  # times that share: another model is not even fitted when its linearised equations leave more
+_STEPS_OF_A_FIT = 3
+_SURELY = 1.5  # times that share: a fit is not gone on with when its linearised equations leave more
 _NEARLY = 1.3  # times the best: a simpler model is as good
 _STEPS = {  # by the kind of a verdict
     "explained": ("accept", "Accept the parameters."),
@@ -92,6 +91,8 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
         what = "Compare the constraints that the certificates state with the model: no program has."
         return Advice("compare the constraints", what, few)
     step = _STEPS[verdict.kind]
+    if verdict.kind == "explained":
+        return Advice(*step, ())
     if model is None or found is None:
         return Advice(*step, few)
     # of a small support, or of all where it is large, the measurements with the largest residuals
@@ -122,36 +123,36 @@ def support_numbers(campaign: Campaign, leg: LegResult) -> tuple[int, ...]:
     return tuple(k for k, name in enumerate(campaign.measurement_ids) if name in chosen)
 
 
-def _largest_without(found: Fitted, dropped: tuple[int, ...]) -> float:
-    """The largest residual of a fit of the other measurements, from the linearised equations."""
-    kept = np.delete(np.arange(len(found.residuals)), dropped)
-    if len(kept) <= found.jacobian.shape[1]:
-        return math.inf
-    rows, values = found.jacobian[kept], found.residuals[kept]
-    step = np.linalg.lstsq(rows, -values, rcond=1e-12)[0]
-    return float(np.max(np.abs(values + rows @ step)))
+def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
+    """The step of least squares from linearised equations, and the largest residual that it leaves."""
+    if len(rows) <= rows.shape[1]:
+        return np.zeros(rows.shape[1]), math.inf
+    step = np.asarray(np.linalg.lstsq(rows, -values, rcond=1e-12)[0], np.float64)
+    return step, float(np.max(np.abs(values + rows @ step)))
 
 
 def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted) -> tuple[str, str] | None:
-    """The simplest model whose fit is much better, if there is one."""
+    """The simplest model whose fit, a few steps from the plain one's, is much better, if there is one."""
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
     largest: dict[str, float] = {}
-    some = _some(campaign)
     for name in _OTHER_MODELS:
         other = leg_model(name)
+        x = np.append(own.x, np.zeros(len(other.extra)))
         try:
             residuals = ModelResiduals(campaign, leg.leg, other)
-            if _at_least(residuals, own, other) > _SURELY * _HELPS * own.largest:
-                continue
-            x = fit_model(some, leg.leg, other, residuals if some is campaign else None)
-            largest[name] = float(np.max(np.abs(residuals.values(x))))
+            for _ in range(_STEPS_OF_A_FIT):
+                with np.errstate(all="ignore"):  # a damaged result may be anywhere
+                    step, largest[name] = _linear_fit(residuals.jacobian(x), residuals.values(x))
+                if largest[name] > _SURELY * _HELPS * own.largest:
+                    break
+                x += step
         except (CpcalError, ValueError, np.linalg.LinAlgError):  # a fit that does not exist helps nobody
-            continue
+            largest.pop(name, None)
     best = min(largest.values(), default=math.inf)
     if not best < _HELPS * own.largest:
         return None
-    name = next(name for name in largest if largest[name] <= max(_NEARLY * best, 0.0))
+    name = next(name for name in largest if largest[name] <= _NEARLY * best)
     sentence = (
         f"Use model “{name}”: its least-squares fit leaves {about(largest[name])} mm at most, this one's "
         f"{about(own.largest)} mm. `cpcal certify --model A,B` proves which models hold."
@@ -159,28 +160,11 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
     return f"model “{name}”", sentence
 
 
-def _at_least(residuals: ModelResiduals, own: Fitted, other: LegModel) -> float:
-    """About the largest residual of a fit of another model, from its equations linearised at the fit of the plain one.
-
-    What is linear in the extra parameters, which are small, needs no fit to be ruled out.
-    """
-    at = np.append(own.x, np.zeros(len(other.extra)))
-    with np.errstate(all="ignore"):  # a damaged result may be anywhere
-        values, rows = residuals.values(at), residuals.jacobian(at)
-    step = np.linalg.lstsq(rows, -values, rcond=1e-12)[0]
-    return float(np.max(np.abs(values + rows @ step)))
-
-
-def _some(campaign: Campaign) -> Campaign:
-    """Of a large campaign some measurements, evenly spread: enough for the fit of an estimate."""
-    step = -(-len(campaign) // _ENOUGH)
-    return campaign if step == 1 else kept(campaign, np.arange(len(campaign)) % step == 0)
-
-
 def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[str, str] | None:
     """To measure again what alone makes the error large."""
     for count in range(1, len(first) + 1):
-        again, left = first[:count], _largest_without(own, first[:count])
+        again = first[:count]
+        _, left = _linear_fit(np.delete(own.jacobian, again, axis=0), np.delete(own.residuals, again))
         if left < _FORCED * own.largest:
             sentence = (
                 f"Re-measure {', '.join(measurement_names(campaign, again))}: without "
@@ -201,23 +185,12 @@ def _where(campaign: Campaign, names: tuple[str, ...], found: Fitted) -> str:
     best, share = (middle, np.zeros(3)), -1.0
     for moved, turned in product(product((-1.0, 1.0), repeat=3), product((-0.2, 0.0, 0.2), repeat=3)):
         position, turn = middle + reach * np.array(moved), np.array(turned)
-        row = _row(position, turn, found.x) / scale[:7]
+        rotation = rotation_matrix(small_rotation(turn[None]))[0]
+        vector = position + rotation @ found.x[3:6] - found.x[:3]
+        along = vector / max(float(np.linalg.norm(vector)), 1e-300)
+        row = np.concatenate([-along, rotation.T @ along, [-1.0]]) / scale[:7]  # of the plain equation's derivative
         if abs(float(row @ weakest)) > share:
             best, share = (position, turn), abs(float(row @ weakest))
     what = f"Add poses that show {', '.join(names)}" if names else "Add poses"
     at, turned_by = (", ".join(about(v) for v in values) for values in (best[0], np.degrees(best[1])))
     return f"{what}, such as one near ({at}) mm, turned by ({turned_by}) degrees."
-
-
-def _row(position: Floats, turn: Floats, x: Floats) -> Floats:
-    """The derivative (7,) of the plain equation at a pose; `turn` is a rotation vector, rad."""
-    rotation = rotation_matrix(small_rotation(turn[None]))[0]
-    vector = position + rotation @ x[3:6] - x[:3]
-    along = vector / max(float(np.linalg.norm(vector)), 1e-300)
-    return np.concatenate([-along, rotation.T @ along, [-1.0]])
-
-
-def forcing_numbers(campaign: Campaign, result: Result) -> tuple[int, ...]:
-    """The measurements, from 0, of the small supports of all legs: they force eps."""
-    small = [support_numbers(campaign, leg) for leg in result.legs if len(leg.support.ids) <= FEW]
-    return tuple(sorted({k for numbers in small for k in numbers}))

@@ -30,7 +30,7 @@ _WORDS = {  # of a model, by the kind of the verdict
     "uncompared": " not compared",
 }
 
-Compared = Mapping[str, Result]  # of one campaign, by the leg model
+Compared = Mapping[str, Result]  # of one campaign, by the leg model; what was asked is the same in all
 
 
 def _legs(found: Compared) -> dict[int, dict[str, LegResult]]:
@@ -42,20 +42,13 @@ def _legs(found: Compared) -> dict[int, dict[str, LegResult]]:
     return dict(sorted(out.items()))
 
 
-def _asked(found: Compared) -> Result:
-    """The first result: the campaign and the tolerance are the same in all."""
-    return next(iter(found.values()))
-
-
-def _at(found: Compared) -> str | None:
-    tolerance = _asked(found).options.tolerance
-    return None if tolerance is None else f"{stated(tolerance)} mm"
+def _tolerance(found: Compared) -> float | None:
+    return next(iter(found.values())).options.tolerance
 
 
 def passing(found: Compared, leg: int) -> list[str]:
     """The models that pass for a leg."""
-    legs = _legs(found)[leg]
-    return [model for model, one in legs.items() if verdict_of(found[model], one).passes]
+    return [model for model, one in _legs(found)[leg].items() if verdict_of(found[model], one).passes]
 
 
 def comparison_table(found: Compared) -> Table:
@@ -63,36 +56,31 @@ def comparison_table(found: Compared) -> Table:
     rows: list[Sequence[Words]] = []
     for number, legs in _legs(found).items():
         for model, leg in legs.items():
-            judged, bracket = verdict_of(found[model], leg), leg.bracket
-            extra = [] if bracket.enclosure.is_empty else bracket.enclosure.names[7:]
-            ranges = (
-                f"{name} in [{', '.join(map(short, bracket_text(side.lo, side.hi)))}]"
-                for name, side in ((name, bracket.enclosure[name]) for name in extra)
-            )
-            between = bracket_text(bracket.lo, bracket.hi)
-            word = verdict(judged.word, judged.kind)
-            file = bracket.certificate or "none"
-            rows.append((f"leg {number}", model, *between, word, file, ", ".join(ranges)))
-    at = "verdict" if (asked := _at(found)) is None else f"at {asked}"
-    head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", at, "certificate", "extra parameters")
+            judged, bracket, ranges = verdict_of(found[model], leg), leg.bracket, []
+            for name in () if bracket.enclosure.is_empty else bracket.enclosure.names[7:]:
+                side = bracket.enclosure[name]
+                ranges.append(f"{name} in [{', '.join(map(short, bracket_text(side.lo, side.hi)))}]")
+            word, file = verdict(judged.word, judged.kind), bracket.certificate or "none"
+            rows.append((f"leg {number}", model, *bracket_text(bracket.lo, bracket.hi), word, file, ", ".join(ranges)))
+    at = _tolerance(found)
+    asked = "verdict" if at is None else f"at {stated(at)} mm"
+    head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", asked, "certificate", "extra parameters")
     return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
 
 
 def comparison_sentences(found: Compared) -> list[str]:
     """What the comparison shows, a sentence a model; refutations first say with which proof."""
-    tolerance, out = _asked(found).options.tolerance, list[str]()
+    tolerance, out = _tolerance(found), list[str]()
     if tolerance is None:
         return out
     for model, result in found.items():
-        legs, poor, unknown = result.legs, [], []
+        legs = result.legs
         refuted = [leg for leg in legs if leg.bracket.lo > tolerance]
-        for leg in legs:
-            kind = verdict_of(result, leg).kind
-            poor += [f"leg {leg.leg}"] * (kind == "undetermined")
-            unknown += [f"leg {leg.leg}"] * (leg.bracket.lo <= tolerance < leg.bracket.hi)
         names = ", ".join(f"leg {leg.leg} ({leg.bracket.certificate or 'unchecked'})" for leg in refuted)
         count = f"{len(refuted)} of {len(legs)}: {names}" if refuted else f"none of {len(legs)}"
-        text = f"{model} is refuted at {_at(found)} for {count}."
+        text = f"{model} is refuted at {stated(tolerance)} mm for {count}."
+        unknown = [f"leg {leg.leg}" for leg in legs if leg.bracket.lo <= tolerance < leg.bracket.hi]
+        poor = [f"leg {leg.leg}" for leg in legs if verdict_of(result, leg).kind == "undetermined"]
         if unknown:
             text += f" Not known for {', '.join(unknown)}."
         if poor:
@@ -103,10 +91,15 @@ def comparison_sentences(found: Compared) -> list[str]:
 
 def comparison_lines(found: Compared) -> list[str]:
     """A line a leg, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
-    out, every = [f"{_asked(found).robot}: smallest error of each model, mm"], _legs(found)
+    out, every = [f"{next(iter(found.values())).robot}: smallest error of each model, mm"], _legs(found)
     for number, legs in list(every.items())[:_MOST_LINES]:
-        line = f"leg {number}: " + ", ".join(_short(found[model], leg) for model, leg in legs.items())
-        if _at(found) is not None:
+        each = []
+        for model, leg in legs.items():
+            lo, hi = leg.bracket.lo, leg.bracket.hi
+            word = "" if _tolerance(found) is None else _WORDS[verdict_of(found[model], leg).kind]
+            each.append(f"{model} {at_most(hi) if math.isfinite(hi) else f'above {at_least(lo)}'}{word}")
+        line = f"leg {number}: {', '.join(each)}"
+        if _tolerance(found) is not None:
             good = passing(found, number)
             line += f"; next: accept {good[0]}" if good else "; next: no model passes"
         out.append(printable(line))
@@ -115,43 +108,25 @@ def comparison_lines(found: Compared) -> list[str]:
     return out
 
 
-def _short(result: Result, leg: LegResult) -> str:
-    hi = at_most(leg.bracket.hi) if math.isfinite(leg.bracket.hi) else f"above {at_least(leg.bracket.lo)}"
-    word = "" if result.options.tolerance is None else _WORDS[verdict_of(result, leg).kind]
-    return f"{result.model.name} {hi}{word}"
-
-
 def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False) -> Path:
     """Write `compare.html` beside the runs of the models; its path. The same results give the same bytes."""
-    at, robot = _at(found), _asked(found).robot
-    notice = "Interrupted: what is shown was proved until then; the rest is missing."
-    page = Page(
-        f"Models compared: {robot}",
-        "models compared",
-        robot,
-        [_answers(found), _models(found), _origin(found)],
-        [notice] if stopped else [],
-        f"Which models do the measurements refute at {at}?" if at else "How small can the error of each model be?",
-    )
-    return page.write(Path(folder) / COMPARISON_PAGE)
-
-
-def _answers(found: Compared) -> Section:
-    note = (
-        "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
-        "some reach eps_hi. Without a certificate both are proved in outward-rounded arithmetic only. Extra "
-        "parameters: all parameters with eps ≤ eps_hi lie there."
-    )
-    quantifier = Mark(f"{QUANTIFIER} {LONGER}", "quantifier")
-    return Section(
+    first, at = next(iter(found.values())), _tolerance(found)
+    answers = Section(
         "Answers",
         items=[*comparison_lines(found)[1:], *comparison_sentences(found)],
-        parts=[Section(sentences=[quantifier], tables=[comparison_table(found)], notes=[note])],
+        parts=[
+            Section(
+                sentences=[Mark(f"{QUANTIFIER} {LONGER}", "quantifier")],
+                tables=[comparison_table(found)],
+                notes=[
+                    "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than "
+                    "eps_lo, and some reach eps_hi. Without a certificate both are proved in outward-rounded "
+                    "arithmetic only. Extra parameters: all parameters with eps ≤ eps_hi lie there."
+                ],
+            )
+        ],
         style="names",
     )
-
-
-def _models(found: Compared) -> Section:
     same = (
         "All models look for (a, b, l) in the same box, and contain the plain one where their extra parameters vanish: "
         "none has a larger smallest eps than the plain one."
@@ -161,17 +136,25 @@ def _models(found: Compared) -> Section:
         for name, result in found.items()
     }
     strange = [result.model.not_compared for result in found.values() if result.model.not_compared]
-    return Section("The models", data=data, notes=[same, *strange])
-
-
-def _origin(found: Compared) -> Section:
     about = "FOLDER: where this page is. It holds a run of each model, with its certificates and a page of its own."
-    command = Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command")
-    data: dict[str, Words] = {
-        "Campaign, SHA-256": Mark(_asked(found).campaign_sha256, "code"),
-        "To check the proofs again": (command, Mark(about, "small")),
+    rests: dict[str, Words] = {
+        "Campaign, SHA-256": Mark(first.campaign_sha256, "code"),
+        "To check the proofs again": (
+            Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command"),
+            Mark(about, "small"),
+        ),
     }
-    return origin(data)
+    page = Page(
+        f"Models compared: {first.robot}",
+        "models compared",
+        first.robot,
+        [answers, Section("The models", data=data, notes=[same, *strange]), origin(rests)],
+        ["Interrupted: what is shown was proved until then; the rest is missing."] if stopped else [],
+        "How small can the error of each model be?"
+        if at is None
+        else f"Which models do the measurements refute at {stated(at)} mm?",
+    )
+    return page.write(Path(folder) / COMPARISON_PAGE)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -216,59 +199,29 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     """
     ordered = sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
     write_file(folder / SUMMARY_TABLE, summary_table(ordered))
+    counts = f"{len(rows):,} campaigns certified, the worst first"
+    counts += f"; {len(failed):,} could not be used" if failed else ""
+    counts += f"; {missing:,} not begun" if missing else ""
+    cells, lines = list[Sequence[Words]](), [counts]
+    for row in ordered:
+        judged = overall(row.result) or verdict_of(row.result, row.worst)
+        eps = " to ".join(bracket_text(row.worst.bracket.lo, row.worst.bracket.hi))
+        link = Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}")
+        answered = str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else "")
+        word = verdict(judged.word, judged.kind)
+        cells.append((link, row.result.robot, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1)))
+        lines.append(f"  {row.name}: {judged.word}, leg {row.worst.leg}, eps {eps} mm")
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
-    table = Table(head, [_cells(row) for row in ordered], ("names word", "names word", "word"), "cards")
+    table = Table(head, cells, ("names word", "names word", "word"), "cards")
     both = f"{SHORT_QUANTIFIER} Both bounds are proved; each campaign's page says by which certificates."
     answer = Section("The smallest error of the worst leg", [Mark(both, "quantifier")], tables=[table])
     unusable = [Section("Could not be used", items=failed, style="names")] if failed else []
     stopped = "Stopped before all campaigns were begun. The same command with --resume does the rest."
-    page = Page(
-        "Campaigns certified",
-        "many campaigns",
-        "Campaigns certified",
-        [answer, *unusable, origin({})],
-        [stopped] if missing else [],
-        f"{_counts(rows, failed, missing)}.",
-    )
-    path = page.write(folder / SUMMARY_PAGE)
-    lines = [_counts(rows, failed, missing)]
-    lines += [
-        f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]
-    ]
+    notices, sections = [stopped] if missing else [], [answer, *unusable, origin({})]
+    page = Page("Campaigns certified", "many campaigns", "Campaigns certified", sections, notices, f"{counts}.")
     if len(ordered) > _LINES:
-        lines.append(f"  and {len(ordered) - _LINES:,} with smaller errors")
-    return CampaignsSummary(path, tuple(lines))
-
-
-def _counts(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int) -> str:
-    parts = [f"{len(rows):,} campaigns certified, the worst first"]
-    parts += [f"{len(failed):,} could not be used"] if failed else []
-    parts += [f"{missing:,} not begun"] if missing else []
-    return "; ".join(parts)
-
-
-def _cells(row: CampaignRow) -> tuple[Words, ...]:
-    kind, word = _judged(row)
-    return (
-        Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}"),
-        row.result.robot,
-        verdict(word, kind),
-        str(row.worst.leg),
-        _eps(row.worst),
-        str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else ""),
-        nearest(row.seconds, 1),
-    )
-
-
-def _judged(row: CampaignRow) -> tuple[str, str]:
-    """Kind and word of the verdict: on all legs with a tolerance, else on the worst."""
-    passed, worst = overall(row.result), verdict_of(row.result, row.worst)
-    return (worst.kind, worst.word) if passed is None else (passed.kind, passed.word)
-
-
-def _eps(leg: LegResult) -> str:
-    lo, hi = bracket_text(leg.bracket.lo, leg.bracket.hi)
-    return f"{lo} to {hi}"
+        lines[_LINES + 1 :] = [f"  and {len(ordered) - _LINES:,} with smaller errors"]
+    return CampaignsSummary(page.write(folder / SUMMARY_PAGE), tuple(lines))
 
 
 def summary_table(rows: Sequence[CampaignRow]) -> str:

@@ -1,4 +1,4 @@
-"""Parameters for a controller: least squares and certified side by side, with ranges, frame and provenance."""
+"""What a run gives to other programs: parameters for a controller, the camera's frame of a hand-eye run."""
 
 from __future__ import annotations
 
@@ -6,17 +6,74 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cpcal.calibration import CalibrationRecord
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
 from cpcal.questions import LegResult, Result, model_of, verdict_of
+from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.advice import fitted
-from cpcal.report.run_page import DRAWING_FRAME, DrawingFrames, command
+from cpcal.report.run_page import command
 from cpcal.report.words import FRAME, overall
-from cpcal.robot import Campaign
+from cpcal.robot import Campaign, normalised, rotation_matrix
+
+# ------------------------------------------------------------------------------------------------------------------
+# Parameters in the frames of the robot's drawing, where a study found how camera and target stand in them.
+
+DRAWING_FRAME = (
+    "a: base joint centre, in the base frame of the robot's drawing; b: mobile joint centre, in its mobile frame; "
+    "l: length offset. These frames are estimates of the study: certified values were moved by them, ranges are the "
+    "hulls of the moved boxes."
+)
+_ROUNDING = 1e-9  # mm, more than moving a box in float64 can lose
+
+
+@dataclass(frozen=True, eq=False)
+class DrawingFrames:
+    """Camera in the base frame and target in the mobile frame: rotations (3, 3) and positions (3,), mm."""
+
+    camera: tuple[Floats, Floats]
+    target: tuple[Floats, Floats]
+
+    def point(self, x: Floats) -> Floats:
+        """Parameters (n,); those of the model, after l, stay."""
+        (turn, at), (other, there) = self.camera, self.target
+        return np.concatenate([turn @ x[:3] + at, other @ x[3:6] + there, x[6:]])
+
+    def box(self, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+        """A box that holds all parameters of the box `lo`, `hi` (n,)."""
+        middle, half = self.point(0.5 * (lo + hi)), 0.5 * (hi - lo)
+        (turn, _), (other, _) = self.camera, self.target
+        radius = np.concatenate([np.abs(turn) @ half[:3], np.abs(other) @ half[3:6], half[6:]])
+        return middle - radius - _ROUNDING, middle + radius + _ROUNDING
+
+
+def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> DrawingFrames:
+    """The frames of the study that the run's campaign comes from.
+
+    Raises InputError where the record is of another, and for a model whose own parameters depend on the frames.
+    """
+    if record.campaign_sha256 != result.campaign_sha256:
+        what = "holds the frames of another study: the SHA-256 of its campaign differs"
+        raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
+    if result.model.name not in ("plain", "gain", "lateral"):
+        what = f"has the model {result.model.name!r}, whose own parameters depend on the frames"
+        raise InputError([Problem("run", what, "export it in the campaign's frames")])
+    camera, target = (
+        (rotation_matrix(np.array([frame.quaternion]))[0], np.array(frame.position))
+        for frame in (record.frames.camera_in_base, record.frames.target_in_mobile)
+    )
+    return DrawingFrames(camera, target)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Parameters for a controller: least squares and certified side by side, with ranges, frame and provenance.
 
 FORMAT = "cpcal-parameters/1"
 NOT_CERTIFIED = "not certified"  # the verdict where no certificate holds it
@@ -51,21 +108,19 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 
 
 def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> dict[str, Any]:
-    nominal = np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra)))
-    fit = fitted(campaign, result, leg, model_of(result)).x
-    certified = None if leg.bracket.point is None or not leg.certified else np.array(leg.bracket.point)
     ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
-    box = None if ranges is None else (ranges.box.lo, ranges.box.hi)
+    points: list[Floats | None] = [
+        np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
+        fitted(campaign, result, leg, model_of(result)).x,
+        None if leg.bracket.point is None or not leg.certified else np.array(leg.bracket.point),
+    ]
+    ends = (None, None) if ranges is None else (ranges.box.lo, ranges.box.hi)
     if frames is not None:
-        nominal, fit = frames.point(nominal), frames.point(fit)
-        certified = None if certified is None else frames.point(certified)
-        box = None if box is None else frames.box(*box)
-    values: list[Floats | None] = [nominal, fit, certified, *(box or (None, None))]
+        points = [None if x is None else frames.point(x) for x in points]
+        ends = ends if ranges is None else frames.box(ranges.box.lo, ranges.box.hi)
+    columns = list(zip(_COLUMNS, (*points, *ends), strict=True))
     parameters = {
-        name: {
-            "unit": result.model.unit(name),
-            **_known(**{c: None if v is None else float(v[k]) for c, v in zip(_COLUMNS, values, strict=True)}),
-        }
+        name: {"unit": result.model.unit(name), **{c: float(v[k]) for c, v in columns if v is not None}}
         for k, name in enumerate(result.parameters)
     }
     files = [leg.bracket.certificate, None if ranges is None else ranges.certificate]
@@ -89,6 +144,11 @@ def as_json(data: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def as_yaml(data: Mapping[str, Any]) -> str:
+    """JSON, in characters that every reader of YAML takes."""
+    return _printable(as_json(data))
+
+
 def as_csv(data: Mapping[str, Any]) -> str:
     """A row a parameter; frame and provenance are in the other formats only, but for the robot and the campaign."""
     stream = io.StringIO()
@@ -107,51 +167,115 @@ def as_toml(data: Mapping[str, Any]) -> str:
 
 def _toml(table: Mapping[str, Any], path: str) -> Iterator[str]:
     """Simple values first, then tables, then arrays of tables."""
-    nested = {k: v for k, v in table.items() if isinstance(v, Mapping) or (isinstance(v, list) and _tables(v))}
+    nested = {}
     for key, value in table.items():
-        if key not in nested:
-            yield f"{_key(key)} = {_scalar(value)}"
-    for key, value in nested.items():
-        name = f"{path}{_key(key)}"
-        for part in value if isinstance(value, list) else [value]:
-            yield f"\n[[{name}]]" if isinstance(value, list) else f"\n[{name}]"
-            yield from _toml(part, f"{name}.")
-
-
-def _tables(values: list[Any]) -> bool:
-    return bool(values) and isinstance(values[0], Mapping)
-
-
-def as_yaml(data: Mapping[str, Any]) -> str:
-    return "\n".join(_yaml(data, "")) + "\n"
-
-
-def _yaml(table: Mapping[str, Any], indent: str) -> Iterator[str]:
-    for key, value in table.items():
-        if isinstance(value, Mapping) and value:
-            yield f"{indent}{_key(key)}:"
-            yield from _yaml(value, indent + "  ")
-        elif isinstance(value, list) and _tables(value):
-            yield f"{indent}{_key(key)}:"
-            for part in value:
-                first, *rest = _yaml(part, indent + "    ")
-                yield f"{indent}  - {first.lstrip()}"
-                yield from rest
+        name = key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _scalar(key)
+        if isinstance(value, Mapping):
+            nested[f"\n[{path}{name}]"] = f"{path}{name}.", [value]
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            nested[f"\n[[{path}{name}]]"] = f"{path}{name}.", value
         else:
-            yield f"{indent}{_key(key)}: {_scalar(value)}"
-
-
-def _key(name: str) -> str:
-    return name if name.isascii() and name.replace("_", "").replace("-", "").isalnum() else _scalar(name)
+            yield f"{name} = {_scalar(value)}"
+    for head, (inner, parts) in nested.items():
+        for part in parts:
+            yield head
+            yield from _toml(part, inner)
 
 
 def _scalar(value: Any) -> str:
-    """A text, number or list as JSON writes it, which TOML and YAML read alike.
+    """A text, number or list as JSON writes it, which TOML reads alike.
 
     Characters stay as they are: JSON would write one beyond the basic plane as two halves, which no other reader takes.
     """
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
+    return _printable(json.dumps(value, ensure_ascii=False, allow_nan=False))
+
+
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() or c == "\n" else f"\\U{ord(c):08x}" for c in text)
 
 
 WRITERS = {"toml": as_toml, "json": as_json, "yaml": as_yaml, "csv": as_csv}
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The camera's frame of a hand-eye run, as other programs take it, with the proved ranges beside each number.
+#
+# What is written are the best frames found: those that attain the upper end of the bracket. Lengths are in m where the
+# format has them in m.
+
+
+def _parent(found: HandEyeResult) -> str:
+    return "tool0" if found.setup == "eye-in-hand" else "base_link"
+
+
+def _told(found: HandEyeResult, mark: str) -> list[str]:
+    """What is proved, as comments."""
+    low, high = bracket_text(found.eps_lo, found.eps_hi)
+    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
+    if found.ranges.empty:
+        return [f"{mark} {said[0]}"]
+    said.append(f"proved of all frames that explain every pixel to {at_least(found.ranges.eps, 4)} px:")
+    names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+    for k, name in enumerate(names):
+        unit = "mm" if k < 3 else "deg from the rotation below"
+        said.append(f"  {name}: {rounded_down(found.ranges.low[k], 4)} to {rounded_up(found.ranges.high[k], 4)} {unit}")
+    return [f"{mark} {line}" for line in said]
+
+
+def _metres(found: HandEyeResult) -> list[tuple[str, str]]:
+    """Position in m and quaternion, by the names that ROS has for them."""
+    (w, i, j, k), position = found.point.camera_quaternion, (v / 1000.0 for v in found.point.camera_position)
+    return list(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, (*position, i, j, k, w)), strict=True))
+
+
+def _ros2(found: HandEyeResult) -> str:
+    """A node of a ROS 2 launch file in Python."""
+    given = [*_metres(found), ("frame-id", _parent(found)), ("child-frame-id", "camera_optical_frame")]
+    head = ["from launch_ros.actions import Node", "", *_told(found, "#"), "Node("]
+    head += ['    package="tf2_ros",', '    executable="static_transform_publisher",', "    arguments=["]
+    return "\n".join([*head, *(f'        "--{name}", "{value}",' for name, value in given), "    ],", ")"]) + "\n"
+
+
+def _easy_handeye(found: HandEyeResult) -> str:
+    """A calibration file of easy_handeye."""
+    in_hand = found.setup == "eye-in-hand"
+    base = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
+    lines = [*_told(found, "#"), "parameters:", f"  eye_on_hand: {str(in_hand).lower()}", f"  {base}"]
+    lines += ["  tracking_base_frame: camera_optical_frame", "transformation:"]
+    return "\n".join([*lines, *(f"  {name}: {value}" for name, value in _metres(found))]) + "\n"
+
+
+def _urdf(found: HandEyeResult) -> str:
+    """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
+    r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
+    roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
+    pitch, xyz = math.asin(max(-1.0, min(1.0, -r[2][0]))), " ".join(value for _, value in _metres(found)[:3])
+    lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
+    lines += ['<joint name="camera_optical_joint" type="fixed">', f'  <parent link="{_parent(found)}"/>']
+    lines += ['  <child link="camera_optical_frame"/>']
+    lines += [f'  <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
+    return "\n".join(lines) + "\n"
+
+
+def _opencv(found: HandEyeResult) -> str:
+    """Matrices of both frames for cv::FileStorage, translations in mm, named as OpenCV's functions name them."""
+    point, in_hand = found.point, found.setup == "eye-in-hand"
+    camera, target = ("cam2gripper", "target2base") if in_hand else ("cam2base", "target2gripper")
+    lines = ["%YAML:1.0", "---", *_told(found, "#")]
+    for name, position, quaternion in (
+        (camera, point.camera_position, point.camera_quaternion),
+        (target, point.target_position, point.target_quaternion),
+    ):
+        turn = rotation_matrix(normalised(quaternion)).ravel().tolist()
+        for letter, columns, values in (("R", 3, turn), ("t", 1, position)):
+            lines += [f"{letter}_{name}: !!opencv-matrix", "  rows: 3", f"  cols: {columns}", "  dt: d"]
+            lines += [f"  data: [ {', '.join(map(repr, values))} ]"]
+    return "\n".join(lines) + "\n"
+
+
+HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {
+    "ros2": _ros2,
+    "easy-handeye": _easy_handeye,
+    "urdf": _urdf,
+    "opencv": _opencv,
+}

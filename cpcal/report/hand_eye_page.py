@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from cpcal.common.numbers import (
     at_least,
     at_most,
     bracket_text,
-    gap_text,
     nearest,
     rounded_down,
     rounded_up,
@@ -26,32 +25,9 @@ from cpcal.common.numbers import (
 from cpcal.models.frames import PlacedFrames, exact_study
 from cpcal.models.hand_eye import HandEyeStudy
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult, WrongImages, exact_readings
-from cpcal.report.figures import Enclosure, enclosure_svg
+from cpcal.report.figures import Bar, bars_svg, series
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
-from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Figure, Svg, chart, counted
-from cpcal.robot import normalised, rotation_matrix
-
-# ------------------------------------------------------------------------------------------------------------------
-# A figure: the largest error of a pixel in each image.
-
-_SIZE = (620.0, 190.0)  # points
-
-
-def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> Svg:
-    """Name, px and whether it is within the tolerance, of each image; two lines across, px."""
-    heights = [min(value, 1e6) for _, value, _ in images]
-    figure, count = Figure(*_SIZE), len(images)
-    x, y = (0.0, count + 1.0), (0.0, 1.08 * max([*heights, dashed, full, 1e-9]))
-    labels = "image, in the order of poses.csv", "largest error [px]"
-    axes = chart(figure, x, y, labels, across=counted(count, 12), grid=True, most=5)
-    for (name, exact, ok), height, k in zip(images, heights, range(1, count + 1), strict=True):
-        axes.line(GRID, [(k, 0.0), (k, height)], width=1.2)
-        axes.dots([(k, height)], DOT if ok else SUPPORT, 5.0)
-        axes.hover([(k, height)], [f"{name}: {at_most(exact, 4)} px"])
-    axes.across((full,), INK, 1.0)
-    axes.across((dashed,), INK, 1.0, DASHES)
-    return figure.svg(label)
-
+from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Svg
 
 HAND_EYE_PAGE = "handeye.html"
 WRONG_PAGE = "handeye-wrong.html"
@@ -60,34 +36,29 @@ _CHECKED = (
     "weights that exact rational arithmetic accepts, on rows that the checker forms from study.json. cpcal verify "
     "checks them again."
 )
+_FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
+
+
+def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> Svg:
+    """Name, largest error of a pixel and whether it is within the tolerance, of each image; two lines across, px."""
+    heights = [min(value, 1e6) for _, value, _ in images]
+    labels = "image, in the order of poses.csv", "largest error [px]"
+    plot = series((620.0, 190.0), len(images), np.array([0.0, full, dashed, *heights]), labels, floor=0.0)
+    points = [(k, height) for k, height in enumerate(heights, 1)]
+    plot.line(GRID, *([(k, 0.0), (k, height)] for k, height in points), width=1.2)
+    for within, colour in ((True, DOT), (False, SUPPORT)):
+        some = [point for point, (_, _, ok) in zip(points, images, strict=True) if ok is within]
+        plot.marks(some, "dot", colour, 5.0)
+    plot.hover(points, [f"{name}: {at_most(exact, 4)} px" for name, exact, _ in images])
+    plot.across((full,), INK, 1.0)
+    plot.across((dashed,), INK, 1.0, DASHES)
+    return plot.svg(label)
 
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
-    asked, *rest = sentences(found)
+    asked, first, *rest = sentences(found)
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
-    page = Page(
-        f"Hand-eye calibration: {found.setup}",
-        "hand-eye calibration",
-        "How well do any frames explain the pixels?",
-        [
-            _answer(found, rest[:-1] if rest and rest[-1].endswith(":") else rest),
-            _ranges(found),
-            _classical(found),
-            *_support(found),
-            origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
-        ],
-        lead=asked,
-    )
-    return page.write(Path(folder) / HAND_EYE_PAGE)
-
-
-def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
-    low, high = bracket_text(found.eps_lo, found.eps_hi)
-    first = (
-        f" The smallest possible largest error eps* lies in [{low}, {high}] px (width "
-        f"{gap_text(found.eps_lo, found.eps_hi)})."
-    )
     note = (
         "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
         "the half-widths that the study states. Errors are measured on undistorted pixels."
@@ -98,7 +69,30 @@ def _answer(found: HandEyeResult, rest: Sequence[str]) -> Section:
         badge = verdict("undecided", "undecided")
     else:
         badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
-    return Section("Answer", [(badge, first), *rest], notes=[note])
+    points: dict[str, list[str]] = {}
+    for image, point in found.support:
+        points.setdefault(image, []).append(point)
+    forced = (
+        "The last step of the proof uses these points. Look at them first: a slipped board, a wrong pose, a badly "
+        "found corner."
+    )
+    items = [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
+    support = [Section("What forces the lower end", [forced], items, style="few names")] if items else []
+    said = [sentence for sentence in rest if not sentence.endswith(":")]  # the last one announces the ranges
+    page = Page(
+        f"Hand-eye calibration: {found.setup}",
+        "hand-eye calibration",
+        "How well do any frames explain the pixels?",
+        [
+            Section("Answer", [(badge, f" {first}"), *said], notes=[note]),
+            _ranges(found),
+            _classical(found),
+            *support,
+            origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
+        ],
+        lead=asked,
+    )
+    return page.write(Path(folder) / HAND_EYE_PAGE)
 
 
 def _ranges(found: HandEyeResult) -> Section:
@@ -119,24 +113,20 @@ def _ranges(found: HandEyeResult) -> Section:
         (name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit)
         for (name, unit), lo, hi in zip(names, low.tolist(), high.tolist(), strict=True)
     ]
-    places = [0, 1, 2, 6, 7, 8]
-    best, classical = (
-        np.array([*point.camera_position, *point.target_position]) for point in (found.point, found.asked.center)
-    )
-    data = Enclosure([names[k][0] for k in places], best, low[places], high[places], classical)
-    svg = enclosure_svg(data, label="Ranges of the positions", origin="best frames")
+    best, classical = ((*p.camera_position, *p.target_position) for p in (found.point, found.asked.center))
+    bars = []
+    for k, middle, fit in zip((0, 1, 2, 6, 7, 8), best, classical, strict=True):
+        lo, hi = float(low[k]), float(high[k])
+        bars.append(Bar(names[k][0], lo - middle, hi - middle, fit - middle, at_most(hi - lo, 2)))
+    svg = bars_svg(bars, "position − best frames [mm]", "Ranges of the positions", words=(math.inf, "width [mm]"))
     caption = "Ranges of the positions about the best frames; the mark is the least-squares answer."
-    positions = Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")])
     return Section(
         title,
         [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
-        parts=[positions, frames],
+        parts=[Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")]), frames],
     )
-
-
-_FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
 
 
 def _frame_rows(setup: str, point: PlacedFrames) -> list[tuple[str, ...]]:
@@ -165,19 +155,6 @@ def _classical(found: HandEyeResult) -> Section:
         figures=[Drawing([svg], caption=caption)],
         parts=[Section("Images, worst first", tables=[table], folded=True)],
     )
-
-
-def _support(found: HandEyeResult) -> Iterator[Section]:
-    points: dict[str, list[str]] = {}
-    for image, point in found.support:
-        points.setdefault(image, []).append(point)
-    if points:
-        said = (
-            "The last step of the proof uses these points. Look at them first: a slipped board, a wrong pose, a "
-            "badly found corner."
-        )
-        items = [f"{image}: {', '.join(names)}" for image, names in points.items()][:_MOST]
-        yield Section("What forces the lower end", [said], items, style="few names")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -257,90 +234,6 @@ def _blamed(found: WrongImages) -> Iterator[Section]:
             f"{at_least(found.eps_lo, 5)} px."
         )
         yield Section("What forces the lower end", [said], [", ".join(g.images) for g in found.groups], style="names")
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The camera's frame of a hand-eye run, as other programs take it, with the proved ranges beside each number.
-#
-# What is written are the best frames found: those that attain the upper end of the bracket. Lengths are in m where the
-# format has them in m.
-
-
-def _parent(found: HandEyeResult) -> str:
-    return "tool0" if found.setup == "eye-in-hand" else "base_link"
-
-
-def _told(found: HandEyeResult, mark: str) -> list[str]:
-    """What is proved, as comments."""
-    low, high = bracket_text(found.eps_lo, found.eps_hi)
-    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
-    if found.ranges.empty:
-        return [f"{mark} {said[0]}"]
-    said.append(f"proved of all frames that explain every pixel to {at_least(found.ranges.eps, 4)} px:")
-    names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
-    for k, name in enumerate(names):
-        unit = "mm" if k < 3 else "deg from the rotation below"
-        said.append(f"  {name}: {rounded_down(found.ranges.low[k], 4)} to {rounded_up(found.ranges.high[k], 4)} {unit}")
-    return [f"{mark} {line}" for line in said]
-
-
-def _metres(found: HandEyeResult) -> list[tuple[str, str]]:
-    """Position in m and quaternion, by the names that ROS has for them."""
-    (w, i, j, k), position = found.point.camera_quaternion, (v / 1000.0 for v in found.point.camera_position)
-    return list(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, (*position, i, j, k, w)), strict=True))
-
-
-def _ros2(found: HandEyeResult) -> str:
-    """A node of a ROS 2 launch file in Python."""
-    given = [*_metres(found), ("frame-id", _parent(found)), ("child-frame-id", "camera_optical_frame")]
-    head = ["from launch_ros.actions import Node", "", *_told(found, "#"), "Node("]
-    head += ['    package="tf2_ros",', '    executable="static_transform_publisher",', "    arguments=["]
-    return "\n".join([*head, *(f'        "--{name}", "{value}",' for name, value in given), "    ],", ")"]) + "\n"
-
-
-def _easy_handeye(found: HandEyeResult) -> str:
-    """A calibration file of easy_handeye."""
-    in_hand = found.setup == "eye-in-hand"
-    base = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
-    lines = [*_told(found, "#"), "parameters:", f"  eye_on_hand: {str(in_hand).lower()}", f"  {base}"]
-    lines += ["  tracking_base_frame: camera_optical_frame", "transformation:"]
-    return "\n".join([*lines, *(f"  {name}: {value}" for name, value in _metres(found))]) + "\n"
-
-
-def _urdf(found: HandEyeResult) -> str:
-    """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
-    r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
-    roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
-    pitch, xyz = math.asin(max(-1.0, min(1.0, -r[2][0]))), " ".join(value for _, value in _metres(found)[:3])
-    lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
-    lines += ['<joint name="camera_optical_joint" type="fixed">', f'  <parent link="{_parent(found)}"/>']
-    lines += ['  <child link="camera_optical_frame"/>']
-    lines += [f'  <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
-    return "\n".join(lines) + "\n"
-
-
-def _opencv(found: HandEyeResult) -> str:
-    """Matrices of both frames for cv::FileStorage, translations in mm, named as OpenCV's functions name them."""
-    point, in_hand = found.point, found.setup == "eye-in-hand"
-    camera, target = ("cam2gripper", "target2base") if in_hand else ("cam2base", "target2gripper")
-    lines = ["%YAML:1.0", "---", *_told(found, "#")]
-    for name, position, quaternion in (
-        (camera, point.camera_position, point.camera_quaternion),
-        (target, point.target_position, point.target_quaternion),
-    ):
-        turn = rotation_matrix(normalised(quaternion)).ravel().tolist()
-        for letter, columns, values in (("R", 3, turn), ("t", 1, position)):
-            lines += [f"{letter}_{name}: !!opencv-matrix", "  rows: 3", f"  cols: {columns}", "  dt: d"]
-            lines += [f"  data: [ {', '.join(map(repr, values))} ]"]
-    return "\n".join(lines) + "\n"
-
-
-HAND_EYE_FORMS: dict[str, Callable[[HandEyeResult], str]] = {
-    "ros2": _ros2,
-    "easy-handeye": _easy_handeye,
-    "urdf": _urdf,
-    "opencv": _opencv,
-}
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -84,7 +84,10 @@ def picture(caption: str, jpeg: bytes, size: tuple[int, int]) -> Picture:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Figures, or pictures, each with its words, under one caption. `legend`: what signs mean (see `key`)."""
+    """Figures, or pictures, each with its words, under one caption.
+
+    `legend`: what signs mean, by their styles; words alone have none, and a sign that is markup already stays.
+    """
 
     figures: Sequence[Svg] = ()
     legend: Mapping[str, Words] = field(default_factory=dict)
@@ -177,7 +180,7 @@ def _template() -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"html": html, "key": key}
+    environment.filters["html"] = html
     return environment.get_template("page.html.j2")
 
 
@@ -196,35 +199,13 @@ def html(words: Words) -> Markup:
     return Markup("<{0}{1}>{2}</{0}>").format(tag, attributes, html(words.words))
 
 
-def plain(words: Words) -> str:
-    """Without the looks."""
-    if isinstance(words, str):
-        return words
-    return plain(words.words) if isinstance(words, Mark) else "".join(map(plain, words))
-
-
 def verdict(word: Words, kind: str, **data: str) -> Mark:
     """A badge in the colour of a kind of verdict."""
     return Mark(word, f"verdict {kind}", data=data)
 
 
-def key(style: str) -> Markup:
-    """The sign of a legend, as report.css draws it; one that is markup already stays. None for words alone."""
-    if isinstance(style, Markup) or not style:
-        return Markup(style)
-    if style == "cross":
-        return Markup(
-            '<svg class="key cross" viewBox="0 0 10 10" aria-hidden="true"><path d="M1 1 9 9M9 1 1 9"/></svg>'
-        )
-    return Markup('<i class="key {}"></i>').format(style)
-
-
 def origin(data: Mapping[str, Words], by: str = "") -> Section:
     """The last section: where a page comes from; `by`: a sentence on what found its answers."""
-    written = f"{by} This page was written by {versions()}.".lstrip()
+    versions = ", ".join([f"cpcal {__version__}", *(f"{name} {version(name)}" for name in _PACKAGES)])
+    written = f"{by} This page was written by {versions}.".lstrip()
     return Section("Where it comes from", data={**data, "Versions": written}, name="origin")
-
-
-def versions() -> str:
-    """Of cpcal and of what it computes and draws with, here and now."""
-    return ", ".join([f"cpcal {__version__}", *(f"{name} {version(name)}" for name in _PACKAGES)])

@@ -1,7 +1,7 @@
 """Figures as inline SVG, drawn from arrays: points (1/72 inch), the page's own colours and fonts, no date, no chance.
 
-An `Axes` is a frame in a `Figure`; it maps data to points and draws axes with ticks, lines, areas and marks. No text of
-the user's is markup: what is written is escaped.
+A `Plot` is a figure with one frame; it maps data to points and draws axes, lines, areas and marks. No text of the
+user's is markup: what is written is escaped.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -27,16 +26,16 @@ INK, GRID, BAND, EDGE, ROOM, DOT, SUPPORT = (
 DASHES = "5 3.5"
 _FONT = "font: 9px system-ui, sans-serif"
 _LETTER = 5.6  # points: how wide a letter or a digit is, about
-_TICK, _PAD = 3.0, 2.5  # of an axis: length of a tick, and the distance to its label
+_BELOW = 32.0  # points below the frame, for the axis
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # between ticks, times a power of ten
-_SHAPES = {  # within a square from -1 to 1; those that are not closed have no inside
-    "s": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
-    "D": ((0, -1), (1, 0), (0, 1), (-1, 0)),
-    "^": ((0, -1), (1, 1), (-1, 1)),
-    "<": ((-1, 0), (1, -1), (1, 1)),
-    ">": ((1, 0), (-1, -1), (-1, 1)),
+_SHAPES = {  # polylines within a square from -1 to 1
+    "x": (((-1, -1), (1, 1)), ((-1, 1), (1, -1))),
+    "|": (((0, -1), (0, 1)),),
+    "square": (((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)),),
+    "diamond": (((0, -1), (1, 0), (0, 1), (-1, 0), (0, -1)),),
+    "<": (((1, -1), (-1, 0), (1, 1)),),
+    ">": (((-1, -1), (1, 0), (-1, 1)),),
 }
-Frame = tuple[float, float, float, float]  # left, top, right, bottom, in points from the figure's top left
 Span = tuple[float, float]
 
 
@@ -49,171 +48,124 @@ class Svg(Markup):
         text = re.sub(r"var\(--([\w-]+)\)", lambda name: colours[name[1]], str(self))
         return text.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
 
+    _repr_svg_ = document
+
     def save(self, file: str | Path) -> Path:
         """Raises InputError where it cannot be written."""
         return write_file(file, self.document())
 
-    def _repr_svg_(self) -> str:
-        return self.document()
 
+class Plot:
+    """A frame whose left and right edges are the data `x`, whose bottom and top edges are `y`, and what is drawn in it.
 
-@dataclass(frozen=True)
-class Figure:
-    """Width and height in points, and the elements drawn so far."""
+    size    width and height in points; labels  of both axes
+    ticks   of both axes; left out they are chosen. grid: the axes at whose ticks lines are drawn
+    rows    names at the heights 0, 1, ... in place of an axis at the left; margin: points above and at the right
+    equal   both axes have the same scale; the figure is as small as that lets it be
+    """
 
-    width: float
-    height: float
-    elements: list[str] = field(default_factory=list)
+    def __init__(
+        self,
+        size: Span,
+        x: Span,
+        y: Span,
+        labels: tuple[str, str],
+        *,
+        ticks: tuple[Sequence[float] | None, Sequence[float] | None] = (None, None),
+        grid: str = "",
+        rows: Sequence[str] = (),
+        margin: Span = (6.0, 12.0),
+        equal: bool = False,
+    ) -> None:
+        self.size, self.x, self.y = size, x, y
+        self.elements: list[str] = []
+        along, up = (found or evenly(min(span), max(span)) for found, span in zip(ticks, (x, y), strict=True))
+        texts = rows or tick_labels(up)
+        left = _LETTER * max(map(len, texts), default=0) + (14.0 if rows else 24.0)
+        top, right, bottom = margin[0], size[0] - margin[1], size[1] - _BELOW
+        if equal:
+            wide, high = abs(x[1] - x[0]), abs(y[1] - y[0])
+            scale = min((right - left) / wide, (bottom - top) / high)
+            right, bottom = left + scale * wide, top + scale * high
+            self.size = right + margin[1], bottom + _BELOW
+        self.frame = left, top, right, bottom
+        if "x" in grid:
+            self.line(GRID, *([(t, y[0]), (t, y[1])] for t in along), width=0.6)
+        if "y" in grid:
+            self.across(up)
+        places = self.at([(t, y[0]) for t in along])[:, 0].tolist()
+        for place, text in zip(places, tick_labels(along), strict=True):
+            self.text(place, bottom + 10.5, text, anchor="middle")
+        self.text(0.5 * (left + right), bottom + 22.5, labels[0], anchor="middle")
+        heights = self.at([(x[0], t) for t in (range(len(rows)) if rows else up)])[:, 1].tolist()
+        for height, text in zip(heights, texts, strict=True):
+            self.text(left - 5.5, height, text, anchor="end")
+        track = f"M{_n(left)} {_n(bottom)}H{_n(right)}" + "".join(f"M{_n(p)} {_n(bottom)}v3" for p in places)
+        if not rows:
+            self.text(8.0, 0.5 * (top + bottom), labels[1], anchor="middle", turned=True)
+            track += f"M{_n(left)} {_n(top)}V{_n(bottom)}" + "".join(f"M{_n(left)} {_n(h)}h-3" for h in heights)
+        self._path(track, INK, 0.8)
 
     def svg(self, label: str) -> Svg:
         """`label` says what is seen, to those who do not."""
-        head = (
-            f'<svg viewBox="0 0 {_n(self.width)} {_n(self.height)}" role="img" aria-label="{escape(label)}" '
-            f'style="{_FONT}">'
-        )
+        box = f"0 0 {_n(self.size[0])} {_n(self.size[1])}"
+        head = f'<svg viewBox="{box}" role="img" aria-label="{escape(label)}" style="{_FONT}">'
         return Svg("\n".join([head, *self.elements, "</svg>"]))
 
     def text(self, x: float, y: float, words: str, *, anchor: str = "start", turned: bool = False) -> None:
-        """Words whose middle height is at y; turned ones run upwards."""
+        """Words whose middle height is at y, in points; turned ones run upwards."""
         turn = f' transform="rotate(-90 {_n(x)} {_n(y)})"' if turned else ""
         style = f"fill: {INK}; text-anchor: {anchor}"
         self.elements.append(
             f'<text x="{_n(x)}" y="{_n(y)}" dy="0.35em"{turn} style="{style}">{escape(words, quote=False)}</text>'
         )
 
-
-@dataclass(frozen=True)
-class Axes:
-    """A frame whose left and right edges are the data `x`, whose bottom and top edges are `y`."""
-
-    figure: Figure
-    frame: Frame
-    x: Span
-    y: Span
-
     def at(self, points: npt.ArrayLike) -> Floats:
         """Data (n, 2) in points."""
         left, top, right, bottom = self.frame
-        data = np.asarray(points, dtype=np.float64).reshape(-1, 2)
-        start = np.array([self.x[0], self.y[0]])
-        share = (data - start) / (np.array([self.x[1], self.y[1]]) - start)
+        start, end = np.array([self.x, self.y]).T
+        share = (np.asarray(points, dtype=np.float64).reshape(-1, 2) - start) / (end - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
-    def data(self, points: npt.ArrayLike) -> Floats:
-        """The other way: points (..., 2) of the figure in data."""
-        left, top, right, bottom = self.frame
-        share = (np.asarray(points, dtype=np.float64) - (left, bottom)) / (right - left, top - bottom)
-        return np.asarray((self.x[0], self.y[0]) + share * (self.x[1] - self.x[0], self.y[1] - self.y[0]))
-
-    def x_axis(self, ticks: Sequence[float], label: str, *, grid: bool = False) -> None:
-        """Below the frame."""
-        left, _, right, bottom = self.frame
-        if grid:
-            self.line(GRID, *([(t, self.y[0]), (t, self.y[1])] for t in ticks), width=0.6)
-        places = self.at([(t, self.y[0]) for t in ticks])[:, 0].tolist()
-        ends = "".join(f"M{_n(x)} {_n(bottom)}v{_n(_TICK)}" for x in places)
-        self._path(f"M{_n(left)} {_n(bottom)}H{_n(right)}{ends}", _stroke(INK, 0.8))
-        for x, text in zip(places, tick_labels(ticks), strict=True):
-            self.figure.text(x, bottom + _TICK + _PAD + 5.0, text, anchor="middle")
-        self.figure.text(0.5 * (left + right), bottom + _TICK + _PAD + 17.0, label, anchor="middle")
-
-    def y_axis(self, ticks: Sequence[float], label: str, *, grid: bool = False, away: float | None = None) -> None:
-        """At the left of the frame; the label is `away` from it, else as close as the numbers let it be."""
-        left, top, _, bottom = self.frame
-        if grid:
-            self.across(ticks)
-        places, texts = self.at([(self.x[0], t) for t in ticks])[:, 1].tolist(), tick_labels(ticks)
-        ends = "".join(f"M{_n(left)} {_n(y)}h{_n(-_TICK)}" for y in places)
-        self._path(f"M{_n(left)} {_n(top)}V{_n(bottom)}{ends}", _stroke(INK, 0.8))
-        for y, text in zip(places, texts, strict=True):
-            self.figure.text(left - _TICK - _PAD, y, text, anchor="end")
-        self.figure.text(
-            left - (label_room(texts) if away is None else away),
-            0.5 * (top + bottom),
-            label,
-            anchor="middle",
-            turned=True,
-        )
-
-    def rows(self, names: Sequence[str]) -> None:
-        """Names at the left, at the heights 0, 1, ..."""
-        for k, name in enumerate(names):
-            self.figure.text(self.frame[0] - 9.0, float(self.at([(self.x[0], k)])[0, 1]), name, anchor="end")
-
-    def area(
-        self, fill: str, *polygons: npt.ArrayLike, edge: str | None = None, width: float = 0.8, dash: str = ""
-    ) -> None:
+    def area(self, fill: str, *polygons: npt.ArrayLike, edge: str = "none", width: float = 0.8, dash: str = "") -> None:
         """Polygons (n, 2) that look alike."""
-        line = "" if edge is None else _line(edge, width, dash) + "; "
-        self._path("".join(_track(self.at(points)) + "Z" for points in polygons), f"{line}fill: {fill}")
+        self._path("".join(_track(self.at(points)) + "Z" for points in polygons), edge, width, dash, fill)
 
     def line(self, colour: str, *tracks: npt.ArrayLike, width: float = 1.0, dash: str = "") -> None:
         """Polylines (n, 2) that look alike."""
-        self._path("".join(_track(self.at(points)) for points in tracks), _stroke(colour, width, dash))
+        self._path("".join(_track(self.at(points)) for points in tracks), colour, width, dash)
 
-    def across(self, ticks: Iterable[float], colour: str = GRID, width: float = 0.6, dash: str = "") -> None:
+    def across(self, heights: Iterable[float], colour: str = GRID, width: float = 0.6, dash: str = "") -> None:
         """Lines from left to right at these heights."""
-        self.line(colour, *([(self.x[0], t), (self.x[1], t)] for t in ticks), width=width, dash=dash)
+        self.line(colour, *([(self.x[0], h), (self.x[1], h)] for h in heights), width=width, dash=dash)
 
-    def dots(self, points: npt.ArrayLike, colour: str, size: float) -> None:
-        """Discs of that diameter, all of them one path."""
-        places = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in self.at(points).tolist())
-        self._path(places, f"{_stroke(colour, size)}; stroke-linecap: round")
-
-    def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, *, width: float = 0.0) -> None:
-        """Marks of that size: o, x, |, or one of _SHAPES: filled, or with a line of `width` hollow."""
-        if shape == "o":
-            self.dots(points, colour, size)
-            return
-        tracks, h = "", 0.5 * size
-        for x, y in self.at(points).tolist():
-            if shape == "x":
-                tracks += f"M{_n(x - h)} {_n(y - h)}l{_n(size)} {_n(size)}m0 {_n(-size)}l{_n(-size)} {_n(size)}"
-            elif shape == "|":
-                tracks += f"M{_n(x)} {_n(y - h)}v{_n(size)}"
-            else:
-                tracks += _track(np.array([x, y]) + h * np.array(_SHAPES[shape], dtype=np.float64)) + "Z"
-        filled = shape in _SHAPES and not width
-        self._path(tracks, f"fill: {colour}" if filled else _stroke(colour, width))
+    def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, width: float = 1.4) -> None:
+        """Marks of that size where points lie in the frame: "dot", or one of _SHAPES, drawn with a line of `width`."""
+        left, top, right, bottom = self.frame
+        places = self.at(points)
+        low, high = np.array([left, top]) - 0.01, np.array([right, bottom]) + 0.01
+        places = places[((places >= low) & (places <= high)).all(axis=1)]
+        if shape == "dot":
+            track = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in places.tolist())
+            self._path(track, f"{colour}; stroke-linecap: round", size)
+        else:
+            lines = [np.array(line, dtype=np.float64) for line in _SHAPES[shape]]
+            self._path("".join(_track(place + 0.5 * size * line) for place in places for line in lines), colour, width)
 
     def hover(self, points: npt.ArrayLike, texts: Sequence[str], size: float = 10.0) -> None:
         """What is said of each point when the pointer is on it, within a disc of that diameter."""
         for (x, y), text in zip(self.at(points).tolist(), texts, strict=True):
             disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(0.5 * size)}" style="fill: transparent">'
-            self.figure.elements.append(f"{disc}<title>{escape(text, quote=False)}</title></circle>")
+            self.elements.append(f"{disc}<title>{escape(text, quote=False)}</title></circle>")
 
-    def _path(self, d: str, style: str) -> None:
-        if d:
-            self.figure.elements.append(f'<path d="{d}" style="{style}"/>')
-
-
-def chart(
-    figure: Figure,
-    x: Span,
-    y: Span,
-    labels: tuple[str, str],
-    *,
-    across: Sequence[float],
-    grid: bool,
-    most: int = 8,
-    part: Span = (0.0, 1.0),
-) -> Axes:
-    """Axes with numbers in a part of a figure's width; `across`: ticks of x, `most`: so many of y; `grid`: at these."""
-    numbers = ticks(*y, most)
-    left, right = part[0] * figure.width + label_room(tick_labels(numbers)) + 8.0, part[1] * figure.width - 12.0
-    axes = Axes(figure, (left, 6.0, right, figure.height - 32.0), x, y)
-    axes.y_axis(numbers, labels[1], grid=grid)
-    axes.x_axis(across, labels[0])
-    return axes
+    def _path(self, track: str, stroke: str, width: float, dash: str = "", fill: str = "none") -> None:
+        if track:
+            dashes = f"; stroke-dasharray: {dash}" if dash else ""
+            style = f"fill: {fill}; stroke: {stroke}; stroke-width: {_n(width)}{dashes}"
+            self.elements.append(f'<path d="{track}" style="{style}"/>')
 
 
-def counted(count: int, most: int = 8) -> list[float]:
-    """Ticks that count from 1."""
-    rest = ticks(0.0, count + 1.0, most, whole=True)
-    return [1.0, *(t for t in rest if 1.0 + 0.05 * count <= t <= count)]
-
-
-def ticks(lo: float, hi: float, most: int = 8, *, whole: bool = False) -> list[float]:
+def evenly(lo: float, hi: float, most: int = 6, *, whole: bool = False) -> list[float]:
     """Round numbers from `lo` to `hi`, about `most` steps between them at most; `whole`: integers."""
     least = (hi - lo) / most
     power = 10.0 ** math.floor(math.log10(least))
@@ -235,28 +187,14 @@ def tick_labels(values: Sequence[float]) -> list[str]:
     return [text.replace("-", "−") for text in texts]
 
 
-def label_room(texts: Sequence[str]) -> float:
-    """How far left of its axis the label stands beside numbers."""
-    return _TICK + _PAD + text_width(texts) + 10.0
-
-
-def text_width(texts: Iterable[str]) -> float:
-    """Of the longest, about."""
-    return _LETTER * max(map(len, texts), default=0)
+def rectangle(left: float, low: float, right: float, high: float) -> list[tuple[float, float]]:
+    return [(left, low), (right, low), (right, high), (left, high)]
 
 
 def _track(points: Floats) -> str:
     return "M" + "L".join(f"{_n(x)} {_n(y)}" for x, y in points.tolist())
 
 
-def _stroke(colour: str, width: float, dash: str = "") -> str:
-    return f"fill: none; {_line(colour, width, dash)}"
-
-
-def _line(colour: str, width: float, dash: str) -> str:
-    return f"stroke: {colour}; stroke-width: {_n(width)}" + (f"; stroke-dasharray: {dash}" if dash else "")
-
-
 def _n(value: float) -> str:
     """A coordinate, to a hundredth of a point."""
-    return f"{round(value, 2) + 0.0:g}" if abs(value) < 1e4 else f"{value:.2f}"
+    return f"{round(value, 2) + 0.0:g}"

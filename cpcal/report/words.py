@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from cpcal.common.numbers import about, stated
 from cpcal.models import PLAIN
 from cpcal.questions import (
@@ -18,7 +15,6 @@ from cpcal.questions import (
     proved_sentence,
     verdict_of,
 )
-from cpcal.questions.result import not_compared
 from cpcal.robot import Campaign
 
 QUANTIFIER = (
@@ -64,60 +60,18 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     return " ".join(said)
 
 
-def fit_sentence(verdict: LegVerdict) -> str:
-    """The verdict as a calibration engineer would say it: how well the measurements fit, and what is allowed."""
-    if verdict.found == "undetermined":
-        said = f"Cannot be judged: {_lowered(verdict.reason)}"
-    else:
-        said = (
-            _fit(verdict) + ("" if verdict.tolerance is None else f"; {stated(verdict.tolerance)} mm are allowed") + "."
-        )
-    return f"{said} {not_compared(verdict.model)}" if verdict.model else said
-
-
-def _fit(verdict: LegVerdict) -> str:
-    whatever = f"{verdict.no_better}, whatever the parameters"
-    if verdict.found == "explained":
-        return f"All measurements fit {verdict.within}"
-    if verdict.found == "bounded":
-        return f"All measurements fit {verdict.within}, and {whatever}"
-    if verdict.found == "undecided":
-        known = [f"all measurements fit {verdict.within}"] if math.isfinite(verdict.hi) else []
-        known += [verdict.no_better] if verdict.lo > 0.0 else []
-        return f"Not decided: {', and '.join(known) or 'nothing is known of the error yet'}"
-    if verdict.beyond is not None:
-        return f"With no parameters do all measurements fit {verdict.error}"
-    if math.isinf(verdict.lo):
-        return "With no parameters do all measurements fit, whatever the error"
-    return f"All measurements fit {whatever}"
-
-
 def short_fit(verdict: LegVerdict) -> str:
-    """The same in a few words, for a line of a terminal."""
-    if verdict.kind == "uncompared":
-        return f"not compared, {verdict.range}"
+    """The verdict in a few words, for a line of a terminal."""
+    if verdict.kind in ("uncompared", "undecided"):
+        return f"{verdict.word}, {verdict.range}"
     if verdict.kind == "undetermined":
         return f"undetermined: {', '.join(verdict.names) or 'too few measurements'}"
-    if verdict.kind == "undecided":
-        return f"undecided, {verdict.range}"
-    if verdict.kind == "unexplained":
-        word = "does not fit" if verdict.tolerance is None else "fail"
-        if verdict.beyond is not None:
-            return f"{word} {verdict.error}"
-        return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
-    return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
-
-
-def _lowered(text: str) -> str:
-    return text[:1].lower() + text[1:]
-
-
-def summary(result: Result) -> str:
-    """The verdicts in one line, the same ones together."""
-    legs: dict[str, list[str]] = {}
-    for leg in result.legs:
-        legs.setdefault(verdict_of(result, leg).word, []).append(str(leg.leg))
-    return " ".join(f"Leg {', '.join(numbers)}: {word}." for word, numbers in legs.items())
+    if verdict.kind != "unexplained":
+        return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
+    word = "does not fit" if verdict.tolerance is None else "fail"
+    if verdict.beyond is not None:
+        return f"{word} {verdict.error}"
+    return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:
@@ -159,70 +113,58 @@ _CENTERS = {
 }
 
 
-def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
-    """Pairs of a heading and a paragraph."""
+def assumptions(campaign: Campaign, result: Result) -> dict[str, str]:
+    """Paragraphs by their headings."""
     asked = result.options
-    return [
-        ("Model", _model(result)),
-        ("For which readings", QUANTIFIER),
-        ("Reading sets", _readings(campaign)),
-        (
-            "Parameters",
-            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{stated(asked.delta)} mm of "
-            f"{_CENTERS.get(asked.center, 'the center listed with it')}{_extra(result)}. "
-            "Nothing is said of parameters outside this box.",
+    center = _CENTERS.get(asked.center, "the center listed with it")
+    extra = ", ".join(f"{p.name} within ±{stated(p.half_width)} {p.unit}" for p in result.model.extra)
+    return {
+        "Model": _model(result),
+        "Reading sets": _readings(campaign),
+        "Parameters": (
+            f"{FRAME} Each of the seven parameters of a leg is looked for within ±{stated(asked.delta)} mm of "
+            f"{center}{f', and the extra parameters about 0: {extra}' if extra else ''}. Nothing is said of parameters "
+            "outside this box."
         ),
-        (
-            "Arithmetic",
+        "Arithmetic": (
             f"Every bound is derived in outward-rounded arithmetic ({asked.arithmetic}) by the contractors "
-            f"{', '.join(asked.contractors)}; no answer of a linear-programming solver is trusted. "
-            "Tables print lower bounds rounded down and upper bounds rounded up; the figures are drawn in "
-            "plain floating point.",
+            f"{', '.join(asked.contractors)}; no answer of a linear-programming solver is trusted. Lower bounds are "
+            "printed rounded down and upper bounds rounded up. Figures are drawn in plain floating point."
         ),
-    ]
+    }
 
 
 def _model(result: Result) -> str:
-    plain = (
-        "A leg with base joint centre a, mobile joint centre b and length offset l satisfies "
-        "‖P + R b − a‖ = L + l at every pose (P, R) and reading L."
-    )
-    corrected = (
-        f"{result.model.name}: with v = P + R b − a, the vector from a leg's base joint centre a to its mobile one b, "
-        f"the length ‖v‖ is {result.model.summary}."
-    )
     if not result.model.is_ours:  # no formula is known to be its own
         return f"{result.model.not_compared} Its error eps is how far they are from being met, in mm. {LONGER}"
-    said = plain if result.model.name == PLAIN.name else corrected
+    if result.model.name == PLAIN.name:
+        said = (
+            "A leg with base joint centre a, mobile joint centre b and length offset l satisfies "
+            "‖P + R b − a‖ = L + l at every pose (P, R) and reading L."
+        )
+    else:
+        said = (
+            f"{result.model.name}: with v = P + R b − a, the vector from a leg's base joint centre a to its mobile one "
+            f"b, the length ‖v‖ is {result.model.summary}."
+        )
     return f"{said} Its error eps is the largest difference of the two sides, in mm. {LONGER}"
-
-
-def _extra(result: Result) -> str:
-    """Where the extra parameters of the model are looked for."""
-    each = [f"{p.name} within ±{stated(p.half_width)} {p.unit}" for p in result.model.extra]
-    return f", and the extra parameters about 0: {', '.join(each)}" if each else ""
 
 
 def _readings(campaign: Campaign) -> str:
     if campaign.exact:
         return "Every reading (position, rotation, length) is taken as exact: each set is one point."
-    position, length = _axes(campaign.position_radius), _axes(campaign.length_radius)
-    rotation = _axes(campaign.rotation_radius)
-    sets = campaign.uncertainty
-    how = (
-        ""
-        if sets is None or sets.factor is None
-        else f" They are {stated(sets.factor)} times the standard deviations that the campaign states."
+    radii = campaign.position_radius, campaign.rotation_radius, campaign.length_radius
+    position, rotation, length = (
+        ", ".join(
+            about(lo) if lo == hi else f"{about(lo)} to {about(hi)}"
+            for lo, hi in zip(of.min(axis=0), of.max(axis=0), strict=True)
+        )
+        for of in radii
     )
+    sets = campaign.uncertainty
+    how = "" if sets is None or sets.factor is None else f", which are {stated(sets.factor)} stated standard deviations"
     return (
         f"Position: the stated one ± ({position}) mm in x, y, z. Rotation: the stated one turned by a "
         f"rotation vector within ± ({rotation}) rad in the base frame. Leg lengths: the stated ones "
-        f"± ({length}) mm, leg by leg. "
-        f"(Rounded here; the campaign has the exact half-widths.){how}"
+        f"± ({length}) mm, leg by leg. (Rounded here; the campaign has the exact half-widths{how}.)"
     )
-
-
-def _axes(radius: npt.NDArray[np.float64]) -> str:
-    """Half-widths (N, n) as n numbers, or ranges where measurements differ."""
-    spans = zip(radius.min(axis=0), radius.max(axis=0), strict=True)
-    return ", ".join(about(lo) if lo == hi else f"{about(lo)} to {about(hi)}" for lo, hi in spans)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.report.export import as_csv, as_json, as_toml, as_yaml, exported
-from cpcal.report.run_page import DrawingFrames, frames_of_run
+from cpcal.report.export import DrawingFrames, as_csv, as_json, as_toml, as_yaml, exported, frames_of_run
 from cpcal.robot import rotation_matrix
 from tests.cli.command import run
 from tests.remembered import verify_once

@@ -17,7 +17,7 @@ def pairs(setup):
     """Hand in base and target in camera of a simulated study without errors, and its truth."""
     simulated = simulate_hand_eye(setup=setup, images=8, pixel_error=0.0, seed=2)
     study, truth = simulated.study, simulated.truth
-    turn, shift = study.motions
+    turn, shift = study.motions()
     r = truth.e_rotation @ turn @ truth.f_rotation
     t = (turn @ truth.f_translation + shift) @ truth.e_rotation.T + truth.e_translation
     return study.poses, Pose(t, quaternion_from_matrix(r)), truth

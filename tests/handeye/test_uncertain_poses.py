@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cpcal.models import frames, hand_eye_fit
-from cpcal.models.hand_eye import ReadFrames, ReadingModel, read_study, simulate_hand_eye
-from cpcal.models.hand_eye_fit import classical_answer
+from cpcal.models.hand_eye import read_poses, simulate_hand_eye
+from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer
 from cpcal.questions.hand_eye import certify_hand_eye
 from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
 from tests.handeye.conftest import unknowns_of
@@ -28,7 +28,7 @@ def uncertain(setup, images=6, seed=4):
 def test_derivatives_by_readings_are_those_of_differences(setup):
     study, truth = uncertain(setup)
     residuals, random = (
-        ReadingModel(replace(study, pose_half_width=1e3 * study.pose_half_width)),
+        PixelModel(replace(study, pose_half_width=1e3 * study.pose_half_width)),
         np.random.default_rng(1),
     )
     at = ReadFrames(truth, random.uniform(-1.0, 1.0, (6, 6)) * 1e-2)
@@ -54,12 +54,12 @@ def test_readings_turn_and_shift_the_stated_poses():
     study, _ = uncertain("eye-to-hand")
     readings = np.zeros((6, 6))
     readings[1] = [0.1, -0.2, 0.3, 2e-3, -1e-3, 5e-4]
-    there = read_study(study, readings)
-    assert there.poses.position[1] - study.poses.position[1] == pytest.approx([0.1, -0.2, 0.3])
-    turn = quaternion_product(there.poses.quaternion[1], quaternion_conjugate(study.poses.quaternion[1]))
+    there = read_poses(study.poses, readings)
+    assert there.position[1] - study.poses.position[1] == pytest.approx([0.1, -0.2, 0.3])
+    turn = quaternion_product(there.quaternion[1], quaternion_conjugate(study.poses.quaternion[1]))
     skew = rotation_matrix(turn)
     assert [skew[2, 1], skew[0, 2], skew[1, 0]] == pytest.approx([2e-3, -1e-3, 5e-4], rel=5e-3)
-    assert there.poses.position[0] == pytest.approx(study.poses.position[0])
+    assert there.position[0] == pytest.approx(study.poses.position[0])
 
 
 def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
@@ -90,5 +90,5 @@ def test_programs_of_many_readings_give_the_frames_of_those_of_few(monkeypatch):
     values = []
     for many in (1000, 0):
         monkeypatch.setattr(hand_eye_fit, "_MANY", many)
-        values.append(hand_eye_fit.minimax_fit(ReadingModel(study), start)[1])
+        values.append(hand_eye_fit.minimax_fit(PixelModel(study), start)[1])
     assert values[1] == pytest.approx(values[0], rel=1e-3)

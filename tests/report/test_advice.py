@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.common.numbers import bracket_text
 from cpcal.models import PLAIN
 from cpcal.report.advice import advise, fitted
-from cpcal.report.words import fit_sentence, short_fit
+from cpcal.report.words import short_fit
 from cpcal.robot import Campaign
 
 CAMPAIGN = cpcal.simulate(seed=7, joint_error=0.0, factor=0.0, noise=0.2)
@@ -25,7 +24,6 @@ def advised(campaign, **asked):
 def test_a_leg_within_the_tolerance_is_accepted():
     found, verdict = advised(CAMPAIGN, tolerance=3.0)
     assert found.short == "accept"
-    assert fit_sentence(verdict).endswith("; 3 mm are allowed.")
     assert short_fit(verdict).startswith("pass, fits to within ")
 
 
@@ -53,15 +51,12 @@ def test_poses_are_asked_for_where_parameters_are_open():
     found, verdict = advised(same, tolerance=1.0)
     assert found.short == "add poses"
     assert "Add poses that show" in found.sentence
-    assert fit_sentence(verdict).startswith("Cannot be judged: ")
+    assert verdict.names
 
 
 def test_without_a_tolerance_one_is_asked_for():
-    found, verdict = advised(CAMPAIGN)
+    found, _ = advised(CAMPAIGN)
     assert found.short == "state a tolerance"
-    lo, hi = bracket_text(verdict.lo, verdict.hi)  # that nothing is better is proved of the lower one
-    said = f"All measurements fit to within {hi} mm, and no better than {lo} mm, whatever the parameters."
-    assert fit_sentence(verdict) == said
 
 
 def test_the_first_to_look_at_are_those_with_the_largest_residuals_of_the_support():

@@ -87,7 +87,7 @@ def test_arrows_point_where_the_residuals_do():
     mean = np.zeros((8, 2))
     mean[0] = [0.004, 0.003]
     means = MeanVectors(at, mean, mean, np.full(8, 20))
-    svg = arrow_svg(means, (0.0, 400.0), (200.0, 0.0), "px", "px", label="x")
+    svg = arrow_svg(means, (0.0, 400.0), (200.0, 0.0), "px", label="x")
     shafts = next(line for line in svg.splitlines() if line.count("M") == 8 and "stroke-width: 0.9" in line)
     (x0, y0), (x1, y1) = (map(float, end.split()) for end in shafts.split('d="M')[1].split("M")[0].split("L"))
     assert (y1 - y0) / (x1 - x0) == pytest.approx(0.75, abs=0.01)
@@ -95,4 +95,4 @@ def test_arrows_point_where_the_residuals_do():
     assert "0.005 px, mean of 20" in svg
     assert "residual 0.005 px" in svg
     none = MeanVectors(at[:0], mean[:0], mean[:0], np.zeros(0, dtype=int))
-    assert "residual" not in arrow_svg(none, (0.0, 400.0), (200.0, 0.0), "px", "px", label="x")
+    assert "residual" not in arrow_svg(none, (0.0, 400.0), (200.0, 0.0), "px", label="x")

@@ -12,19 +12,9 @@ import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.questions import Projection, Projections, Ranges
 from cpcal.report import errors_svg, parameters_drawing, residuals_drawing
-from cpcal.report.figures import (
-    FARTHEST,
-    MOST_POINTS,
-    Enclosure,
-    Panel,
-    enclosure_svg,
-    in_view,
-    panel_svg,
-    polygon,
-    worst_of_neighbours,
-)
+from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, pair_svg, polygon, worst_of_neighbours
 from cpcal.report.run_page import render
-from cpcal.report.svg import INK, Axes, Figure, tick_labels, ticks
+from cpcal.report.svg import INK, Plot, evenly, tick_labels
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
@@ -45,7 +35,7 @@ def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
     hi = lo + width
     if hi - lo < 1e-6 * abs(lo):  # digits that float64 has not
         return
-    found = ticks(lo, hi, most)
+    found = evenly(lo, hi, most)
     assert len(found) <= most + 1
     assert len(found) >= 1 or most < 4
     slack = 1e-6 * (hi - lo)
@@ -56,7 +46,7 @@ def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
 
 @given(st.integers(1, 10**6), st.integers(2, 9))
 def test_whole_ticks_are_integers(count, most):
-    assert all(t == round(t) for t in ticks(0.0, count + 1.0, most, whole=True))
+    assert all(t == round(t) for t in evenly(0.0, count + 1.0, most, whole=True))
 
 
 def test_labels_say_the_numbers_with_few_digits():
@@ -67,14 +57,24 @@ def test_labels_say_the_numbers_with_few_digits():
     assert tick_labels([k * 0.1 for k in range(4)]) == ["0.0", "0.1", "0.2", "0.3"]
 
 
-def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup():
-    figure = Figure(100, 50)
-    axes = Axes(figure, (10.0, 5.0, 90.0, 40.0), (-1.0, 1.0), (0.0, 2.0))
-    assert axes.at([(-1.0, 0.0), (1.0, 2.0)]).tolist() == [[10.0, 40.0], [90.0, 5.0]]
-    axes.line(INK, [(-1.0, 0.0), (1.0, 2.0)])
-    figure.text(1.0, math.pi, "<b>&")
-    assert ">&lt;b&gt;&amp;</text>" in figure.svg("x")
-    assert 'd="M10 40L90 5"' in figure.svg("x")
+@pytest.mark.parametrize("equal", [False, True])
+def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup(equal):
+    plot = Plot((200.0, 100.0), (-1.0, 1.0), (0.0, 2.0), ("<b>&", "y"), equal=equal)
+    left, top, right, bottom = plot.frame
+    assert plot.at([(-1.0, 0.0), (1.0, 2.0)]).tolist() == [[left, bottom], [right, top]]
+    assert (right - left == bottom - top) is equal
+    plot.line(INK, [(-1.0, 0.0), (1.0, 2.0)])
+    assert ">&lt;b&gt;&amp;</text>" in plot.svg("x")
+    assert f'd="M{left:g} {bottom:g}L{right:g} {top:g}"' in plot.svg("x")
+
+
+def test_marks_off_the_frame_and_those_that_are_no_numbers_are_not_drawn():
+    plot = Plot((200.0, 100.0), (0.0, 1.0), (0.0, 1.0), ("x", "y"))
+    before = len(plot.elements)
+    plot.marks([(1.1, 0.5), (0.5, -0.1), (math.nan, 0.5), (0.5, math.inf)], "x", INK, 5.0)
+    assert len(plot.elements) == before
+    plot.marks([(1.0, 0.0), (1.1, 0.5)], "dot", INK, 5.0)
+    assert plot.elements[-1].count("M") == 1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -108,45 +108,34 @@ def test_contradictory_half_planes_leave_nothing():
     assert polygon(np.zeros(2), np.ones(2), [(1.0, 0.0, 0.2), (-1.0, 0.0, -0.8)]).shape == (0, 2)
 
 
-def panel(width, **changes):
-    lo = np.array([10.0, -3.0])
-    points = {"point": lo, "fit": lo + 0.5 * width, "nominal": lo + 9 * width}
-    return Panel(("a_x", "l"), lo, lo + width, (), lo, **(points | changes))
-
-
 @pytest.mark.parametrize(("width", "unit"), [(1e-8, "nm"), (1e-3, "µm"), (1.0, "mm"), (5e4, "m")])
-def test_units_are_easy_to_read(width, unit):
-    svg = panel_svg(panel(width), label="x")
-    assert f"Δa_x [{unit}]" in svg
-    assert f"Δl [{unit}]" in svg
-    assert not re.search(r">[^<]*[0-9]e[^<]*</text>", svg)
+def test_units_are_easy_to_read_and_points_off_the_panel_are_not_drawn(width, unit):
+    lo = np.array([10.0, -3.0])
 
+    def drawn(nominal):
+        points = (nominal, None, lo)
+        return pair_svg(("a_x", "l"), lo, lo + width, (), points, "x")
 
-def test_points_off_the_panel_are_not_drawn():
-    assert in_view(panel(1.0), panel(1.0).fit)
-    assert not in_view(panel(1.0), panel(1.0).nominal)
-    assert not in_view(panel(1.0), None)
-    assert "var(--support)" in panel_svg(panel(1.0), label="x")
-    assert "var(--support)" not in panel_svg(panel(1.0, fit=None), label="x")
+    assert f"Δa_x [{unit}]" in drawn(lo)
+    assert f"Δl [{unit}]" in drawn(lo)
+    assert not re.search(r">[^<]*[0-9]e[^<]*</text>", drawn(lo))
+    assert drawn(lo).count("<path") == drawn(lo + 9.0 * width).count("<path") + 1
 
 
 def test_the_page_says_to_which_eps_the_polygons_belong():
     x = CAMPAIGN.robot.parameters[0]
     box = cpcal.Box(PARAMETERS, x - 0.5, x + 0.5)
 
-    def page(eps, asked=None, eps_hi=0.1, **changes):
+    def page(eps, asked=None, **changes):
         pair = Projection(("a_z", "l"), ((1.0, 1.0, float(x[2] + x[6])),))
-        one = leg(1, eps_hi, eps_lo=0.099, enclosure=box, projections=Projections(eps, box, (pair,)), **changes)
+        one = leg(1, 0.1, eps_lo=0.099, enclosure=box, projections=Projections(eps, box, (pair,)), **changes)
         return " ".join(render(CAMPAIGN, made_result(CAMPAIGN, one, eps=asked)).split())
 
     text = page(1.1 * 0.1)
     assert "to within eps = 0.1100000 mm" in text
-    assert "for some readings: 1.1 times eps_hi" in text
     assert "Δ counts from the proved point" in text
     assert 'aria-label="Leg 1: polygon that holds a_z and l, in a rectangle of 1.0 by 1.0 mm"' in text
-    assert "times eps_hi" not in page(0.1)
-    assert "times eps_hi" not in page(0.3, asked=0.3)
-    assert "times eps_hi" not in page(0.3, eps_hi=math.inf)
+    assert "to within eps = 0.3 mm" in page(0.3, asked=0.3)
     assert "Δ counts from the middle of the bounds" in page(0.1, point=None)
     assert "to within eps = 0.1099999 mm" in page(math.nextafter(0.11, 0.0))  # rounded to the proved side
 
@@ -154,60 +143,41 @@ def test_the_page_says_to_which_eps_the_polygons_belong():
 # ------------------------------------------------------------------------------------------------------------------
 # The enclosure as bars: thin, wide, unbounded and empty ones, with and without a fit.
 
-NAMES = ("a_x", "a_y", "l")
-NOMINAL = np.array([100.0, -5.0, 0.0])
+NAN = math.nan
 
 
-def enclosure(lo, hi, fit=None):
-    return Enclosure(NAMES, NOMINAL, NOMINAL + lo, NOMINAL + hi, None if fit is None else NOMINAL + fit)
-
-
-def drawn(data):
-    svg = enclosure_svg(data, label="x")
-    assert "nan" not in svg.lower().replace("dominant", "")
-    assert all(name in svg for name in NAMES)
+def drawn(*bars, **options):
+    """The figure of bounds and estimates, one bar each, with the widths at the right."""
+    made = [Bar(f"p{k}", lo, hi, estimate, "width") for k, (lo, hi, estimate) in enumerate(bars)]
+    svg = bars_svg(made, "axis", "x", words=(math.inf, "head"), **options)
+    assert "nan" not in svg.lower()
+    assert svg.count(">width</text>") == len(bars)
     return svg
 
 
 def marks(svg, variable):
-    """Ticks, arrows and crosses of that colour: each begins a track, and no other path of that colour is there."""
-    paths = re.findall(rf'<path d="([^"]*)" style="(?:fill: none; stroke|fill): var\(--{variable}\)', svg)
+    """Ticks, arrows and crosses (two lines each) of that colour."""
+    paths = re.findall(rf'<path d="([^"Z]*)" style="fill: none; stroke: var\(--{variable}\)', svg)
     return sum(path.count("M") for path in paths)
 
 
-def test_a_thin_enclosure_has_its_ticks_and_its_width_in_words():
-    svg = drawn(enclosure(np.full(3, 1.0), np.full(3, 1.0 + 2.0**-30), np.zeros(3)))
-    assert (marks(svg, "edge"), marks(svg, "support")) == (6, 3)
-    assert "9.4e-10" in svg  # 2**-30 rounded up
-    assert drawn(enclosure(np.zeros(3), np.zeros(3), np.zeros(3))).count(">0</text>") >= 3  # widths
-
-
-def test_without_a_fit_there_is_no_cross():
-    svg = drawn(enclosure(np.full(3, -2.0), np.full(3, 1.0)))
-    assert "var(--support)" not in svg
-    assert ">3.0</text>" in svg
-
-
-@pytest.mark.parametrize("far", [math.inf, 1e300, 2 * FARTHEST])
-def test_bounds_that_are_too_far_become_arrows(far):
-    data = enclosure(np.array([-far, -1.0, -1.0]), np.array([far, 1.0, far]), np.array([0.5, 0.5, far]))
-    assert (data.unbounded, data.fit_beyond, data.empty) == (True, True, False)
-    assert marks(drawn(data), "edge") == 6
-
-
-def test_an_empty_enclosure_has_no_bars():
-    data = enclosure(np.full(3, np.nan), np.full(3, np.nan), np.ones(3))
-    assert (data.empty, data.unbounded) == (True, False)
-    svg = drawn(data)
-    assert "var(--band)" not in svg
-    assert svg.count("none</text>") == 3
-    assert marks(svg, "support") == 3
-
-
-def test_a_fit_that_is_no_number_is_left_out():
-    data = enclosure(np.zeros(3), np.ones(3), np.array([np.nan, 1.0, np.inf]))
-    assert data.fit_beyond
-    assert marks(drawn(data), "support") == 1
+@pytest.mark.parametrize(
+    ("bar", "ticks_and_arrows", "crosses"),
+    [
+        ((1.0, 1.0 + 2.0**-30, 0.0), 2, 1),  # so thin that only its ticks are seen
+        ((0.0, 0.0, NAN), 2, 0),
+        ((-2.0, 1.0, math.inf), 2, 0),
+        ((NAN, NAN, 1.0), 0, 1),  # nothing is enclosed
+        ((-math.inf, math.inf, 0.5), 2, 1),  # two arrows
+        ((-1.0, 1e300, 2.0 * FARTHEST), 2, 0),  # a tick and an arrow
+    ],
+)
+def test_a_bar_has_ticks_at_its_ends_arrows_to_what_is_too_far_and_a_cross_if_it_is_in_view(
+    bar, ticks_and_arrows, crosses
+):
+    svg = drawn(bar, (-1.0, 1.0, NAN))
+    assert (marks(svg, "edge"), marks(svg, "support")) == (2 + ticks_and_arrows, 2 * crosses)
+    assert svg.count("Z") == 2 - math.isnan(bar[0])  # the bars themselves
 
 
 # ------------------------------------------------------------------------------------------------------------------

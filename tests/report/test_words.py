@@ -11,7 +11,7 @@ import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.verdict import proved_sentence
-from cpcal.report.run_page import _sides, _trial
+from cpcal.report.run_page import outward, trial_row
 from cpcal.report.words import leg_sentence, overall
 from cpcal.solver.accounts import TimeoutAnswer, Trial, bracket_sentence
 from cpcal.solver.contract import Verdict
@@ -47,7 +47,7 @@ def test_a_leg_that_asked_for_a_certificate_and_has_none_says_so(campaign):
 
 @pytest.mark.parametrize(("lo", "hi"), [(0.1, 0.7), (-0.26, -0.13), (1 / 3, 2 / 3)])
 def test_a_range_is_printed_outward(lo, hi):
-    low, high, width = _sides(cpcal.Box(["x"], [lo], [hi]), 0, 1)
+    low, high, width = outward(lo, hi, 1)
     assert float(low) <= lo
     assert hi <= float(high)
     assert float(width) >= hi - lo
@@ -56,7 +56,7 @@ def test_a_range_is_printed_outward(lo, hi):
 def test_only_what_weights_prove_is_a_checked_answer_of_the_script():
     for checked in (True, False):
         trial = Trial(0.5, 1.0, TimeoutAnswer.INFEASIBLE, 0.5, 1.0, 1, 1, 0.1, checked)
-        assert ("unchecked" in _trial(leg(1, 0.5, 1.0), trial)[2]) is not checked
+        assert ("unchecked" in trial_row(leg(1, 0.5, 1.0), trial)[2]) is not checked
 
 
 @pytest.mark.parametrize(

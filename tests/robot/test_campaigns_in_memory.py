@@ -1,4 +1,4 @@
-"""Campaigns as values: equal by their numbers, checked as a whole, safe from the arrays that they were made of."""
+"""Campaigns in memory: checked as a whole."""
 
 import dataclasses
 
@@ -10,13 +10,8 @@ from cpcal.robot import DELTALAB, Campaign, Uncertainty
 from cpcal.simulate import simulate
 
 
-def test_campaigns_are_values():
+def test_a_campaign_cannot_be_changed_and_says_what_it_is():
     campaign = simulate(seed=1)
-    assert campaign == simulate(seed=1)
-    assert hash(campaign) == hash(simulate(seed=1))
-    assert campaign != simulate(seed=1, factor=1.0)
-    with pytest.raises(ValueError, match="read-only"):
-        campaign.length[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError, match="pose"):
         campaign.pose = ()
     assert repr(campaign) == "<Campaign of 'DeltaLab Table of Stewart': 64 measurements, 6 legs>"

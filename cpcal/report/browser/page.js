@@ -107,23 +107,18 @@ function misstated(text, tolerance, proof) {
     const refuted = /With no parameters|cannot explain/.test(text), value = words === "to within" ? refuted ? infeasible ? cap : lo : hi : lo;
     wrong.push(value === null ? "nothing proved fits" : misprint(number, value, words === "to within" && !refuted ? 1 : -1));
   }
+  for (const [, number] of text.matchAll(/tolerance is ([-+.0-9e]+) mm/g)) wrong.push(t ? misprint(number, t, 0) : "no tolerance was given");
   if (text === "pass" && !(t && hi && cmp(hi, t) <= 0)) wrong.push("a pass is not proved");
   if (text === "fail" && !(t && (cmp(lo, t) > 0 || infeasible && cmp(lo, t) >= 0))) wrong.push("a fail is not proved");
   if (/^explains the data$|(fit|explains the data) exactly[.;,]/.test(text) && !/no parameters/.test(text) && !(hi && !hi.m)) wrong.push("no exact fit is proved");
   return wrong.find(Boolean) || (OPEN.test(text) ? null : "");
 }
 
-// Why the verdict on all legs together is not proved: the badge, and the sentence beside it.
-function misjudged(claim, text, tolerance, proofs, legs) {
+// Why the verdict on all legs together is not proved.
+function misjudged(text, tolerance, proofs, legs) {
   const proofOn = leg => proofs[`${leg} bracket`], known = legs.filter(proofOn), refused = known.find(leg => proofOn(leg).refused);
   if (refused) return proofOn(refused).refused;
   const wrong = (word, leg) => misstated(word, tolerance, proofOn(leg));
-  if (claim === "summary") {
-    const said = [...text.matchAll(/Leg ([0-9, ]+): (pass|fail|undecided|undetermined|not compared)\./g)].flatMap(([, some, word]) => some.split(", ").map(leg => [leg, word]));
-    if (said.map(([leg]) => leg).sort().join() !== [...legs].sort().join()) return "it does not name each leg once";
-    const found = said.map(([leg, word]) => proofOn(leg) ? wrong(word, leg) : null);
-    return found.find(Boolean) || (found.includes(null) ? null : "");
-  }
   const fails = known.some(leg => !wrong("fail", leg));
   if (text === "FAIL") return fails ? "" : known.length < legs.length ? null : "a fail is not proved";
   if (fails) return "a fail is proved";
@@ -136,7 +131,7 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
   if (claim === "campaign") return text === digest ? "" : "the campaign in this page has another SHA-256";
   if (claim === "count") return text.replace(/,/g, "") === String(count) ? "" : `the campaign in this page has ${count} measurements`;
   if (claim === "tolerance") return tolerances.some(other => other !== value) ? "another tolerance stands elsewhere" : misprint(text, hexNumber(value), 0);
-  if (claim === "overall" || claim === "summary") return misjudged(claim, text, value, proofs, legs);
+  if (claim === "overall") return misjudged(text, value, proofs, legs);
   if (claim === "box") {
     const width = mul(D(2), hexNumber(value)), narrow = Object.values(proofs).some(({lo, hi}) => lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
     return narrow ? "a certificate is about a smaller box" : misprint(text, hexNumber(value), 0);
@@ -180,7 +175,7 @@ function judged(campaignBytes, certificates, shown, tell = () => {}) {
     try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
   });
   const own = [...new Set(Object.keys(proofs).filter(key => proofs[key].own).map(key => key.split(" ")[0]))];
-  const owned = ({leg, claim}) => own.includes(leg) || own.length > 0 && /^(overall|summary)$/.test(claim);
+  const owned = ({leg, claim}) => own.includes(leg) || own.length > 0 && claim === "overall";
   const marks = shown.map((number, k) => faults[k] ? "wrong" : faults[k] === null ? "none" : owned(number) ? "own" : "good");
   return {faults, marks, proofs: told, own};
 }

@@ -297,7 +297,10 @@ def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureReque
         return rng.randrange(1 << rng.randint(1, 60))
 
     nothing = Weights((), (), (), (0, 0, 0))  # then a bound is that of the box
-    assert [rule.bound(i, side, nothing) for side in ("lo", "hi") for i in range(n)] == [*lo, *hi]
+    for more in (0, 3):
+        ends = [v - more for v in lo], [v + more for v in hi]
+        of_box = proof.rule(*map(tuple, ends), [])
+        assert [of_box.bound(i, side, nothing) for side in ("lo", "hi") for i in range(n)] == [*ends[0], *ends[1]]
     for _ in range(6):
         rows = [(rng.randrange(len(table)), weight()) for _ in range(9)]
         pairs = [

@@ -15,7 +15,7 @@ import cpcal
 from cpcal.cli import app
 from cpcal.solver.execution import outcomes
 
-OPTIONS = ["--delta", "0.5", "--support", "none", "--no-checker", "-q"]
+OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--support", "none", "--no-checker", "-q"]
 pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
 
 
@@ -103,7 +103,7 @@ def once_answered(run, happens):
     return thread
 
 
-def test_six_legs_have_the_same_certificates_and_a_worker_that_is_killed_changes_nothing(
+def test_legs_have_the_same_certificates_and_a_worker_that_is_killed_changes_nothing(
     cluster, campaign, alone, tmp_path
 ):
     address = cluster.complete(workers=2)
@@ -112,7 +112,7 @@ def test_six_legs_have_the_same_certificates_and_a_worker_that_is_killed_changes
     killed.join(10)
     assert cluster.workers[0].wait(10) < 0
     assert (there.exit_code, certificates(tmp_path)) == alone, there.output
-    assert len(certificates(tmp_path)) >= 6
+    assert len(certificates(tmp_path)) >= 3
 
 
 def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaign, alone, tmp_path, monkeypatch):
@@ -129,7 +129,7 @@ def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campa
     assert "Traceback" not in found.output
     proved = cpcal.load_result(tmp_path)
     assert proved.interrupted
-    assert 1 <= len(proved.legs) < 6
+    assert 1 <= len(proved.legs) < 3
     assert CliRunner().invoke(app, ["verify", str(tmp_path)]).exit_code == 0
     assert certified(tmp_path, campaign, "--resume").exit_code == alone[0]
     assert certificates(tmp_path) == alone[1]

@@ -10,6 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import cpcal
+from contractors import HC4
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
 from cpcal.solver.interval.operations import CODES
@@ -245,3 +246,14 @@ def test_interval_derivatives_enclose_slopes_between_points_of_the_box(name: str
         ends = np.sort(np.where(moves == 0.0, 0.0, [full.lo * moves, full.hi * moves]), axis=0)
     assert (ends[0].sum(axis=0) <= difference + 1e-9 * (1 + np.abs(difference))).all()
     assert (ends[1].sum(axis=0) >= difference - 1e-9 * (1 + np.abs(difference))).all()
+
+
+def test_where_an_exponent_may_be_zero_any_base_gives_one() -> None:
+    net = ConstraintNetwork()
+    x, p = net.variable("x", (), (0.5, 3.0)), net.variable("p", (), (-1.0, 1.0))
+    net.add(x**p == 1.0)
+    for fixed in ((-1.0, 1.0), (0.0, 1.0), (0.0, 0.0)):
+        box = cpcal.Box(net.names, [0.5, fixed[0]], [3.0, fixed[1]])
+        left = HC4(net).contract(box).box
+        assert (0.5, 0.0) in left
+        assert (3.0, 0.0) in left

@@ -48,7 +48,7 @@ def test_all_solutions_of_a_square_system_are_proved(arithmetic: str) -> None:
         assert sum(abs(box.mid - (p, q)).max() < 1e-12 for box in proved(paving)) == 1
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 6, 7, 11, 36])  # in most draws no box only touches a region of uniqueness
 def test_close_zeros_of_polynomials_are_all_in_the_boxes(seed: int) -> None:
     """Some of them closer than boxes are wide: a box that touches the region of one may hold the next. Exact zeros."""
     rng = np.random.default_rng(seed)
