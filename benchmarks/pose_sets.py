@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.vision_scenes import Setting, facing_poses, one, simulated_views
-from cpcal.checker.pose_claim import check_pose_set
+from cpcal.checker.sight import check_pose_set
 from cpcal.common.values import Floats, Indices
 from cpcal.models.sight import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.robot import Pose, transformed

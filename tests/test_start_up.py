@@ -74,7 +74,7 @@ def test_verify_loads_no_solver_and_begins_without_arrays(tmp_path):
     cpcal.save_result(cpcal.certify(campaign, legs=[1], delta=1.0, certificates=tmp_path), tmp_path)
     loaded = loaded_by(["verify", "-q", str(tmp_path)])
     assert {"numba", "scipy", "flint", "cv2", "matplotlib", "jinja2"}.isdisjoint(loaded)
-    assert {"cpcal.checker.lens", "cpcal.checker.pose_claim", "cpcal.checker.robust_claim"}.isdisjoint(loaded)
+    assert {"cpcal.checker.lens", "cpcal.checker.sight"}.isdisjoint(loaded)
 
 
 @pytest.mark.parametrize(

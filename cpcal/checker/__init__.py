@@ -1,16 +1,22 @@
 """The checker: accepts what a certificate proves, in exact arithmetic. Standard library only; imports nobody.
 
 docs/certificate-format.md is the specification. `check` has the certificates, `check_run` whole runs; what only some
-need, `robust_claim` and `pose_claim`, is loaded where there is one.
+need, `sight`, `lens`, `hand_eye` and `platform`, is loaded where there is one.
 """
 
-from .certificate import check
-from .claims import Accepted, Claims, Point
-from .exact_campaign import ExactCampaign
+from .certificate import FORMAT, Accepted, Claims, Point, check
 from .files import POSE_SET_SUFFIX, WORK
-from .header import FORMAT
-from .refusal import Refused, Unusable
-from .run import RESULT_NAME, Certificates, LegChecked, RobustChecked, certificates_of, check_run, leg_checks
+from .leg import ExactCampaign
+from .readers import Refused, Unusable
+from .run import (
+    RESULT_NAME,
+    Certificates,
+    LegChecked,
+    RobustChecked,
+    certificates_of,
+    check_run,
+    leg_checks,
+)
 
 __all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Certificates", "Claims"]
 __all__ += ["ExactCampaign", "LegChecked", "Point", "Refused", "RobustChecked", "Unusable"]

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from fractions import Fraction as F
 from pathlib import Path
 
-from .certificate import check
-from .claims import Accepted
+from .certificate import Accepted, check
 from .files import ACCURACY_NAME, POSE_SET_SUFFIX, STUDY_NAME, WORK
-from .refusal import Refused, Unusable
+from .readers import Refused, Unusable
 from .run import RESULT_NAME, RobustChecked, check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
@@ -106,7 +105,7 @@ def _accuracy(folder: Path, work: int) -> int:
 
 
 def _pose_sets(target: Path, work: int) -> int:
-    from .pose_claim import check_pose_set, check_pose_sets
+    from .sight import check_pose_set, check_pose_sets
 
     found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or WORK)]
     for one in found:

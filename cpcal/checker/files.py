@@ -11,8 +11,7 @@ from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .readers import shown
-from .refusal import Refused, Unusable
+from .readers import Refused, Unusable, shown
 
 WORK = 72_000_000  # of one certificate, or of a run of up to 1,000 measurements: 9 s at 8,000,000 units a second
 _A_MEASUREMENT = 1_500  # more of a leg, for each measurement beyond

@@ -16,10 +16,9 @@ from fractions import Fraction as F
 from functools import cached_property
 from itertools import product
 
-from .exact_polynomial import Polynomial, Spend, unknown
-from .problem import Box, Problem
-from .program import dyadics
-from .refusal import Refused
+from .polynomial import Polynomial, Spend, dyadics, unknown
+from .readers import Refused
+from .rule import Box, Problem
 
 AXES = range(3)
 R_X, T_X, R_F, T_F, E_, F_ = range(9), range(9, 12), range(12, 21), range(21, 24), range(24, 27), range(27, 30)

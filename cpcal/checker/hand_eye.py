@@ -14,18 +14,44 @@ from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
-from .bounds import number as bound
-from .certificate import Certificates
-from .claims import Accepted
+from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, content, parsed
-from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
-from .header import FORMAT
+from .frames import (
+    AXES,
+    R_F,
+    R_X,
+    SIZE,
+    STAGES,
+    T_F,
+    T_X,
+    Interval,
+    Rows,
+    Study,
+    asked_box,
+    holds,
+    rotation,
+)
 from .lens import Cameras
-from .problem import Box, Problem
-from .program import dyadics
-from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, up, whole
-from .refusal import Refused, Unusable
-from .rule import meeting
+from .lens import number as bound
+from .polynomial import dyadics
+from .readers import (
+    Refused,
+    Unusable,
+    anything,
+    array,
+    ascending,
+    choice,
+    dyadic,
+    finite,
+    many,
+    maybe,
+    record,
+    shown,
+    text,
+    up,
+    whole,
+)
+from .rule import Box, Problem, meeting
 from .run import STRANGE, Json, compare, exact, names_all, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"

@@ -21,16 +21,13 @@ from math import isqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .claims import Accepted
-from .exact_campaign import NAME, ExactCampaign
-from .exact_polynomial import Polynomial, Spend, combined, least, signed, substituted, unknown
+from .certificate import Accepted, Given, polynomial
 from .files import ACCURACY_NAME, content, leg_work, parsed
 from .frames import AXES, rotation
-from .header import Given, polynomial
-from .problem import Box, Unknowns
-from .program import dyadics
-from .readers import array, finite, up
-from .refusal import Refused
+from .leg import NAME, ExactCampaign
+from .polynomial import Polynomial, Spend, combined, dyadics, least, signed, substituted, unknown
+from .readers import Refused, array, finite, up
+from .rule import Box, Unknowns
 from .run import (
     INFORMATION,
     STRANGE,

@@ -2,25 +2,261 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
+from functools import cached_property
 from itertools import chain
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from .exact_polynomial import (
+from .polynomial import (
+    FIELD,
     MOST_HELD,
     MOST_TERMS,
     READINGS,
+    Kept,
+    Numbers,
     Polynomial,
     Spend,
     combined,
+    constant,
+    dyadics,
     least,
     signed,
     substituted,
     too_many,
     unknown,
 )
-from .problem import Box, Problem, Unknowns
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a certificate is about: constraints with readings, and what they say in the coordinates of a box.
+
+SIDES = ("upper", "lower", "sign", "body")
+_SIDE_BY_SIDE = 1024  # measurements
+
+
+@dataclass(frozen=True)
+class Box:
+    """lo <= x <= hi."""
+
+    lo: tuple[F, ...]
+    hi: tuple[F, ...]
+
+    def replaced(self, i: int, *, lo: F | None = None, hi: F | None = None) -> Box:
+        """With other bounds on x_i."""
+        low = self.lo if lo is None else (*self.lo[:i], lo, *self.lo[i + 1 :])
+        return Box(low, self.hi if hi is None else (*self.hi[:i], hi, *self.hi[i + 1 :]))
+
+    def holds(self, lo: Sequence[F], hi: Sequence[F]) -> bool:
+        """Whether another box lies in it."""
+        return all(a <= b and c <= d for a, b, c, d in zip(self.lo, lo, hi, self.hi, strict=True))
+
+
+class Unknowns:
+    """The unknowns on a box: x_i = center_i + radius_i u_i."""
+
+    def __init__(self, box: Box, spend: Spend) -> None:
+        self.box, self.spend = box, spend
+        self._parts: dict[int, Unknowns] = {}
+
+    def __len__(self) -> int:
+        return len(self.box.lo)
+
+    def center(self, i: int) -> F:
+        return (self.box.lo[i] + self.box.hi[i]) / 2
+
+    def radius(self, i: int) -> F:
+        return (self.box.hi[i] - self.box.lo[i]) / 2
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether the box has a width."""
+        return self.box.lo != self.box.hi
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Centers, and radii of a box that has a width, as programs take them: where the unknowns are few."""
+        each = range(len(self))
+        return dyadics([*map(self.center, each), *(map(self.radius, each) if self.moves else ())])
+
+    def variable(self, field: int, middle: F, factor: F) -> Polynomial:
+        """middle + factor * the variable in that field."""
+        number, u = constant(middle, self.spend), Polynomial({1 << FIELD * field: 1}, 0, self.spend)
+        return number + u * constant(factor, self.spend)
+
+    def first(self, count: int) -> Unknowns:
+        """So many of them alone."""
+        if count == len(self):
+            return self
+        if count not in self._parts:
+            self._parts[count] = Unknowns(Box(self.box.lo[:count], self.box.hi[:count]), self.spend)
+        return self._parts[count]
+
+    @cached_property
+    def images(self) -> Kept:
+        """What is put for each monomial in x."""
+        return _Images(self.box, self.spend)
+
+
+class _Images(Kept):
+    """By monomial in x, the product of the variables of its fields in the coordinates of a box."""
+
+    def __init__(self, box: Box, spend: Spend) -> None:
+        self._box, self._spend = box, spend
+
+    def form(self, monomial: int) -> Polynomial:
+        if not monomial:
+            return constant(F(1), self._spend)
+        field = ((monomial & -monomial).bit_length() - 1) // FIELD
+        one = 1 << FIELD * field
+        if monomial != one:
+            return self[monomial - one] * self[one]
+        x, i = Unknowns(self._box, self._spend), field - READINGS
+        return x.variable(field, x.center(i), x.radius(i))
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """`at_least <= sqrt(body / factor) <= at_most` where there is a factor > 0; else `at_least <= body <= at_most`.
+
+    None: no bound. There are no readings, and a factor is a number.
+    """
+
+    body: Polynomial
+    at_least: Polynomial | None
+    at_most: Polynomial | None
+    factor: Polynomial | None = None
+
+    def on(self, images: Kept) -> Constraint:
+        """With what is put for each monomial."""
+        low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
+        return Constraint(substituted(self.body, images), low, high, self.factor)
+
+    def row(self, side: str, mask: int) -> Polynomial:
+        """At most zero at every solution."""
+        body, low, high, factor = self.body, self.at_least, self.at_most, self.factor
+        if side == "upper" and high is not None:
+            return body - (high if factor is None else factor * (high * high))
+        if side == "lower" and low is not None:
+            if factor is None:
+                return low - body
+            return factor * (low * low) - body - constant(beyond(low, factor, mask), body.spend)
+        if side == "sign" and high is not None and factor is not None:
+            return high.times(-1)
+        return body.times(-1) if side == "body" and factor is not None else body.times(0)
+
+
+def settled_constraints(x: Unknowns, items: Sequence[Constraint], side: str) -> Iterator[Polynomial]:
+    """Their rows."""
+    return (item.row(side, signed(len(x))) for item in items)
+
+
+def held_constraints(items: Sequence[Constraint], sides: tuple[str, ...]) -> Iterator[bool]:
+    """Whether each holds, at a point."""
+    return (all(item.row(side, 0).constant <= 0 for side in sides) for item in items)
+
+
+def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
+    """The most that `factor at_least^2` can be where at_least is negative: what a "lower" row must give away."""
+    lowest = min(F(0), least(at_least, mask))
+    return -least(factor.times(-1), mask) * lowest**2 if lowest else F(0)
+
+
+# A reading is the first number plus the second times y, in half-widths: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
+# With `way` 1 it is the reading that its sign names itself, -1 the opposite one.
+ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
+
+
+def _untagged(side: str, k: int) -> int | None:
+    """Of rows that nothing may spoil."""
+    return None
+
+
+def _exact(k: int) -> tuple[float, ...]:
+    """Of constraints without readings."""
+    return ()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
+
+    unknowns: tuple[str, ...]
+    objective: int | None
+    count: int
+    chosen: tuple[int, ...]
+    constraint: Callable[[int, Unknowns, str, int], Any]  # k on a box with signs of a reading, and its `way`
+    radii: Callable[[int], tuple[float, ...]] = _exact  # of the readings of k: 0 where they are exact
+    sides: tuple[str, ...] = SIDES
+    conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
+    model: str | None = None  # of a leg; None: the certificate states the constraints
+    forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
+    settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
+    held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
+    in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
+    wrong: int = (
+        0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
+    )
+    tag: Callable[[str, int], int | None] = _untagged  # of a row
+
+    @staticmethod
+    def of_rows(
+        unknowns: tuple[str, ...], count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]
+    ) -> Problem:
+        """Of rows that a model forms, by side and number below `count`, as polynomials in x."""
+
+        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
+            return (form(side, k) for k in items)
+
+        return Problem(
+            unknowns, None, count, tuple(range(count)), lambda k, *_: k, sides=sides, settled=settled, in_box=False
+        )
+
+    def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
+        """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
+        return next(self.rows(x, [(side, k, signs)]))[1]
+
+    def rows(self, x: Unknowns, table: Sequence[tuple[str, int, str]]) -> Iterator[tuple[int, Polynomial]]:
+        """`row` of several, each with its place in the table."""
+        groups: dict[tuple[str, bool], list[int]] = {}
+        for n, (side, k, _) in enumerate(table):
+            groups.setdefault((side, any(self.radii(k))), []).append(n)
+        for (side, _), places in groups.items():
+            items = [self.constraint(k, x, signs, 0) for _, k, signs in map(table.__getitem__, places)]
+            yield from zip(places, self.settled(x, items, side), strict=True)
+
+    def holds(self, x: Unknowns, k: int, signs: str) -> bool:
+        """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
+        return self.unproved(x, [(k, signs)]) is None
+
+    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]]) -> int | None:
+        """The first of these numbers, with the ends of its reading, that `holds` is not proved of."""
+        for start in range(0, len(points), _SIDE_BY_SIDE):
+            some = points[start : start + _SIDE_BY_SIDE]
+            good = [True] * len(some)
+            for uncertain in (True, False):
+                places = [n for n, (k, _) in enumerate(some) if any(self.radii(k)) is uncertain]
+                for way, sides in ((1, self.below), (-1, self.above)) if uncertain else ((1, self.conditions),):
+                    items = [self.constraint(k, x, signs, way) for k, signs in map(some.__getitem__, places)]
+                    for n, held in zip(places, self.held(items, sides) if items else (), strict=True):
+                        good[n] &= held
+            if not all(good):
+                return some[good.index(False)][0]
+        return None
+
+    @cached_property
+    def above(self) -> tuple[str, ...]:
+        """The conditions that are asked at the far end of a reading set."""
+        return tuple(side for side in self.conditions if side in ("upper", "sign"))
+
+    @cached_property
+    def below(self) -> tuple[str, ...]:
+        return tuple(side for side in self.conditions if side not in self.above)
+
+    def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
+        """Whether it is proved that it does not for any reading."""
+        return least(self.row(x, side, k, signs), 0) > 0
+
 
 Row = tuple[str, int, str]  # side, measurement, signs of the reference reading
 

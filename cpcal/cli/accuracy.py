@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
-from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.cli.options import Status, Talk, answer, argument, numbers_of, option, output
 from cpcal.cli.verify import refusals
 from cpcal.common.errors import InputError, Problem
@@ -15,6 +13,7 @@ from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
 from cpcal.models.platform import Workspace
 from cpcal.questions import load_result
+from cpcal.questions.accuracy import Accuracy, NamedPoses, certify_accuracy, save_accuracy
 from cpcal.report.accuracy_page import assumption, sentences, write_accuracy
 
 

@@ -36,9 +36,9 @@ from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import RUN, answers_into, locked
 from cpcal.models import LegModel, built_in
 from cpcal.questions import Result, load_result, save_result, verdict_of
-from cpcal.questions.ask import answered, question_of
+from cpcal.questions.ask import HERE, answered
 from cpcal.questions.compare import comparison
-from cpcal.questions.question import HERE, Checkpoints, Question
+from cpcal.questions.question import Checkpoints, Question, question_of
 from cpcal.report import (
     FRAME,
     LONGER,
@@ -51,7 +51,6 @@ from cpcal.report import (
     parameters_section,
     write_report,
 )
-from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
     CampaignRow,
     comparison_lines,
@@ -62,7 +61,7 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
-from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
@@ -87,7 +86,7 @@ _MOST_LEGS = 6  # of which each has a line
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
     """The answer in ten lines at most, or all of it."""
-    title = Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold")
+    title = Text(f"{printable(result.campaign.robot)}: {result.campaign.measurements:,} measurements", style="bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
@@ -229,7 +228,7 @@ class CampaignWork:
 
         Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into.
         """
-        question = replace(question_of(task.campaign, **self.given), whole=True)
+        question = question_of(task.campaign, **self.given)
         how: dict[str, Any] = {"talk": Talk(quiet=True), "checker": self.checker, "resume": self.resume}
         with linear_algebra_on_one_thread():
             if task.run is not None:
@@ -310,7 +309,7 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
         found = load_result(run)
     except InputError:
         return None
-    known = (found.options, found.version, found.campaign_sha256)
+    known = (found.options, found.version, found.campaign.sha256)
     same = known == (question.options, __version__, campaign_sha256(campaign))
     return found if same and not found.interrupted else None
 
@@ -379,7 +378,7 @@ class CertifyFlags:
                 raise typer.BadParameter(message, param_hint="--half-width") from None
         what = "legs: give numbers with commas between them, such as 1,3"
         legs = numbers_of(self.legs, int, what, "--legs")
-        return given | {"legs": legs, "contractors": names_of(self.contractors), "half_widths": widths}
+        return given | {"ranges": True, "legs": legs, "contractors": names_of(self.contractors), "half_widths": widths}
 
     def refuse(self, names: Sequence[str], because: str) -> None:
         """InputError for each of these options that was given."""
@@ -424,13 +423,13 @@ def certify(
     (campaign,) = campaigns
     if len(models) > 1:
         options.refuse(_NOT_WITH_MODELS, "with several models")
-        del given["model"]
+        del given["model"], given["ranges"]
         given = {name: value for name, value in given.items() if name not in (*_NOT_WITH_MODELS, "half_widths")}
         return _models_compared(warned(load_campaign(campaign)), run, models, given, checker, where, talk)
     if options.outliers:
         options.refuse(_NOT_WITH_OUTLIERS, "with --outliers")
     with where.place() as place:
-        question = replace(question_of(warned(load_campaign(campaign)), **given), whole=True)
+        question = question_of(warned(load_campaign(campaign)), **given)
         return status_of(certified_into(run, question, talk=talk, place=place, checker=checker, resume=where.resume))
 
 

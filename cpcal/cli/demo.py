@@ -40,8 +40,8 @@ from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN
 from cpcal.models.sight import CameraSet, Enclosing, TargetSet, campaign_of
 from cpcal.questions import Result, certify, save_result
-from cpcal.questions.ask import question_of
-from cpcal.questions.fits import certify_fits
+from cpcal.questions.points import certify_fits
+from cpcal.questions.question import question_of
 from cpcal.report.study_page import render_study
 from cpcal.robot import DELTALAB, Campaign, Study
 from cpcal.simulate import simulate_study
@@ -109,7 +109,7 @@ def demo(
     _fits(campaign, found.record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
-        question = replace(question_of(of, legs=PLAN.legs), whole=True)
+        question = question_of(of, legs=PLAN.legs, ranges=True)
         return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
 
     result = run(RUN, campaign)

@@ -29,8 +29,8 @@ from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.questions import Result, load_result
-from cpcal.questions.fits import fits_of
 from cpcal.questions.hand_eye import load_hand_eye_result
+from cpcal.questions.points import fits_of
 from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, render_study
@@ -64,7 +64,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     found = {part: checked_certificates(folder / part) for part in (FITS, RUN, PIXEL_RUN)}
     accepted, said = check_all(found.values())
     if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
-        from cpcal.checker.pose_claim import check_pose_sets
+        from cpcal.checker.sight import check_pose_sets
 
         sets = check_pose_sets(folder / PIXEL_SETS)
         refused = [f"{one.name} ({one.refused})" for one in sets if one.refused is not None]

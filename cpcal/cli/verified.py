@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import load_accuracy
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
@@ -24,13 +23,14 @@ from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
 from cpcal.models import leg_model
 from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
-from cpcal.questions.undetermined import determination
+from cpcal.questions.accuracy import load_accuracy
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
-    from cpcal.checker.pose_claim import PoseSetChecked
+    from cpcal.checker.sight import PoseSetChecked
     from cpcal.models import LegModel
 
 _AGAIN = {  # what to do about a run in which no leg is certified
@@ -160,7 +160,7 @@ NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry"
 
 def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
     """What is accepted of one claim or a folder of them. Raises Unusable where there is nothing to check."""
-    from cpcal.checker.pose_claim import check_pose_set, check_pose_sets  # the other kinds start sooner without
+    from cpcal.checker.sight import check_pose_set, check_pose_sets  # the other kinds start sooner without
 
     found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
     said = [(one.refused is None, f"{one.name}: {_set_proved(one)}") for one in found]

@@ -109,7 +109,7 @@ def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
 
 NAME = "campaign.json"
 JSON_FORMAT = "cpcal-campaign-exact/1"
-_LARGEST = 64 << 20  # bytes: the checker reads no more
+_LARGEST = 32 << 20  # bytes: the checker reads no more
 _ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 _REMEDY = "certify the campaign again"
 

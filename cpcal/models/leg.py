@@ -20,7 +20,7 @@ import numpy.typing as npt
 from cpcal.calibration.diagnosis import mid_range, sag_shape, vertical
 from cpcal.calibration.fit import least_squares
 from cpcal.calibration.leg_equations import LegEquations
-from cpcal.checker.header import Given, polynomial
+from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem
 from cpcal.common.numbers import nearest

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.checker.header import Given, with_forms
+from cpcal.checker.certificate import Given, with_forms
 from cpcal.checker.platform import Commanded
-from cpcal.checker.problem import Box as ExactBox
+from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement

@@ -33,9 +33,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
-from cpcal.checker.pose_claim import POSE_SET_FORMAT, Part, digest_of, joined, rows_of
-from cpcal.checker.problem import Box
-from cpcal.checker.sight import Rows, Sight, sight_of
+from cpcal.checker.rule import Box
+from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import ByValue, Floats, Indices, Value, frozen_array

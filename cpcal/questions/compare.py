@@ -13,8 +13,8 @@ from typing import Any
 from cpcal.common.errors import Problem
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
-from cpcal.questions.ask import LOADS, answered, question_of
-from cpcal.questions.question import Question, chosen_model
+from cpcal.questions.ask import LOADS, answered
+from cpcal.questions.question import Question, chosen_model, question_of
 from cpcal.questions.result import Result
 from cpcal.robot import Campaign
 from cpcal.solver.execution.executors import executor_for

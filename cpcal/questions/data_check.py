@@ -10,13 +10,36 @@ import numpy as np
 from cpcal.calibration import LegEquations, fit
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.models import PLAIN
+from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
-from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
-from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
+from cpcal.robot.mistakes import SHARE as MIXED_UP
+from cpcal.robot.mistakes import likely_cause, mixed_up, sizes_in_question
 from cpcal.solver.optimize.least_squares import least_squares
+
+# ------------------------------------------------------------------------------------------------------------------
+# Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
+
+# Of the equations' change (root mean square), when each column of the Jacobian is scaled to one: a direction of the
+# parameters that changes them less is not told from an error of 0.01 mm within some 10 mm.
+_SEEN = 1e-3
+_SHARE = 0.1  # of a parameter in such a direction, from which it is called undetermined
+
+
+def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
+    """At parameters x (n,) of one leg and the centres of the reading sets."""
+    jacobian = model_jacobian(campaign, leg, x, model)
+    scale = np.sqrt(np.mean(jacobian**2, axis=0))
+    columns = jacobian / np.where(scale > 0.0, scale, 1.0) / np.sqrt(len(jacobian))
+    few = len(columns) < columns.shape[1]
+    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
+    seen = np.zeros(len(right), dtype=bool)
+    seen[: len(values)] = values > _SEEN
+    hidden = np.linalg.norm(right[~seen], axis=0)
+    names = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _SHARE)
+    return Determination(measurements=len(jacobian), of=len(right), rank=int(seen.sum()), undetermined=names)
+
 
 # ------------------------------------------------------------------------------------------------------------------
 # What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
@@ -254,7 +277,7 @@ def mistake_in(given: Given, typical: float) -> str | None:
     if typical <= SUSPICIOUS:
         return None
     cause = likely_cause(given)
-    return mixed_up(typical, cause) if cause is not None or typical > SHARE else None
+    return mixed_up(typical, cause) if cause is not None or typical > MIXED_UP else None
 
 
 def _open(legs: tuple[LegOutlook, ...]) -> list[str]:

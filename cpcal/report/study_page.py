@@ -18,7 +18,7 @@ from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.questions import Result
-from cpcal.questions.fits import CertifiedFits
+from cpcal.questions.points import CertifiedFits
 from cpcal.report.figures import series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
@@ -237,7 +237,7 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),
-        ("result of the timeout method", found.timeout.campaign_sha256),
+        ("result of the timeout method", found.timeout.campaign.sha256),
     ):
         if sha256 != expected:
             raise InputError([Problem(name, "is of another campaign", remedy)])

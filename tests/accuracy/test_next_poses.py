@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cpcal.accuracy.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
 from cpcal.models.leg_set import SIZE
 from cpcal.models.platform import pose_bounds
+from cpcal.questions.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
 from cpcal.robot import central_pose
 
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.checker.problem import Box as ExactBox
-from cpcal.checker.problem import Problem, Unknowns
-from cpcal.checker.rule import Rule, Weights
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Problem, Rule, Unknowns, Weights
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
 from cpcal.solver.certificate.float_rows import failing, holding

@@ -9,7 +9,7 @@ import pytest
 from cpcal.checker import Refused
 from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds, rotation
 from cpcal.checker.hand_eye import errors, largest
-from cpcal.checker.problem import Box
+from cpcal.checker.rule import Box
 
 SETUPS = [True, False]
 

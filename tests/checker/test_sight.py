@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from cpcal.checker import Refused
-from cpcal.checker.bounds import between, number
 from cpcal.checker.frames import rotation
-from cpcal.checker.lens import Cameras
-from cpcal.checker.problem import Box
-from cpcal.checker.program import dyadics
+from cpcal.checker.lens import Cameras, between, number
+from cpcal.checker.polynomial import dyadics
+from cpcal.checker.rule import Box
 from cpcal.checker.sight import SIDES, Dot, Rows, Sight
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.target import DELTALAB_TARGET

@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 import cpcal
-from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.checker.command import main
+from cpcal.questions.accuracy import load_accuracy, save_accuracy
 from cpcal.simulate import simulate
 from tests.cli.command import run as command
 

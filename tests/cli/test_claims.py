@@ -7,7 +7,7 @@ from fractions import Fraction as F
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpcal.checker.claims import Accepted, Claims, Point
+from cpcal.checker.certificate import Accepted, Claims, Point
 from cpcal.cli.verify import sentences
 from cpcal.models import PARAMETERS
 

@@ -92,7 +92,7 @@ def test_it_holds_what_the_run_proves_with_frame_and_provenance(folder, data):
     assert (written["range_eps"], written["verdict"], data["verdict"]) == (30.0, "pass", "pass")
     assert written["certificates"] == ["leg2.cert.jsonl", "ranges-leg2.cert.jsonl"]
     assert "base frame" in data["frame"]
-    assert data["provenance"]["campaign_sha256"] == result.campaign_sha256
+    assert data["provenance"]["campaign_sha256"] == result.campaign.sha256
 
 
 def test_moved_ranges_hold_the_moved_points(data):

@@ -182,7 +182,7 @@ def test_the_demo_goes_the_whole_road(demo):
     assert not pixel.exact
     assert "2 of 2 poses are enclosed, proved; the true pose lies in 2 of the 2." in outcome.stdout
     result = cpcal.load_result(folder / "pixel-run")
-    assert result.campaign_sha256 == campaign_sha256(pixel)
+    assert result.campaign.sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
     assert len(list((folder / "pixel-sets").glob("*.pose.json"))) == 2
     of_sets = len(list((folder / "pixel-sets").glob("*.cert.jsonl")))

@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.checker import pose_claim
-from cpcal.checker.pose_claim import check_pose_set, check_pose_sets
+from cpcal.checker import sight
+from cpcal.checker.sight import check_pose_set, check_pose_sets
 from cpcal.cli import app
 from cpcal.cli.image import _stated
 from cpcal.cli.verified import _table_problem
@@ -54,14 +54,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
 
 def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeypatch: pytest.MonkeyPatch) -> None:
     folder, pose = place
-    known: dict[bytes, pose_claim.PoseSetChecked] = {}
+    known: dict[bytes, sight.PoseSetChecked] = {}
 
-    def once(path: Path, **options: Any) -> pose_claim.PoseSetChecked:
+    def once(path: Path, **options: Any) -> sight.PoseSetChecked:
         """A claim of the same bytes is not checked again."""
         content = path.read_bytes()
         return known.get(content) or known.setdefault(content, check_pose_set(path, **options))
 
-    monkeypatch.setattr(pose_claim, "check_pose_set", once)
+    monkeypatch.setattr(sight, "check_pose_set", once)
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
     words = ("image", "sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1", "--plate-exact")
     status, said = run(*words)

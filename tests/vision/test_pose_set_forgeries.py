@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.pose_sets import drawn_pose, shown
-from cpcal.checker.pose_claim import check_pose_set, check_pose_sets, digest_of
+from cpcal.checker.sight import check_pose_set, check_pose_sets, digest_of
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
-from cpcal.checker.exact_polynomial import constant
-from cpcal.checker.header import Given, polynomial
-from cpcal.checker.problem import SIDES, Constraint, Problem, Unknowns
+from cpcal.checker.certificate import Given, polynomial
+from cpcal.checker.polynomial import constant
+from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box, IntervalArray

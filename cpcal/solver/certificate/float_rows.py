@@ -1,6 +1,6 @@
 """Rows of a leg in float64: the checker's own formula, with a bound of all that is rounded on the way.
 
-The checker traces the formula once (`cpcal.checker.program`); its notes `v[k] += v[i] * v[j]` are swept here in
+The checker traces the formula once (`cpcal.checker.leg`); its notes `v[k] += v[i] * v[j]` are swept here in
 float64, each v with a bound of its error. With unit roundoff u the product of two such numbers is wrong by at most
 |v_i| e_j + |v_j| e_i + e_i e_j + u |v_i v_j|, the sum by u of its size more. What is rounded in the bound itself is
 covered by a factor.
@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed, unknown
 from cpcal.checker.leg import LegConstraint, eased, leg_formula
-from cpcal.checker.problem import ENDS, Box, Problem, Unknowns
-from cpcal.checker.rule import Row, Rule
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed, unknown
+from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.compiled import compiled

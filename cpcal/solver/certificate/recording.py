@@ -21,14 +21,11 @@ from typing import IO, Any, BinaryIO, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker import Refused
-from cpcal.checker import problem as exact
-from cpcal.checker.certificate import check_lines
+from cpcal.checker import Refused, rule
+from cpcal.checker.certificate import check_lines, problem_of
 from cpcal.checker.files import WORK, Budget, Lines, leg_work
-from cpcal.checker.header import problem_of
-from cpcal.checker.problem import Box as ExactBox
-from cpcal.checker.problem import Problem, Unknowns
-from cpcal.checker.rule import Row, Rule, Weights
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Problem, Row, Rule, Unknowns, Weights
 from cpcal.common import errors
 from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Trouble
@@ -78,9 +75,9 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
         return
     lines.seek(0)
     counted = Lines(lines, Budget(most))
-    root = exact.Box(*(tuple(map(F, side.tolist())) for side in (domain.lo, domain.hi)))
+    root = rule.Box(*(tuple(map(F, side.tolist())) for side in (domain.lo, domain.hi)))
 
-    def formed(header: dict[str, Any]) -> tuple[Problem, exact.Box]:
+    def formed(header: dict[str, Any]) -> tuple[Problem, rule.Box]:
         return (problem, root) if "campaign" in header else problem_of(header, counted, Path(where), None)
 
     try:
@@ -99,7 +96,7 @@ def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
         return 0
     spent: list[int] = []
     at = tuple(F(float.fromhex(v)) for v in point["at"])
-    x = Unknowns(exact.Box(at, at), spent.append)
+    x = Unknowns(rule.Box(at, at), spent.append)
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
     sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
     problem.unproved(x, [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample])
@@ -653,7 +650,7 @@ def _unsaid(problem: Problem, claims: Claims) -> str:
     if claims["point"] is None:
         return ""
     at = tuple(F(float.fromhex(v)) for v in claims["point"]["at"])
-    x = exact.Unknowns(exact.Box(at, at), free)
+    x = rule.Unknowns(rule.Box(at, at), free)
     try:
         return "" if all(problem.holds(x, k, "") for k in problem.chosen) else _NO_POINT
     except Refused as refused:

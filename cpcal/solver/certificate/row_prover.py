@@ -19,9 +19,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cpcal.checker.exact_polynomial import Spend
-from cpcal.checker.problem import Box, Problem
-from cpcal.checker.rule import Rule, Weights
+from cpcal.checker.polynomial import Spend
+from cpcal.checker.rule import Box, Problem, Rule, Weights
 from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free, number

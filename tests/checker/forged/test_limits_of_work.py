@@ -111,9 +111,9 @@ def test_the_linear_model_with_reading_sets_is_no_more_work_than_its_terms_need(
 def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = network_proof.lines
     terms = [sum(len(c[p] or []) for p in ("body", "at_least", "at_most")) for c in lines[1 : network_proof.head]]
-    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms))
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms))
     verdict(lines, None)
-    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms) - 1)
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms) - 1)
     with pytest.raises(Refused, match="terms") as caught:
         verdict(lines, None)
     assert caught.value.line == network_proof.head

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from fractions import Fraction as F
 from typing import NamedTuple
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.leg import Measurement, leg_problem
-from cpcal.checker.problem import Box as ExactBox
-from cpcal.checker.problem import Problem, Unknowns
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Problem, Unknowns
 from cpcal.solver.certificate.exact_network import free
 
 Vector = list[F]

@@ -8,8 +8,8 @@ from fractions import Fraction as F
 
 import pytest
 
-from cpcal.checker.bounds import Bounds, between, inner, number, rotation, total
-from cpcal.checker.refusal import Refused
+from cpcal.checker.lens import Bounds, between, inner, number, rotation, total
+from cpcal.checker.readers import Refused
 
 UNIT = F(1, 1 << 160)
 SMALL = F(1, 1 << 90)  # much more than what rounding outward adds here

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpcal.checker.problem import Unknowns
-from cpcal.checker.rule import Weights
+from cpcal.checker.rule import Unknowns, Weights
 from cpcal.common.values import Floats
 from cpcal.solver.certificate.float_rows import FloatRule, Parts, _lowest, _swept, row_of
 from cpcal.solver.certificate.recording import brief, rounded

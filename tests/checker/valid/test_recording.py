@@ -53,7 +53,7 @@ def test_steps_on_boxes_above_the_claim_are_left_out(tmp_path: Path) -> None:
 def test_steps_that_are_too_large_for_the_checker_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The search goes on without them, and what is written is accepted by a checker with these limits."""
     for most, least in ((500_000, 2.9), (3, 0.0)):
-        monkeypatch.setattr("cpcal.checker.exact_polynomial.MOST_HELD", most)
+        monkeypatch.setattr("cpcal.checker.polynomial.MOST_HELD", most)
         net = cpcal.Network()
         x, eps = net.variable("x", domain=(-1, 1)), net.variable("eps", domain=(0, 8))
         net.add([x * x >= 4 - eps])

@@ -11,11 +11,10 @@ import pytest
 from hypothesis import assume, given, seed, settings
 from hypothesis import strategies as st
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, constant, signed
 from cpcal.checker.leg import EXTRA, LegConstraint, formed, leg_formula
-from cpcal.checker.problem import Box as ExactBox
-from cpcal.checker.problem import Problem, Unknowns, beyond
-from cpcal.checker.rule import Weights
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, constant, signed
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Problem, Unknowns, Weights, beyond
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.certificate.float_rows import failing, holding, row_of, stretching
 from tests.checker.valid.exact_legs import (

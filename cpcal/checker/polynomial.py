@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 from functools import lru_cache, reduce
 from operator import itemgetter, or_
+from typing import NamedTuple
 
-from .refusal import Refused
+from .readers import Refused
 
 FIELD = 6
 READINGS = 7
@@ -134,6 +135,25 @@ def shortened(terms: dict[int, int], exponent: int, spend: Spend) -> Polynomial:
     common = reduce(or_, terms.values(), 0) if exponent < -_LONG else 0
     zeros = (common & -common).bit_length() - 1 if common else 0
     return Polynomial({m: c >> zeros for m, c in terms.items()} if zeros else terms, exponent + zeros, spend)
+
+
+class Numbers(NamedTuple):
+    """Whole numbers, all divided by two to one power."""
+
+    values: list[int]
+    power: int
+
+    def over(self, power: int) -> list[int]:
+        """The whole numbers over a power that is not lower."""
+        more = power - self.power
+        return [value << more for value in self.values] if more else self.values
+
+
+def dyadics(values: Iterable[float | F]) -> Numbers:
+    """Of numbers whose denominators are powers of two."""
+    ratios = [value.as_integer_ratio() for value in values]
+    power = max([below for _, below in ratios], default=1).bit_length() - 1
+    return Numbers([(above << power) // below for above, below in ratios], power)
 
 
 class Kept(dict[int, Polynomial]):

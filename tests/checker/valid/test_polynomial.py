@@ -7,10 +7,10 @@ from fractions import Fraction as F
 
 import pytest
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, combined, constant, least, signed, substituted
-from cpcal.checker.header import polynomial
-from cpcal.checker.problem import SIDES, Box, Problem, Unknowns
-from cpcal.checker.refusal import Refused
+from cpcal.checker.certificate import polynomial
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, combined, constant, least, signed, substituted
+from cpcal.checker.readers import Refused
+from cpcal.checker.rule import SIDES, Box, Problem, Unknowns
 from cpcal.solver.certificate.exact_network import Stated, free
 from cpcal.solver.certificate.float_rows import failing, holding
 
