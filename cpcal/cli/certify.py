@@ -36,8 +36,7 @@ from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import RUN, answers_into, locked
 from cpcal.models import LegModel, built_in
 from cpcal.questions import Result, load_result, save_result, verdict_of
-from cpcal.questions.ask import HERE, answered
-from cpcal.questions.compare import comparison
+from cpcal.questions.ask import HERE, answered, comparison
 from cpcal.questions.question import Checkpoints, Question, question_of
 from cpcal.report import (
     FRAME,

@@ -1,6 +1,5 @@
 from .accuracy import Accuracy, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
-from .ask import certify
-from .compare import COMPARED, compare
+from .ask import COMPARED, certify, compare
 from .data_check import DataCheck, Finding, check_data
 from .points import PointResult, certify_point
 from .result import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from pickle import PicklingError
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from cpcal.questions.bracket import (
 )
 from cpcal.questions.data_check import determination
 from cpcal.questions.outliers import all_or_none, robust_leg
-from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, question_of
+from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
 from cpcal.questions.ranges import projections_of, ranges_of
 from cpcal.questions.result import (
     CampaignNote,
@@ -287,14 +287,21 @@ def certify(
         ranges=ranges,
     )
     with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
-        if certificates is None:
-            return answered(question, place)
-        with answers_into(certificates, RUN, campaign) as draft:
-            kept = Checkpoints.for_run(Path(certificates), question, resume=resume)
-            kept.begin()
-            result = answered(replace(question, certificates=draft, checkpoints=kept), place)
-        kept.end_after(result)
-        return result
+        return _answered_into(question, certificates, place, resume=resume)
+
+
+def _answered_into(
+    question: Question, run: str | os.PathLike[str] | None, place: Place, *, resume: bool = False
+) -> Result:
+    """All legs, with certificates in the folder of a run, if there is one."""
+    if run is None:
+        return answered(question, place)
+    with answers_into(run, RUN, question.campaign) as draft:
+        kept = Checkpoints.for_run(Path(run), question, resume=resume)
+        kept.begin()
+        result = answered(replace(question, certificates=draft, checkpoints=kept), place)
+    kept.end_after(result)
+    return result
 
 
 def answered(question: Question, place: Place = HERE) -> Result:
@@ -393,3 +400,68 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
         left = kept or bracket.point_certificate
         leg = replace(leg, bracket=bracket, not_certified=Uncertified.NOTHING if left else Uncertified.UNWRITTEN)
     return leg
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg models compared: the same question with each of them, about the same box.
+
+COMPARED = ("plain", "gain", "linear")
+_CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
+
+
+def compare(
+    campaign: Campaign,
+    models: Sequence[str | LegModel] = COMPARED,
+    *,
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    certificates: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | None = None,
+    **given: Any,
+) -> dict[str, Result]:
+    """What `certify` answers with each model, by the model's name; `given`: other arguments of `certify`.
+
+    All models are asked about the same box of (a, b, l), within `delta` mm of the fit of the plain model (or of the
+    nominal parameters, with `center="nominal"`), their extra parameters within `half_widths[model]` of 0. So a model
+    that contains another one never has a larger eps. `certificates` names a folder, in which each model has one.
+    Ctrl-C ends it with what is proved so far. Raises InputError with every problem, PluginError, LostWorkerError.
+    """
+    questions, found = comparison(campaign, models, half_widths, **given), dict[str, Result]()
+    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
+        for question in questions:
+            name = question.model.name
+            found[name] = _answered_into(question, None if certificates is None else Path(certificates) / name, place)
+            if found[name].interrupted:
+                break
+    return found
+
+
+def comparison(
+    campaign: Campaign,
+    models: Sequence[str | LegModel],
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    center: str = "plain",
+    **given: Any,
+) -> list[Question]:
+    """What is asked with each of the models. Raises InputError with every problem, PluginError."""
+    names = [model if isinstance(model, str) else model.name for model in models]
+    widths, wrong = dict(half_widths or {}), []
+    if not names:
+        wrong.append(Problem("models", "none is named", f"name some, such as {', '.join(COMPARED)}"))
+    if len(set(names)) < len(names):
+        wrong.append(Problem("models", "one is named twice", "name each once"))
+    for name in widths:
+        if name not in names:
+            wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
+    for name, model in zip(names, models, strict=True):
+        wrong += chosen_model(campaign, model, widths.get(name))[1]
+    if center not in _CENTERS:
+        wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
+    given = {"center": center if center in _CENTERS else "plain", "support": "none"} | given
+    question_of(campaign, wrong, model="plain", **given)
+    return [
+        question_of(campaign, model=model, half_widths=widths.get(name, {}), **given)
+        for name, model in zip(names, models, strict=True)
+    ]

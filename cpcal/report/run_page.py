@@ -334,8 +334,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
         at = ("; ranges at eps = ", within, " mm")
         certified = "no certificate holds it" if name is None else f"certified by {name}"
-        wider = 0.0 < leg.bracket.hi < leg.ranges.eps
-        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" if wider else ""
+        more = 0.0 < leg.bracket.hi < leg.ranges.eps
+        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" if more else ""
         said: Words = (
             "The range holds every solution in the box with eps ≤ ",
             within,
@@ -549,7 +549,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
         "With the certificates: the verdict on all legs and on each, the tolerance, sentences on the error, brackets, "
         "certified parameters, ranges, enclosures and their widths, and the box; with the campaign in this page: its "
         "SHA-256 and the number of measurements. Under the pointer each says so. Not compared: figures, other prose, "
-        "least squares, nominal values, other frames, what to look at and to do next"
+        "least squares, nominal values, what to look at and to do next"
         f"{', the tables of the study' * study}, and counts of the search. Whoever edits the scripts too is found by "
         "cpcal verify only."
     )
