@@ -30,7 +30,7 @@ def verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verify:
     return accepted
 
 
-# below, and those of hand-eye runs in tests/handeye
+# below, and those of hand-eye runs in tests/models
 ELSEWHERE = ("pose sets", "solve", "campaigns", "fits", "hand-eye", "uncertain hand-eye", "wrong images")
 
 
