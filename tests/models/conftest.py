@@ -19,6 +19,9 @@ from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.questions import hand_eye
+from tests.models.known_robot import known
+
+__all__ = ["known"]
 
 
 def unknowns_of(frames: HandEyeFrames) -> Floats:
