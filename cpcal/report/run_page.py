@@ -334,7 +334,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
         at = ("; ranges at eps = ", within, " mm")
         certified = "no certificate holds it" if name is None else f"certified by {name}"
-        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" * (0.0 < leg.bracket.hi < leg.ranges.eps)
+        more = 0.0 < leg.bracket.hi < leg.ranges.eps
+        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" if more else ""
         said: Words = (
             "The range holds every solution in the box with eps ≤ ",
             within,

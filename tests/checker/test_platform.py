@@ -35,7 +35,7 @@ from cpcal.robot import (
     quaternion_product,
 )
 from cpcal.solver.certificate.exact_network import free
-from tests.accuracy.conftest import ERROR, known
+from tests.models.known_robot import ERROR, known
 
 __all__ = ["known"]
 

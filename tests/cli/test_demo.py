@@ -7,7 +7,7 @@ import pytest
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli.demo import DemoPlan, _is_earlier_demo
+from cpcal.cli.demo import DemoPlan
 from cpcal.cli.verify import check_all, checked_certificates
 from cpcal.files import campaign_sha256, load_study
 from cpcal.questions.points import fits_of
@@ -90,16 +90,6 @@ def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
     assert outcome.exit_code == 2
     assert "--force" in outcome.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_a_demo_may_replace_a_demo_and_nothing_else(tmp_path):
-    assert not _is_earlier_demo(tmp_path)
-    (tmp_path / "study").mkdir()
-    (tmp_path / "study" / "study.toml").write_text("")
-    (tmp_path / "run").mkdir()
-    assert _is_earlier_demo(tmp_path)
-    (tmp_path / "mine.txt").write_text("")
-    assert not _is_earlier_demo(tmp_path)
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):

@@ -265,4 +265,5 @@ def test_the_command(exact, tmp_path):
     bad = CliRunner().invoke(app, [*words, "--model", "plain,gian,plain"])
     assert bad.exit_code == 2
     assert "2 problems" in bad.output
-    assert CliRunner().invoke(app, [*words, "--model", "plain,gain", "--json"]).exit_code == 2
+    strange = CliRunner().invoke(app, [*words, "--model", "plain,gain", "--eps", "1"])
+    assert (strange.exit_code, "option --eps: has no meaning with several models" in strange.output) == (2, True)

@@ -17,7 +17,9 @@ from cpcal.questions.accuracy import NamedPoses, certify_accuracy, load_accuracy
 from cpcal.questions.next_poses import growth
 from cpcal.report.accuracy_page import assumption, degrees_up, sentences, write_accuracy
 from cpcal.robot import central_pose, forward_kinematics
-from tests.accuracy.conftest import ERROR
+from tests.models.known_robot import ERROR, known
+
+__all__ = ["known"]
 
 
 @pytest.fixture(scope="module")
