@@ -6,7 +6,7 @@ BIN := .venv/bin
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
-	$(BIN)/cpcal demo -o demo
+	$(BIN)/cpcal demo -o demo --force
 
 # a file's tests stay with one worker, which makes what they share once; files in their order, the long ones early
 test: .venv/.installed-dev

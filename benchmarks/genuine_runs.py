@@ -14,8 +14,6 @@ import numpy as np
 from typer.testing import CliRunner
 
 from benchmarks.pose_sets import drawn_pose, shown
-from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
-from cpcal.accuracy.findings import save_accuracy
 from cpcal.calibration import calibrate_study
 from cpcal.cli import app
 from cpcal.files import save_campaign
@@ -23,7 +21,8 @@ from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.models.hand_eye import save_hand_eye, simulate_hand_eye
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.questions import certify
-from cpcal.questions.fits import certify_fits
+from cpcal.questions.accuracy import NamedPoses, certify_accuracy, save_accuracy
+from cpcal.questions.points import certify_fits
 from cpcal.robot import Pose
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -31,16 +31,16 @@ from typing import Any
 import numpy as np
 
 import cpcal
-from cpcal.accuracy.accuracy import distances
-from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
 from cpcal.models import fit_model
 from cpcal.models.hand_eye import SETUPS, simulate_hand_eye, study_json
 from cpcal.models.leg_set import AskedSet, certified_set
 from cpcal.models.platform import pose_bounds
-from cpcal.questions.bracket import verified_rows
+from cpcal.questions.accuracy import distances
 from cpcal.questions.hand_eye import Within, certify_hand_eye, save_hand_eye_result, verify_hand_eye
+from cpcal.questions.next_poses import chebyshev, exactly, joined_campaign
+from cpcal.questions.points import verified_rows
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE

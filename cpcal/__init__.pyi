@@ -1,15 +1,17 @@
-from .accuracy import Accuracy, NamedPoses, certify_accuracy
 from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .models import LegModel, Measured, Parameter, Workspace
 from .questions import (
+    Accuracy,
     DataCheck,
     LegResult,
+    NamedPoses,
     PointResult,
     Result,
     VerifiedPoint,
     certify,
+    certify_accuracy,
     certify_point,
     check_data,
     compare,
@@ -17,7 +19,6 @@ from .questions import (
     save_result,
     status_of,
     verdict_of,
-    with_ranges,
 )
 from .report import write_report
 from .robot import Campaign, Robot
@@ -119,6 +120,5 @@ __all__ = [
     "tan",
     "tanh",
     "verdict_of",
-    "with_ranges",
     "write_report",
 ]

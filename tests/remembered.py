@@ -21,6 +21,8 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[tuple[bytes, ...], Accepted] = {}
 
     def once(path: Path, *given: Any, **options: Any) -> Accepted:
+        if not path.is_file():
+            return check(path, *given, **options)
         of = path.with_name("campaign.json")
         key = path.read_bytes(), of.read_bytes() if of.exists() else b""
         if key not in known:

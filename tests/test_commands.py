@@ -24,10 +24,10 @@ SHORT = {
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "image": "tests/vision, tests/cli/test_images.py, tests/cli/test_pose_sets.py",
     "verify sets": "tests/cli/test_pose_sets.py",
-    "accuracy": "tests/accuracy",
+    "accuracy": "tests/questions/test_accuracy.py",
     "import": "tests/cli/test_import.py, tests/test_your_data.py",
     "solve": "tests/problems",
-    "certify campaign -o run --model stretched": "tests/legs/test_known.py",
+    "certify campaign -o run --model stretched": "tests/models/test_known_models.py",
     "report run": "tests/cli/test_report.py",
 }
 

@@ -34,45 +34,46 @@ _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadPar
 @contextlib.contextmanager
 def leaving() -> Iterator[None]:
     """Turns what was raised inside into a message and an exit status (`cpcal.cli`), warnings into a line each."""
-    shown, warnings.showwarning = warnings.showwarning, _warn
+    shown, warnings.showwarning = warnings.showwarning, lambda message, *_, **__: _say(f"warning: {message}")
     try:
         yield
         sys.stdout.flush()
     except _TYPER:
         raise
     except CpcalError as error:
-        _leave(Status.UNUSABLE, "\n".join(map(printable, str(error).split("\n"))))
+        _leave(Status.UNUSABLE, *str(error).split("\n"))
     except KeyboardInterrupt as stop:
         reason = stop.reason if isinstance(stop, Stopped) else Reason.INTERRUPTED
         _leave(Status(reason), reason.sentence)
     except MemoryError as error:
-        _leave(Status.UNUSABLE, printable(f"too little memory: {error or 'nothing is left'}"))
+        _leave(Status.UNUSABLE, f"too little memory: {error or 'nothing is left'}")
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise  # nobody reads on: click leaves without a word
-        _give_up_stdout()
+        with contextlib.suppress(OSError, ValueError):  # what is left in a buffer must not fail again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         name = "" if error.filename is None else f"{error.filename}: "
-        _leave(Status.UNUSABLE, printable(f"{name}{error.strerror or error}"))
+        _leave(Status.UNUSABLE, f"{name}{error.strerror or error}")
     except Exception as error:
         if os.environ.get("CPCAL_TRACEBACK"):
             traceback.print_exc()
-        _leave(Status.INTERNAL, internal(error))
+        frames = reversed(traceback.extract_tb(error.__traceback__))
+        place = next((f for f in frames if "cpcal" in f.filename or "contractors" in f.filename), None)
+        at = "" if place is None else f" at {os.path.basename(place.filename)}:{place.lineno}"
+        what = f"{type(error).__name__}{at}: {error}"[:300]
+        _leave(Status.INTERNAL, f"internal error, please report it with the command and its files ({what})")
     finally:
         warnings.showwarning = shown
 
 
-def _warn(message: Warning | str, *_: object, **__: object) -> None:
+def _say(*lines: str) -> None:
     with contextlib.suppress(OSError):
-        typer.echo(printable(f"cpcal: warning: {message}"), err=True)
+        typer.echo("cpcal: " + "\n".join(map(printable, lines)), err=True)
 
 
-def internal(error: Exception) -> str:
-    """The sentence on an internal error: what, where, and a request for a report."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = next((f for f in reversed(frames) if "cpcal" in f.filename or "contractors" in f.filename), None)
-    at = "" if place is None else f" at {os.path.basename(place.filename)}:{place.lineno}"
-    what = f"{type(error).__name__}{at}: {error}"[:300]
-    return printable(f"internal error, please report it with the command and its files ({what})")
+def _leave(status: Status, *message: str) -> None:
+    _say(*message)
+    raise typer.Exit(status) from None
 
 
 def refuse_empty(arguments: Sequence[str]) -> None:
@@ -84,18 +85,6 @@ def refuse_empty(arguments: Sequence[str]) -> None:
             problems.append(Problem(f"argument {name}", "is empty", "name a file, a folder or a value"))
     if problems:
         raise InputError(problems)
-
-
-def _leave(status: Status, message: str) -> None:
-    with contextlib.suppress(OSError):
-        typer.echo(f"cpcal: {message}", err=True)
-    raise typer.Exit(status) from None
-
-
-def _give_up_stdout() -> None:
-    """What is left in the buffer of a full disk must not fail again at the end."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -123,12 +112,10 @@ class Verb(NamedTuple):
 
     @property
     def epilog(self) -> str:
-        said = (
-            ()
-            if self.statuses is None
-            else (f"Exit status: **0** {self.statuses[0]}, **1** {self.statuses[1]}, {_ENDS}",)
-        )
-        return "\n\n".join((f"Example: `cpcal {self.example}`", *said))
+        said = [f"Example: `cpcal {self.example}`"]
+        if self.statuses is not None:
+            said.append(f"Exit status: **0** {self.statuses[0]}, **1** {self.statuses[1]}, {_ENDS}")
+        return "\n\n".join(said)
 
     @property
     def summary(self) -> str:
@@ -203,9 +190,7 @@ class _Verbs(TyperGroup):
         begins = f"{group} " if group else ""
         names = [name.removeprefix(begins) for name in VERBS if name.startswith(begins)]
         self.begins, self.names = begins, list(dict.fromkeys(name.split()[0] for name in names))
-        self.commands = {
-            name: TyperCommand(name) for name in self.names
-        }  # stand-ins: their names are all that is asked for
+        self.commands = {name: TyperCommand(name) for name in self.names}  # stand-ins: only their names are asked for
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in GROUPS and not self.begins:

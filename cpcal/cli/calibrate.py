@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated, Any, Literal
 
 from cpcal.calibration import (
     RECORD_NAME,
@@ -18,8 +15,18 @@ from cpcal.calibration import (
     calibrate_study,
     save_record,
 )
-from cpcal.cli.certify import warn
-from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, output
+from cpcal.calibration.statistics import Of
+from cpcal.cli.certify import warned
+from cpcal.cli.options import (
+    CAMPAIGN,
+    VALIDATION,
+    Talk,
+    argument,
+    check_writable,
+    option,
+    output,
+    refuse_options,
+)
 from cpcal.cli.sections import show_table
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import unwritable
@@ -27,19 +34,15 @@ from cpcal.files import load_study, save_campaign
 from cpcal.report import study_page
 from cpcal.report.study_page import summary
 
-# ------------------------------------------------------------------------------------------------------------------
-# The options of an uncertainty budget: what all readings share and no repeat shows.
-
-_PANEL = "Uncertainty budget (GUM): standard uncertainties of what all readings share"
-
 
 def _input(metavar: str, help: str) -> Any:
-    return typer.Option(metavar=metavar, help=help, rich_help_panel=_PANEL)
+    panel = "Uncertainty budget (GUM): standard uncertainties of what all readings share"
+    return option(metavar, help, rich_help_panel=panel)
 
 
 @dataclass(frozen=True)
 class BudgetFlags:
-    """Left out: not stated. The budget is made where any is given."""
+    """The arguments of `Inputs`. Left out: not stated. The budget is made where any is given."""
 
     camera_scale: Annotated[
         float | None, _input("REL", "Of the distances that the camera gives (focal length), relative.")
@@ -54,45 +57,23 @@ class BudgetFlags:
         int | None, _input("N", "Check U by Monte Carlo with so many simulated studies (GUM Supplement 1).")
     ] = None
 
-    def checked(self) -> Inputs | None:
-        """What was stated; None where nothing was. Raises InputError."""
-        names = ("camera_scale", "target_scale", "lens", "sensor_scale", "temperature")
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if given:
-            return Inputs.of(given)
-        if self.trials is not None:
-            what = "has no meaning without a standard uncertainty"
-            raise InputError([Problem("option --trials", what, "state one, such as --camera-scale 1e-4")])
-        return None
-
-
-class SetOf(StrEnum):
-    MEAN = "mean"
-    SINGLE = "single"
-
-
-class FrameName(StrEnum):
-    MEASURED = study_page.MEASURED
-    DRAWING = study_page.DRAWING
-
 
 def calibrate(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
+    study: Annotated[Path, argument("STUDY", "Folder of study.toml and two tables of poses.")],
     folder: Annotated[Path, output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there.")],
-    factor: Annotated[float, typer.Option(help="Half-width of the reading sets, in standard deviations.")] = 3.0,
+    factor: Annotated[float, option(None, "Half-width of the reading sets, in standard deviations.")] = 3.0,
     of: Annotated[
-        SetOf,
-        typer.Option(
-            help="Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
-            "reading (the paper's choice; wider by the root of the number of repeats)."
+        Of,
+        option(
+            None,
+            "Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
+            "reading (the paper's choice; wider by the root of the number of repeats).",
         ),
-    ] = SetOf.MEAN,
+    ] = "mean",
     frame: Annotated[
-        FrameName,
-        typer.Option(
-            help="In which the parameters are printed: measured (of camera and target), or laid on the drawing."
-        ),
-    ] = FrameName.DRAWING,
+        Literal["measured", "drawing"],
+        option(None, "In which the parameters are printed: measured (of camera and target), or laid on the drawing."),
+    ] = "drawing",
     *,
     options: BudgetFlags,
     talk: Talk,
@@ -104,16 +85,21 @@ def calibrate(
     """
     if not 0.0 < factor < float("inf"):
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
-    inputs = options.checked()
+    stated = {name: value for name, value in asdict(options).items() if value is not None}
+    trials = stated.pop("trials", None)
+    if trials is not None and not stated:
+        remedy = "state one, such as --camera-scale 1e-4"
+        refuse_options(["trials"], "without a standard uncertainty", remedy)
+    inputs = Inputs.of(stated)
     check_writable(folder)
-    found = calibrate_study(load_study(study), factor=factor, of=of.value)
+    found = calibrate_study(load_study(study), factor=factor, of=of)
     record = found.record
-    if inputs is not None:
-        made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=options.trials)
+    if stated:
+        made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=trials)
         record = replace(record, budget=made)
-    warn(found.campaign)
+    warned(found.campaign)
     write_calibration(found, record, folder)
-    show_record(talk, record, frame.value)
+    show_record(talk, record, frame)
     talk.say(f"Campaign to certify: {folder / CAMPAIGN}. All parameters and figures: {folder / RECORD_NAME}")
 
 
@@ -128,7 +114,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DRAWING.value) -> None:
+def show_record(talk: Talk, record: CalibrationRecord, frame: str = study_page.DRAWING) -> None:
     """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
     if not talk.verbose:
         talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from enum import StrEnum
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import typer
 
-from cpcal.cli.options import Status, Talk, check_new, output
+from cpcal.cli.options import (
+    CampaignFolder,
+    Force,
+    Status,
+    Talk,
+    argument,
+    check_new,
+    option,
+    output,
+    refuse_options,
+)
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
@@ -39,25 +47,20 @@ from cpcal.simulate import simulate_study
 # `cpcal robot`: the catalogue of robots, and a campaign.toml to fill in.
 
 
-class Action(StrEnum):
-    INIT = "init"
-    LIST = "list"
-
-
 def robot(
-    action: Annotated[Action, typer.Argument(help="list: the robots that cpcal knows. init: a campaign.toml.")],
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="A known robot, or what your own is to be called.")
-    ] = None,
+    action: Annotated[
+        Literal["init", "list"], argument("ACTION", "list: the robots that cpcal knows. init: a campaign.toml.")
+    ],
+    name: Annotated[str | None, argument("[NAME]", "A known robot, or what your own is to be called.")] = None,
     file: Annotated[Path, output("FILE", "The file for init, which must not be there yet.")] = Path("campaign.toml"),
-    legs: Annotated[int, typer.Option(help="Legs of your own robot.")] = 6,
+    legs: Annotated[int, option(None, "Legs of your own robot.")] = 6,
 ) -> None:
     """List the robots with published dimensions, or write a commented campaign.toml to fill in for a robot.
 
     Example: `cpcal robot init deltalab -o table.toml`, or `cpcal robot init "our crane" --legs 8`
     """
     talk = Talk()
-    if action is Action.LIST:
+    if action == "list":
         talk.say(*(f"{key}: {one.robot.name}, {one.robot.legs} legs. {one.source}" for key, one in ROBOTS.items()))
         return
     if name is None:
@@ -79,53 +82,46 @@ class ImportFlags:
     """What a log does not say of itself."""
 
     robot: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|FILE", help="A robot of `cpcal robot list`, or a campaign.toml (`cpcal robot init`)."
-        ),
+        str, option("NAME|FILE", "A robot of `cpcal robot list`, or a campaign.toml (`cpcal robot init`).")
     ]
     columns: Annotated[
         str,
-        typer.Option(
+        option(
+            "MAP",
+            'Which columns are which, with units: "x=Tx[m], r1=Rx, L1=#8". Not needed for columns with the names of '
+            "measurements.csv.",
             "--map",
-            metavar="MAP",
-            help='Which columns are which, with units: "x=Tx[m], r1=Rx, L1=#8". Not needed for columns with the names '
-            "of measurements.csv.",
         ),
     ] = ""
     rotation: Annotated[
         str,
-        typer.Option(
-            metavar="FORM",
-            help="quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
+        option(
+            "FORM",
+            "quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
             "euler-ZYX-deg (turned axes), ... Columns: qw..qz, r11..r33, rx ry rz, or r1 r2 r3 in the order of the "
             "letters.",
         ),
     ] = "quaternion-wxyz"
     sigma: Annotated[
         str | None,
-        typer.Option(
-            metavar="SIGMAS",
-            help='Standard deviations: "position=0.05[mm], rotation=0.01[deg], length=0.02[mm]".',
+        option(
+            "SIGMAS",
+            'Standard deviations: "position=0.05[mm], rotation=0.01[deg], length=0.02[mm]".',
             show_default="those of the campaign.toml",
         ),
     ] = None
-    factor: Annotated[float, typer.Option(help="Half-widths are this many standard deviations.")] = 3.0
-    exact: Annotated[bool, typer.Option("--exact", help="Call all readings exact instead.")] = False
-    separator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="comma, semicolon, tab or blank.", show_default="guessed")
-    ] = None
-    decimal: Annotated[str | None, typer.Option(metavar="NAME", help="point or comma.", show_default="guessed")] = None
-    header: Annotated[
-        int | None, typer.Option(metavar="LINE", help="The line that names the columns.", show_default="guessed")
-    ] = None
-    preview: Annotated[bool, typer.Option("--preview", help="Show what would be written, and write nothing.")] = False
-    anyway: Annotated[bool, typer.Option("--anyway", help="Write also what looks mixed up.")] = False
-    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False
+    factor: Annotated[float, option(None, "Half-widths are this many standard deviations.")] = 3.0
+    exact: Annotated[bool, option(None, "Call all readings exact instead.", "--exact")] = False
+    separator: Annotated[str | None, option("NAME", "comma, semicolon, tab or blank.", show_default="guessed")] = None
+    decimal: Annotated[str | None, option("NAME", "point or comma.", show_default="guessed")] = None
+    header: Annotated[int | None, option("LINE", "The line that names the columns.", show_default="guessed")] = None
+    preview: Annotated[bool, option(None, "Show what would be written, and write nothing.", "--preview")] = False
+    anyway: Annotated[bool, option(None, "Write also what looks mixed up.", "--anyway")] = False
+    force: Force = False
 
 
 def import_log(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The log: a table as text, in any usual form.")],
+    file: Annotated[Path, argument("FILE", "The log: a table as text, in any usual form.")],
     folder: Annotated[Path, output("DIR", "Folder for the campaign.")],
     options: ImportFlags,
 ) -> Status:
@@ -222,9 +218,7 @@ def _off(each: Sequence[float]) -> str:
 # `cpcal check`: is the data good enough before a long run?
 
 
-def check(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
-) -> Status:
+def check(campaign: CampaignFolder) -> Status:
     """Look for what is wrong with a CAMPAIGN before it is certified: units, orders, frames, odd rows, open parameters.
 
     Says what each leg's parameters can be expected to be known to. Estimates in floating point: nothing is proved.
@@ -253,88 +247,65 @@ def check(
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The options of `cpcal simulate`, by what they belong to. None: not given; what is simulated has its own default.
+# `cpcal simulate`. None: not given; what is simulated has its own default.
 
 _STUDY = "Study: the paper's experiment (--study)"
 _LEGS = "Imperfect legs (--study): what seven parameters a leg leave out; 0: perfect"
+_OF_CAMPAIGNS = ("extremal", "factor")
+_OF_STUDIES = (
+    *("validation_runs", "images", "render"),
+    *("axis_offset", "joint_offset", "backlash", "friction", "sag", "gain"),
+)
 
 
-def _study_flag(metavar: str | None = None, *names: str, help: str) -> Any:
-    return typer.Option(*names, metavar=metavar, help=help, rich_help_panel=_STUDY)
+def _study(metavar: str | None, help: str, *names: str) -> Any:
+    return option(metavar, help, *names, rich_help_panel=_STUDY)
 
 
 def _leg(metavar: str, help: str) -> Any:
-    return typer.Option(metavar=metavar, help=help, rich_help_panel=_LEGS)
+    return option(metavar, help, rich_help_panel=_LEGS)
 
 
 @dataclass(frozen=True)
-class CommonFlags:
-    """Of campaigns and studies."""
+class SimulateFlags:
+    """The arguments of `cpcal.simulate` and `cpcal.simulate_study`."""
 
     seed: Annotated[
-        int,
-        typer.Option(help="The same seed gives the same files, with the same cpcal, numpy and kind of processor."),
+        int, option(None, "The same seed gives the same files, with the same cpcal, numpy and kind of processor.")
     ] = 1
-    runs: Annotated[
-        int | None, typer.Option(help="Measurements of each configuration [default: 1; of a study: 11]")
-    ] = None
+    runs: Annotated[int | None, option(None, "Measurements of each configuration [default: 1; of a study: 11]")] = None
     random_poses: Annotated[
         int | None,
-        typer.Option(
-            help="Random configurations, on top of the extremal ones [default: 0], or to validate a study [64]"
-        ),
+        option(None, "Random configurations, on top of the extremal ones [default: 0], or to validate a study [64]"),
     ] = None
-    joint_error: Annotated[
-        float, typer.Option(metavar="MM", help="Amplitude of an error that 7 parameters a leg cannot describe.")
-    ] = 0.0
-    noise: Annotated[float, typer.Option(help="Scale of the paper's standard deviations.")] = 1.0
-    truncate: Annotated[float | None, typer.Option(help="Draw noise beyond this many standard deviations again.")] = (
-        None
-    )
-    deviation: Annotated[
-        float, typer.Option(metavar="MM", help="Standard deviation of true parameters from nominal ones.")
-    ] = 1.0
+    joint_error: Annotated[float, option("MM", "Amplitude of an error that 7 parameters a leg cannot describe.")] = 0.0
+    noise: Annotated[float, option(None, "Scale of the paper's standard deviations.")] = 1.0
+    truncate: Annotated[float | None, option(None, "Draw noise beyond this many standard deviations again.")] = None
+    deviation: Annotated[float, option("MM", "Standard deviation of true parameters from nominal ones.")] = 1.0
     stroke: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="SHORT LONG", help="Shortest and longest reading, mm.", show_default="the robot's"),
+        option("SHORT LONG", "Shortest and longest reading, mm.", show_default="the robot's"),
     ] = None
-
-
-@dataclass(frozen=True)
-class CampaignFlags:
-    """Without --study."""
-
     extremal: Annotated[
-        bool | None, typer.Option("--extremal/--no-extremal", help="Whether to take the 64 extremal configurations.")
+        bool | None, option(None, "Whether to take the 64 extremal configurations.", "--extremal/--no-extremal")
     ] = None
     factor: Annotated[
         float | None,
-        typer.Option(help="Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"),
+        option(None, "Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"),
     ] = None
-
-
-@dataclass(frozen=True)
-class StudyFlags:
-    """With --study."""
-
-    validation_runs: Annotated[int | None, _study_flag(help="Runs of each random configuration [default: 10]")] = None
+    study: Annotated[bool, _study(None, "A study: a target seen by a camera, both frames unknown.", "--study")] = False
+    validation_runs: Annotated[int | None, _study(None, "Runs of each random configuration [default: 10]")] = None
     images: Annotated[
-        int | None, _study_flag(help="Rows of single images in each run [default: one row, the mean of 10]")
+        int | None, _study(None, "Rows of single images in each run [default: one row, the mean of 10]")
     ] = None
     render: Annotated[
         bool | None,
-        _study_flag(
+        _study(
             None,
+            "Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
             "--render",
-            help="Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
         ),
     ] = None
-
-
-@dataclass(frozen=True)
-class LegFlags:
-    """With --study: what is imperfect about the legs."""
-
     axis_offset: Annotated[float | None, _leg("MM", "Distance of the two axes of each lower joint.")] = None
     joint_offset: Annotated[float | None, _leg("MM", "Offsets of the three axes of each upper joint.")] = None
     backlash: Annotated[float | None, _leg("MM", "Clearance along each leg; its side follows the load.")] = None
@@ -350,56 +321,44 @@ class LegFlags:
     gain: Annotated[float | None, _leg("REL", "Relative error of each length sensor, about mid-stroke.")] = None
 
 
-def _given(*groups: Any) -> dict[str, Any]:
-    """The options that have a value."""
-    return {f.name: value for one in groups for f in fields(one) if (value := getattr(one, f.name)) is not None}
-
-
 def simulate(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help=f"One of: {', '.join(ROBOTS)}.")],
+    robot: Annotated[str, argument("ROBOT", f"One of: {', '.join(ROBOTS)}.")],
     folder: Annotated[Path, output("DIR", "Folder for what is simulated.")],
-    common: CommonFlags,
-    plain: CampaignFlags,
-    study: Annotated[
-        bool, _study_flag(None, "--study", help="A study: a target seen by a camera, both frames unknown.")
-    ] = False,
-    *,
-    of_study: StudyFlags,
-    legs: LegFlags,
-    force: Annotated[bool, typer.Option("--force", help="Replace what is in a folder that is not empty.")] = False,
+    options: SimulateFlags,
+    force: Force = False,
 ) -> None:
     """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study.
 
     `cpcal robot list` says where the dimensions of each ROBOT are published.
     """
-    strange = _given(plain) if study else _given(of_study, legs)
-    where, remedy = ("with --study", "leave it out") if study else ("without --study", "add --study, or leave it out")
-    if strange:
-        what = f"has no meaning {where}"
-        raise InputError([Problem(f"option --{name.replace('_', '-')}", what, remedy) for name in strange])
+    given = {name: value for name, value in asdict(options).items() if value is not None}
+    if given.pop("study"):
+        refuse_options((name for name in _OF_CAMPAIGNS if name in given), "with --study")
+    else:
+        remedy = "add --study, or leave it out"
+        refuse_options((name for name in _OF_STUDIES if name in given), "without --study", remedy)
     check_new(folder, force=force)
     nominal = known_robot(robot)
-    if study:
-        rows = _study(nominal, folder, {"stroke": nominal.stroke} | _given(common, of_study, legs))
-    else:
-        campaign = simulate_campaign(nominal.robot, **_range(nominal, common), **_given(plain))
-        save_campaign(campaign, folder)
-        rows = f"{len(campaign):,} measurements"
-    Talk().say(f"{nominal.robot.name}: {rows} (seed {common.seed}) in {folder}")
+    rows = _write_study(nominal, folder, given) if options.study else _write_campaign(nominal, folder, given)
+    Talk().say(f"{nominal.robot.name}: {rows} (seed {options.seed}) in {folder}")
 
 
-def _range(nominal: KnownRobot, common: CommonFlags) -> dict[str, Any]:
-    """The common options, and where the robot is measured. Raises InputError for a stroke where poses are chosen."""
-    if nominal.workspace is None:
-        return {"stroke": nominal.stroke} | _given(common)
-    if common.stroke is not None:
-        what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
-        raise InputError([Problem("option --stroke", what, "leave it out")])
-    return {"workspace": nominal.workspace} | _given(common)
+def _write_campaign(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
+    """How many measurements, in words. Raises InputError for a stroke where poses are chosen."""
+    where: dict[str, Any] = {"stroke": nominal.stroke}
+    if nominal.workspace is not None:
+        where = {"workspace": nominal.workspace}
+        if "stroke" in given:
+            what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
+            raise InputError([Problem("option --stroke", what, "leave it out")])
+    campaign = simulate_campaign(nominal.robot, **where | given)
+    save_campaign(campaign, folder)
+    return f"{len(campaign):,} measurements"
 
 
-def _study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
+def _write_study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
     """Write a study, or images of one; how many, in words."""
+    given = {"stroke": nominal.stroke} | given
     if given.pop("render", False):
         from cpcal.cli.image import shot_study, write_shots  # the other verbs here start sooner without
 

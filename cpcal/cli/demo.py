@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -15,7 +14,7 @@ from cpcal.calibration import CalibrationRecord, calibrate_study
 from cpcal.calibration.statistics import Of
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
-from cpcal.cli.image import IMAGES, SHOTS, TABLES, detected, enclosed, shot_study, write_shots
+from cpcal.cli.image import IMAGES, TABLES, detected, enclosed, shot_study, write_shots
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
@@ -25,35 +24,33 @@ from cpcal.cli.options import (
     RUN,
     STUDY,
     TIMEOUT,
-    VALIDATION,
+    Force,
     Status,
     Talk,
     check_new,
+    option,
     output,
 )
 from cpcal.cli.progress import Legs, line
 from cpcal.cli.report import study_found
 from cpcal.common.files import write_file
-from cpcal.common.numbers import about, bracket_text, nearest, stated
+from cpcal.common.numbers import stated
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN
-from cpcal.models.sight import CameraSet, Enclosing, PoseSet, TargetSet, campaign_of
+from cpcal.models.sight import CameraSet, Enclosing, TargetSet, campaign_of
 from cpcal.questions import Result, certify, save_result
-from cpcal.questions.ask import question_of
-from cpcal.questions.fits import certify_fits
-from cpcal.report.section import Picture, picture
-from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
-from cpcal.robot import DELTALAB, Campaign, Study, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.questions.points import certify_fits
+from cpcal.questions.question import question_of
+from cpcal.report.study_page import render_study
+from cpcal.robot import DELTALAB, Campaign, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder
 from cpcal.vision.batch.study_images import RenderedImages, study_table
-from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, by_reason, readings_of, values_of
+from cpcal.vision.files.detection import readings_of
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.measure import NotMeasured, measure_pose
-from cpcal.vision.render import overlay
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice
@@ -78,13 +75,13 @@ PLAN = DemoPlan()
 
 def demo(
     folder: Annotated[Path, output("DIR", "Folder for the study and all that follows from it.")] = Path("cpcal-demo"),
-    seed: Annotated[int, typer.Option(help="Of the simulated robot and its readings.")] = 1,
+    seed: Annotated[int, option(None, "Of the simulated robot and its readings.")] = 1,
     images: Annotated[
-        bool, typer.Option("--images", help="Render images of the study, and find its poses in them.")
+        bool, option(None, "Render images of the study, and find its poses in them.", "--images")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+    force: Force = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from where a stopped demo of the same options was.")
+        bool, option(None, "Go on in DIR, from where a stopped demo of the same options was.", "--resume")
     ] = False,
     *,
     talk: Talk,
@@ -97,42 +94,32 @@ def demo(
     also DIR/images and what was found in them, and a campaign whose reading sets are proved from pixels, certified too.
     A certificate that the checker refuses makes the exit status 1.
     """
-    check_new(folder, force=force or _is_earlier_demo(folder))
-    for name in (REPORT_NAME, IMAGES_NAME):  # what is older must not stand beside newer results
-        (folder / name).unlink(missing_ok=True)
+    check_new(folder, force=force or resume)
+    (folder / REPORT_NAME).unlink(missing_ok=True)  # what is older must not stand beside newer results
     photos = _images(folder, seed, talk) if images else None
     given: dict[str, Any] = {"seed": seed, **PLAN.size, **PLAN.imperfect}
-    study = photos.study if photos else simulate_study(**given)
+    study = simulate_study(**given) if photos is None else photos[0]
     save_study(study, folder / STUDY)
-    record = _calibrated(folder, seed, talk)
+    how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
+    talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
+    found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
+    write_calibration(found, found.record, folder)
+    show_record(talk, found.record)
     campaign = load_campaign(folder / CAMPAIGN)
-    _fits(campaign, record, folder / FITS, talk)
+    _fits(campaign, found.record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
-        question = replace(question_of(of, legs=PLAN.legs), whole=True)
+        question = question_of(of, legs=PLAN.legs, ranges=True)
         return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
 
     result = run(RUN, campaign)
     _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
     if photos is not None:
-        talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
-        sets, pixel = _pixel_campaign(photos, campaign, folder, talk)
-        found = _images_found(photos, sets, (pixel, campaign), (run(PIXEL_RUN, pixel), result))
-        save_images(found, folder)
+        run(PIXEL_RUN, _pixel_campaign(*photos, campaign, folder, talk))
     accepted, whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
     return status_of(result) if accepted else Status.UNKNOWN
-
-
-def _is_earlier_demo(folder: Path) -> bool:
-    """Whether a folder holds a study that `cpcal demo` wrote, or the poses found so far, and nothing besides."""
-    known = {"calibration.json", IMAGES, "images.json", "report.html", STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT}
-    known |= {PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN, *SHOTS}
-    begun = folder / "poses-calibration.csv.journal"
-    if not ((folder / STUDY / "study.toml").is_file() or begun.is_file()):
-        return False
-    return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())
 
 
 def _unless_stopped(certified: Callable[[], Result]) -> Result:
@@ -142,16 +129,6 @@ def _unless_stopped(certified: Callable[[], Result]) -> Result:
         if result.interrupted:
             raise typer.Exit(status_of(result))
         return result
-
-
-def _calibrated(folder: Path, seed: int, talk: Talk) -> CalibrationRecord:
-    """Read the study, calibrate, write, show."""
-    how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
-    talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
-    found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
-    write_calibration(found, found.record, folder)
-    show_record(talk, found.record)
-    return found.record
 
 
 def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Talk) -> None:
@@ -171,7 +148,7 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
     talk.say(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
     limits: dict[str, Any] = {"time_limit": PLAN.timeout_seconds, "gap": PLAN.timeout_gap}
-    with line(talk.errors) as shown:
+    with line(talk.console()) as shown:
         timeout = certify(campaign, legs=legs, method="timeout", progress=Legs(shown), **limits)
     save_result(timeout, folder, campaign)
     show_result(replace(talk, verbose=False), campaign, timeout, PLAIN)
@@ -183,18 +160,8 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
 # campaign, whose reading sets are proved from pixel boxes, one image a configuration.
 
 
-@dataclass(frozen=True)
-class ImageStudy:
-    """A study whose poses come from images. `exact` has the poses that were rendered, row by row of all images."""
-
-    study: Study
-    exact: Study
-    shots: Mapping[str, RenderedImages]
-    found: Mapping[str, Detections]
-
-
-def _images(folder: Path, seed: int, talk: Talk) -> ImageStudy:
-    """Render and detect; images are files below `folder`."""
+def _images(folder: Path, seed: int, talk: Talk) -> tuple[Study, RenderedImages, Detections]:
+    """Render and detect: a study whose poses come from images below `folder`; and those of its calibration."""
     exact, shots = shot_study(DELTALAB, {"seed": seed, **PLAN.imperfect, **PLAN.photographs})
     talk.say(f"Images: {sum(len(images.names) for images in shots.values()):,}, rendered in {folder / IMAGES}")
     write_shots(exact, shots, folder)
@@ -204,18 +171,20 @@ def _images(folder: Path, seed: int, talk: Talk) -> ImageStudy:
         found[name] = detected(source, shots[name].target, camera, folder / f"poses-{name}.csv", talk)
         tables.append(study_table(found[name].rows, readings_of(true)))
     study = Study(exact.robot, tables[0], tables[1], exact.truth, {**exact.provenance, "poses": "from rendered images"})
-    return ImageStudy(study, exact, shots, found)
+    return study, shots["calibration"], found["calibration"]
 
 
 def _pixel_campaign(
-    done: ImageStudy, campaign: Campaign, folder: Path, talk: Talk
-) -> tuple[Mapping[str, PoseSet], Campaign]:
-    """Pose sets by the image's name, one image of each (of every n-th) configuration of `campaign`, and their campaign.
+    study: Study, images: RenderedImages, seen: Detections, campaign: Campaign, folder: Path, talk: Talk
+) -> Campaign:
+    """A campaign whose poses are proved from one image of each (of every n-th) configuration of `campaign`.
 
-    It has those that are proved, and the legs' reading sets of the other one. Raises InputError.
+    The camera and the plate are assumed exact: the images were rendered with them. It has the legs' reading sets of the
+    other one. Raises InputError.
     """
-    images, first = done.shots["calibration"], dict[str, str]()
-    for row in done.found["calibration"].rows:
+    talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
+    first: dict[str, str] = {}
+    for row in seen.rows:
         if row.found:
             first.setdefault(PurePosixPath(row.file).parts[0], row.file)
     rows = {first[campaign.pose[k]]: k for k in range(0, len(campaign), PLAN.enclosed)}
@@ -223,8 +192,12 @@ def _pixel_campaign(
     work = Enclosing(images, *exact, HALF_WIDTH, 0, folder / PIXEL_SETS, {})
     sets = {one.file: one.found for one in enclosed(work, list(rows), talk) if one.found is not None}
     names = [name for name in rows if name in sets and sets[name].verdict is Verdict.PROVED]
+    holding = sum(images.pose(name) in sets[name] for name in names)
+    talk.say(
+        f"{len(names)} of {len(rows)} poses are enclosed, proved; the true pose lies in {holding} of the {len(names)}."
+    )
     proved, runs = [rows[name] for name in names], [PurePosixPath(name).parts[1] for name in names]
-    readings = readings_of(done.study.calibration)
+    readings = readings_of(study.calibration)
     said = f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; legs as in the other campaign"
     pixel = campaign_of(
         [sets[name] for name in names],
@@ -236,128 +209,4 @@ def _pixel_campaign(
         provenance={"reading sets": said},
     )
     save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    return sets, pixel
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What the demo's page says of the images that its study came from.
-
-_PACE = 14_784 / (3 * 3600.0)  # of the paper, images a second
-_PICTURES, _WIDTH = 6, 480
-_AXES = ("x [µm]", "y [µm]", "z [µm]", "rx [10⁻³ °]", "ry [10⁻³ °]", "rz [10⁻³ °]")
-
-
-def _images_found(
-    done: ImageStudy, sets: Mapping[str, PoseSet], campaigns: tuple[Campaign, Campaign], results: tuple[Result, Result]
-) -> ImagesFound:
-    """`campaigns`, `results`: from pixels, and from repeats."""
-    images = done.shots["calibration"]
-    scene, camera, target = images.scene, images.camera, images.target
-    count = sum(len(found.rows) for found in done.found.values())
-    light = [f"{100 * share:.0f} %" for share in scene.gradient]
-    rendered = (
-        f"The poses of this study come from {count:,} rendered images of {camera.width} x {camera.height} pixels: a "
-        f"camera with a focal length of {camera.focal[0]:.0f} pixels and an ordinary lens's distortion, aimed by eye, "
-        f"sees the target “{target.name}” of {len(target.dots)} dots. Blur {scene.blur:g} px, noise {scene.noise:g} "
-        f"grey levels of 256, light that grows by {light[0]} from left to right and by {light[1]} downwards."
-    )
-    detected = (
-        "Dots are found to a hundredth of a pixel or better, told apart by the cross-ratios along the two diagonals, "
-        "and the pose is fitted to where the model of an imaged dot says its centre should be."
-    )
-    proved = [name for name, one in sets.items() if one.verdict is Verdict.PROVED]
-    refuted = sum(one.verdict is Verdict.REFUTED for one in sets.values())
-    holding = sum(images.pose(name) in sets[name] for name in proved)
-    seconds = float(np.median([one.seconds for one in sets.values()]))
-    enclosed = (
-        f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was "
-        "found (the centre of its image); camera and plate are assumed exact: the images were rendered with them. "
-        f"Of {len(sets)} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} "
-        f"empty, both proved, in {about(seconds, 2)} s each with a certificate. The true pose lies in {holding} of the "
-        f"{len(proved)}. No page checks these proofs: `cpcal verify {PIXEL_SETS}` does. "
-        "The half-widths of the enclosures, beside those of the first campaign's reading sets:"
-    )
-    again = (
-        "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
-        "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
-        "each leg, for both campaigns:"
-    )
-    widths: list[tuple[str, ...]] = [("half-width, median", *_AXES)]
-    brackets: list[tuple[str, ...]] = [("leg", *(str(leg.leg) for leg in results[1].legs))]
-    for name, one, result in zip(("pixels", "repeats"), campaigns, results, strict=True):
-        radii = 1e3 * np.hstack([one.position_radius, np.degrees(one.rotation_radius)])
-        of = f"pixels ±{stated(HALF_WIDTH)}" if name == "pixels" else "repeats, as in table 3"
-        widths.append((of, *(nearest(float(v), 1) for v in np.median(radii, axis=0))))
-        bounds = [bracket_text(leg.bracket.lo, leg.bracket.hi) for leg in result.legs]
-        brackets.append((f"{name}: none below [mm]", *(lo for lo, _ in bounds)))
-        brackets.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
-    return ImagesFound(
-        (
-            ImagePart(
-                "Figure 2 and section 2.3: from images to poses",
-                (rendered, detected),
-                _counts(done),
-                tuple(_pictures(done)),
-            ),
-            ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
-            ImagePart("Time", (_pace(done),)),
-            ImagePart("Reading sets from pixels", (enclosed,), tuple(widths)),
-            ImagePart("", (again,), tuple(brackets)),
-        )
-    )
-
-
-def _pictures(done: ImageStudy) -> list[Picture]:
-    """Some images of the calibration, evenly spread."""
-    images = done.shots["calibration"]
-    rows = [row.file for row in done.found["calibration"].rows if row.found]
-    out = []
-    for name in [rows[k] for k in np.linspace(0, len(rows) - 1, min(_PICTURES, len(rows))).astype(int)]:
-        image = images.read(name)
-        try:
-            found = measure_pose(image, images.target, images.camera)
-        except NotMeasured:  # rendered anew it is the same image, so that this does not happen
-            continue
-        pose, run, shot = PurePosixPath(name).with_suffix("").parts
-        caption = f"configuration {pose}, run {run}, image {shot}: {len(found.numbers)} dots"
-        height = round(_WIDTH * image.shape[0] / image.shape[1])
-        out.append(picture(caption, overlay(image, found, images.target, images.camera, _WIDTH), (_WIDTH, height)))
-    return out
-
-
-def _counts(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    lines: list[tuple[str, ...]] = []
-    for name, found in done.found.items():
-        values = values_of(found.rows)
-        dots = np.median([row.dots for row in found.rows if row.found])
-        rms = np.median(values[:, RMS])
-        lines.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
-        for reason, files in by_reason(found.rows).items():
-            lines.append((f"no pose: {reason}", f"{len(files):,}", "", "", ""))
-    return (("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), *lines)
-
-
-def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
-    """Of all images, in the camera frame: errors in µm, and in 10⁻³ ° of the rotation vector."""
-    errors, sigmas = [], []
-    for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
-        row_of = {image: row for row, image in enumerate(done.shots[name].names)}
-        rows, values = [row_of[row.file] for row in found.rows if row.found], values_of(found.rows)
-        turn = quaternion_product(values[:, QUATERNION], quaternion_conjugate(table.quaternion[rows]))
-        errors.append(np.hstack([values[:, POSITION] - table.position[rows], rotation_vector(turn)]))
-        sigmas.append(values[:, SIGMA])
-    scaled = np.where(np.arange(6) < 3, 1e3, 1e3 * 180.0 / math.pi)
-    error, sigma = np.concatenate(errors) * scaled, np.concatenate(sigmas) * scaled
-    shown = {
-        "error, RMS": np.sqrt(np.mean(error**2, axis=0)),
-        "error, largest": np.abs(error).max(axis=0),
-        "stated standard deviation, RMS": np.sqrt(np.mean(sigma**2, axis=0)),
-        "error / its stated deviation, RMS": np.sqrt(np.mean((error / sigma) ** 2, axis=0)),
-    }
-    return (("", *_AXES), *((name, *(f"{v:.2f}" for v in row)) for name, row in shown.items()))
-
-
-def _pace(done: ImageStudy) -> str:
-    count, total = (sum(getattr(found, name) for found in done.found.values()) for name in ("measured", "seconds"))
-    pace = f"{count / total:.0f} images a second of work" if total > 0.0 else "No image was measured now"
-    return f"{pace}; the paper: {_PACE:.1f}."
+    return pixel

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.cli.options import Status, Talk, answer, check_new, check_target, output
+from cpcal.cli.options import Force, Status, Talk, answer, argument, check_new, option, output, warn
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
@@ -42,7 +41,6 @@ from cpcal.questions.hand_eye import (
     GAP,
     HandEyeResult,
     Within,
-    WrongImages,
     certify_hand_eye,
     find_wrong_images,
     load_hand_eye_result,
@@ -51,53 +49,33 @@ from cpcal.questions.hand_eye import (
 )
 from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.questions.next_images import next_poses
-from cpcal.report.hand_eye_page import (
-    HAND_EYE_PAGE,
-    WRONG_PAGE,
-    names_of,
-    sentences,
-    write_hand_eye,
-    write_wrong_images,
-    wrong_sentences,
-)
+from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye, write_wrong_images, wrong_sentences
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal handeye study`: from photographs, from pairs of poses, or simulated.
 
 
-class SetupName(StrEnum):
-    HAND = "eye-in-hand"
-    BASE = "eye-to-hand"
-
-
 def study(
     folder: Annotated[Path, output("DIR", "Folder for the study.")],
-    setup: Annotated[SetupName, typer.Option(help="Where the camera is.")] = SetupName.HAND,
-    photos: Annotated[Path | None, typer.Option(metavar="DIR", help="Photographs of a board.")] = None,
-    board: Annotated[str | None, typer.Option(metavar="BOARD", help=REMEDY.replace("write ", "Write ") + ".")] = None,
-    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="Of the photographs.")] = None,
-    poses: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.")
-    ] = None,
-    pairs: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")
-    ] = None,
-    millimetres: Annotated[bool, typer.Option("--mm", help="Translations of --pairs are in mm, not m.")] = False,
+    setup: Annotated[Setup, option(None, "Where the camera is.")] = "eye-in-hand",
+    photos: Annotated[Path | None, option("DIR", "Photographs of a board.")] = None,
+    board: Annotated[str | None, option("BOARD", REMEDY.replace("write ", "Write ") + ".")] = None,
+    camera: Annotated[Path | None, option("FILE", "Of the photographs.")] = None,
+    poses: Annotated[Path | None, option("CSV", "Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.")] = None,
+    pairs: Annotated[Path | None, option("YAML", "Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")] = None,
+    millimetres: Annotated[bool, option(None, "Translations of --pairs are in mm, not m.", "--mm")] = False,
     robot: Annotated[
-        Path | None,
-        typer.Option(metavar="STUDY", help="A parallel robot's study: its drawing and legs say where the platform is."),
+        Path | None, option("STUDY", "A parallel robot's study: its drawing and legs say where the platform is.")
     ] = None,
-    off: Annotated[
-        str | None, typer.Option(metavar="MM,DEG", help="How far each pose of the robot may be off, on each axis.")
-    ] = None,
-    size: Annotated[float, typer.Option(metavar="MM", help="Of the square that stands in for a marker.")] = 100.0,
-    simulated: Annotated[int | None, typer.Option("--simulate", metavar="N", help="Simulate N images.")] = None,
-    pixel_error: Annotated[float, typer.Option(metavar="PX", help="With --simulate: at most, on each axis.")] = 0.2,
-    position_error: Annotated[float, typer.Option(metavar="MM", help="With --simulate: of the robot.")] = 0.0,
-    rotation_error: Annotated[float, typer.Option(metavar="DEG", help="With --simulate: of the robot.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="With --simulate.")] = 1,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that holds something.")] = False,
+    off: Annotated[str | None, option("MM,DEG", "How far each pose of the robot may be off, on each axis.")] = None,
+    size: Annotated[float, option("MM", "Of the square that stands in for a marker.")] = 100.0,
+    simulated: Annotated[int | None, option("N", "Simulate N images.", "--simulate")] = None,
+    pixel_error: Annotated[float, option("PX", "With --simulate: at most, on each axis.")] = 0.2,
+    position_error: Annotated[float, option("MM", "With --simulate: of the robot.")] = 0.0,
+    rotation_error: Annotated[float, option("DEG", "With --simulate: of the robot.")] = 0.0,
+    seed: Annotated[int, option(None, "With --simulate.")] = 1,
+    force: Force = False,
 ) -> None:
     """Make a study for `cpcal handeye certify`: from --photos of a board, from --pairs of poses, or with --simulate.
 
@@ -110,19 +88,17 @@ def study(
     check_new(folder, force=force)
     left: list[str] = []
     if photos is not None:
-        made, left = _of_photos(photos, board, camera, poses, robot, setup.value)
+        made, left = _of_photos(photos, board, camera, poses, robot, setup)
     elif robot is not None:
         made = study_of_robot(load_study(robot))
     elif pairs is not None:
-        made = study_of_pairs(
-            *read_pose_pairs(pairs, setup=setup.value, metres=not millimetres), setup=setup.value, size=size
-        )
+        made = study_of_pairs(*read_pose_pairs(pairs, setup=setup, metres=not millimetres), setup=setup, size=size)
     else:
         images = simulated or 0
         if not 3 <= images <= 1000:
             raise InputError([Problem("option --simulate", f"is {images}", "give a number of images from 3 to 1000")])
         made = simulate_hand_eye(
-            setup=setup.value,
+            setup=setup,
             images=images,
             pixel_error=pixel_error,
             position_error=position_error,
@@ -155,13 +131,14 @@ def _of_photos(
     else:
         assert robot is not None
         given, setup = platform_poses(load_study(robot)), "eye-to-hand"
+    lens = load_camera(camera).camera
     if board.startswith(TARGET):
         target = load_target(board.removeprefix(TARGET))
-        return study_of_target_photos(photos, target, camera=load_camera(camera).camera, poses=given, setup=setup)
+        return study_of_target_photos(photos, target, camera=lens, poses=given, setup=setup)
     printed = PrintedBoard.parsed(board)
     if printed.looks_the_same_turned:
-        Talk().errors.print(f"warning: the board {board} looks the same upside down: {_TURNED}", soft_wrap=True)
-    return study_of_photos(photos, printed, camera=load_camera(camera).camera, poses=given, setup=setup)
+        warn(f"warning: the board {board} looks the same upside down: {_TURNED}")
+    return study_of_photos(photos, printed, camera=lens, poses=given, setup=setup)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -169,34 +146,26 @@ def _of_photos(
 
 
 def certify(
-    folder: Annotated[
-        Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
-    ],
+    folder: Annotated[Path, argument("STUDY", "Folder of handeye.toml, a camera file, poses.csv, points.csv.")],
     run: Annotated[
         Path | None, output("DIR", "Folder for the run; replaced there.", show_default="required, but with --next")
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option(metavar="PX", help="Largest error allowed.", show_default="ranges at 1.1 eps*")
+        float | None, option("PX", "Largest error allowed.", show_default="ranges at 1.1 eps*")
     ] = None,
-    wrong: Annotated[
-        int | None, typer.Option(metavar="Q", min=0, help="So many images may be wrong, nobody knows which.")
-    ] = None,
+    wrong: Annotated[int | None, option("Q", "So many images may be wrong, nobody knows which.", min=0)] = None,
     count: Annotated[
-        int | None,
-        typer.Option("--next", metavar="N", help="Certify nothing; choose N of --poses that shrink the ranges most."),
+        int | None, option("N", "Certify nothing; choose N of --poses that shrink the ranges most.", "--next")
     ] = None,
     poses: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.")
+        Path | None, option("CSV", "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.")
     ] = None,
-    images: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Names of the images to use.", show_default="all")
-    ] = None,
+    images: Annotated[str | None, option("A,B", "Names of the images to use.", show_default="all")] = None,
     within: Annotated[
-        str,
-        typer.Option(metavar="DEG,MM", help="Search within these of the classical answer; 'any' for all rotations."),
+        str, option("DEG,MM", "Search within these of the classical answer; 'any' for all rotations.")
     ] = "any,2000",
-    gap: Annotated[float, typer.Option(help="Relative width of the bracket that is asked for.")] = GAP,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds for each proof, at most.")] = None,
+    gap: Annotated[float, option(None, "Relative width of the bracket that is asked for.")] = GAP,
+    time_limit: Annotated[float | None, option("S", "Seconds for each proof, at most.")] = None,
     *,
     talk: Talk,
 ) -> Status:
@@ -209,64 +178,42 @@ def certify(
     """
     if (count is None) != (poses is None):
         raise InputError([Problem("options", "--next and --poses go together", "give both, or none")])
-    if count is not None and poses is not None:
-        return _next(_chosen(load_hand_eye(folder), images), poses, count, tolerance, talk)
-    if run is None:
+    if count is None and run is None:
         raise InputError([Problem("option --output", "is missing", "name a folder for the run")])
     if wrong is not None and (gap != GAP or time_limit is not None):
         raise InputError([Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")])
-    check_target(run, HANDEYE if wrong is None else HANDEYE_WRONG)
     study = _chosen(load_hand_eye(folder), images)
-    asked: dict[str, Any] = {"within": Within.parsed(within), "tolerance": tolerance, "tell": talk.progress()}
-    if wrong is None:
-        limit = np.inf if time_limit is None else time_limit
-        good = _certified(talk, run, study, asked | {"gap": gap, "time_limit": limit})
-    else:
-        good = _wrong(talk, run, study, wrong, asked)
-    return Status.ANSWERED if good else Status.UNKNOWN
+    asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}
+    if count is not None and poses is not None:
+        return _next(study, poses, count, asked, talk)
+    assert run is not None
+    asked["within"] = Within.parsed(within)
 
+    limit = np.inf if time_limit is None else time_limit
 
-def _certified(talk: Talk, run: Path, study: HandEyeStudy, asked: dict[str, Any]) -> bool:
-    """Whether the bracket is closed, or the tolerance met."""
-
-    def find(draft: Path) -> HandEyeResult:
+    def find(draft: Path) -> Any:
         (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
-        return certify_hand_eye(study, certificates=draft, **asked)
+        if wrong is None:
+            return certify_hand_eye(study, certificates=draft, gap=gap, time_limit=limit, **asked)
+        return find_wrong_images(study, wrong, draft, **asked)
 
-    def write(found: HandEyeResult, draft: Path) -> None:
-        save_hand_eye_result(found, draft)
-        write_hand_eye(found, draft)
-
-    def show(found: HandEyeResult, failure: InputError | None) -> None:
+    def show(found: HandEyeResult) -> None:
         talk.say(*sentences(found))
         if not found.ranges.empty:
             sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
             rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]
             talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
-        if failure is None:
-            talk.say(f"Page: {run / HAND_EYE_PAGE}")
 
-    found = answer(run, HANDEYE, find, write, show)
-    return found.complete if found.tolerance is None else bool(found.passes)
-
-
-def _wrong(talk: Talk, run: Path, study: HandEyeStudy, wrong: int, asked: dict[str, Any]) -> bool:
-    """Whether a lower end is proved."""
-
-    def find(draft: Path) -> WrongImages:
-        (draft / STUDY_NAME).write_bytes(study_json(study))
-        return find_wrong_images(study, wrong, draft, **asked)
-
-    def write(found: WrongImages, draft: Path) -> None:
-        save_wrong_images(found, draft)
-        write_wrong_images(study, found, draft)
-
-    def show(found: WrongImages, failure: InputError | None) -> None:
-        talk.say(*wrong_sentences(found))
-        if failure is None:
-            talk.say(f"Page: {run / WRONG_PAGE}")
-
-    return answer(run, HANDEYE_WRONG, find, write, show).eps_lo > 0.0
+    if wrong is None:
+        found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
+        good = found.complete if found.tolerance is None else found.passes
+    else:
+        page = partial(write_wrong_images, study)
+        some = answer(
+            run, HANDEYE_WRONG, find, save_wrong_images, page, lambda found: talk.say(*wrong_sentences(found)), talk
+        )
+        good = some.eps_lo > 0.0
+    return Status.ANSWERED if good else Status.UNKNOWN
 
 
 def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
@@ -280,8 +227,8 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
     return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
 
 
-def _next(study: HandEyeStudy, poses: Path, count: int, tolerance: float | None, talk: Talk) -> Status:
-    found = next_poses(study, load_hand_poses(poses), count, tolerance=tolerance, tell=talk.progress())
+def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:
+    found = next_poses(study, load_hand_poses(poses), count, **asked)
     rows = []
     for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
         widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
@@ -301,10 +248,8 @@ def _next(study: HandEyeStudy, poses: Path, count: int, tolerance: float | None,
 
 
 def legs(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Of cpcal certify, with --tolerance.")],
-    frames: Annotated[
-        Path, typer.Option(metavar="RUN", help="Of cpcal handeye certify: camera and target of that robot.")
-    ],
+    run: Annotated[Path, argument("RUN", "Of cpcal certify, with --tolerance.")],
+    frames: Annotated[Path, option("RUN", "Of cpcal handeye certify: camera and target of that robot.")],
     *,
     talk: Talk,
 ) -> None:

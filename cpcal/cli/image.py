@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import typer
 
-from cpcal.cli.options import Status, Talk, check_target, check_writable, made, output, record, terminal
+from cpcal.cli.options import (
+    Status,
+    Talk,
+    TargetFile,
+    argument,
+    option,
+    output,
+    record,
+)
 from cpcal.cli.progress import counted
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import InputError, Problem
@@ -36,7 +42,6 @@ from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import (
     SCALE,
     SHARED,
-    Readings,
     by_reason,
     detections_bytes,
     load_readings,
@@ -64,9 +69,7 @@ from cpcal.vision.target import DELTALAB_TARGET, Target, resized
 
 SCENE = Scene(gradient=(0.25, 0.15))
 IMAGES = "images"
-TARGET_NAME, CAMERA_NAME = "target.toml", "camera.toml"
 TABLES = ("calibration", "validation")
-SHOTS = (TARGET_NAME, CAMERA_NAME, STUDY_NAME, *(f"{name}-readings.csv" for name in TABLES))  # beside the images
 
 
 def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
@@ -75,9 +78,9 @@ def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str
     seed = options["seed"]
     exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
     study = simulate_study(nominal, **exact)
-    tables = zip(TABLES, (study.calibration, study.validation), strict=True)
     return study, {
-        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed) for name, table in tables
+        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed)
+        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True)
     }
 
 
@@ -86,11 +89,11 @@ def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
-            with counted(f"{name}: rendering", terminal(stderr=True)) as progress:
+            with counted(f"{name}: rendering", Talk().console()) as progress:
                 images[name].write(folder / IMAGES / name, progress=progress)
             (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
-        save_target(DELTALAB_TARGET, folder / TARGET_NAME)
-        save_camera(DELTALAB_CAMERA, folder / CAMERA_NAME)
+        save_target(DELTALAB_TARGET, folder / "target.toml")
+        save_camera(DELTALAB_CAMERA, folder / "camera.toml")
         (folder / STUDY_NAME).write_bytes(study_bytes(study))
     except OSError as error:
         raise unwritable(folder, error) from None
@@ -99,29 +102,21 @@ def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image camera`: a camera from one kind of file to another. `cpcal image target`: the plate that it sees.
 
-Images = Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")]
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")]
-
-
-class Style(StrEnum):
-    """Who reads the YAML."""
-
-    OPENCV = "opencv"
-    ROS = "ros"
+Images = Annotated[Path, argument("IMAGES", "Folder of PNG, JPEG or TIFF files, and below.")]
+Workers = Annotated[int | None, option(None, "Processes [default: one a core]", min=1)]
 
 
 def camera(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="camera.toml, or a YAML file of OpenCV or ROS.")],
+    source: Annotated[Path, argument("FILE", "camera.toml, or a YAML file of OpenCV or ROS.")],
     file: Annotated[Path, output("FILE", "Ends in .toml, .yaml or .yml.")],
-    style: Annotated[Style, typer.Option("--as", help="Who shall read the YAML.")] = Style.ROS,
+    style: Annotated[Literal["opencv", "ros"], option(None, "Who shall read the YAML.", "--as")] = "ros",
 ) -> None:
     """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back."""
     record = load_camera(source)
-    check_writable(file.absolute().parent)
     if file.suffix == ".toml":
         save_camera(record, file)
     elif file.suffix in YAML_SUFFIXES:
-        write_file(file, camera_yaml().camera_yaml(record.camera, style.value))
+        write_file(file, camera_yaml().camera_yaml(record.camera, style))
     else:
         raise InputError([Problem(str(file), "is neither a .toml nor a .yaml file", "name it so")])
     seen = record.camera
@@ -130,28 +125,14 @@ def camera(
     Talk().say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}{more}")
 
 
-class Paper(StrEnum):
-    """Sheets to print on."""
-
-    A4 = "a4"
-    A3 = "a3"
-    A2 = "a2"
-    A1 = "a1"
-    A0 = "a0"
-    LETTER = "letter"
-
-
 def target(
     file: Annotated[Path, output("FILE", "What to write: target.toml, or a .pdf or .svg page.")],
-    source: Annotated[
-        Path | None, typer.Option("--from", metavar="FILE", help="Print the target of this target.toml.")
-    ] = None,
-    side: Annotated[
-        float | None, typer.Option(metavar="MM", help="As large as this: between the centres of the outermost dots.")
-    ] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Dark dots on a bright plate.")] = False,
+    source: Annotated[Path | None, option("FILE", "Print the target of this target.toml.", "--from")] = None,
+    side: Annotated[float | None, option("MM", "As large as this: between the centres of the outermost dots.")] = None,
+    dark: Annotated[bool, option(None, "Dark dots on a bright plate.", "--dark")] = False,
     paper: Annotated[
-        Paper | None, typer.Option(help="Sheet to print on; the default target is made to fit it.")
+        Literal["a4", "a3", "a2", "a1", "a0", "letter"] | None,
+        option(None, "Sheet to print on; the default target is made to fit it."),
     ] = None,
 ) -> None:
     """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.
@@ -162,19 +143,15 @@ def target(
         raise InputError([Problem("options", "--from and --side exclude each other", "give one of them")])
     if side is not None and not 1.0 <= side <= 1e5:
         raise InputError([Problem("option --side", f"is {side:g}", "give mm, from 1 to 100000")])
-    check_writable(file.absolute().parent)
-    if source is not None:
-        plate = load_target(source)
-    else:
-        plate = replace(DELTALAB_TARGET, bright=not dark)
-        if side is not None:
-            plate = resized(plate, side / float(np.ptp(plate.dots, axis=0).max()))
-        elif paper is not None:
-            plate = on_paper(plate, paper.value)
+    plate = replace(DELTALAB_TARGET, bright=not dark) if source is None else load_target(source)
+    if side is not None:
+        plate = resized(plate, side / float(np.ptp(plate.dots, axis=0).max()))
+    elif paper is not None and source is None:
+        plate = on_paper(plate, paper)
     if file.suffix == ".toml":
         save_target(plate, file)
     else:
-        print_target(plate, file, None if paper is None else paper.value)
+        print_target(plate, file, paper)
     Talk().say(f"{plate.name}: {len(plate.dots)} dots: {file}")
 
 
@@ -187,29 +164,24 @@ _NAMED = 3  # files for each reason
 def detect(
     images: Images,
     file: Annotated[Path, output("FILE", "What to write: poses.csv, or camera.toml.")],
-    target: Annotated[Path, typer.Option(metavar="FILE", help="The target's dots: target.toml.")],
-    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="The camera: camera.toml.")] = None,
+    target: TargetFile,
+    camera: Annotated[Path | None, option("FILE", "The camera: camera.toml.")] = None,
     readings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png."),
+        Path | None, option("FILE", "Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png.")
     ] = None,
     table: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --readings: the table of a study to write, such as calibration.csv."),
+        Path | None, option("FILE", "With --readings: the table of a study to write, such as calibration.csv.")
     ] = None,
-    overlays: Annotated[
-        Path | None, typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not.")
-    ] = None,
+    overlays: Annotated[Path | None, option("DIR", "Pictures of what was found, and why not.", "--overlay")] = None,
     workers: Workers = None,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead; its workers read IMAGES."),
+        str | None, option("ADDRESS", "Dask scheduler of a cluster, instead; its workers read IMAGES.")
     ] = None,
     calibrate: Annotated[
-        bool, typer.Option("--calibrate", help="The camera from IMAGES, instead of poses; FILE is a camera.toml.")
+        bool, option(None, "The camera from IMAGES, instead of poses; FILE is a camera.toml.", "--calibrate")
     ] = False,
     refine_dots: Annotated[
-        bool, typer.Option("--refine-dots", help="With --calibrate: the places of the dots on the plate, too.")
+        bool, option(None, "With --calibrate: the places of the dots on the plate, too.", "--refine-dots")
     ] = False,
     *,
     talk: Talk,
@@ -236,19 +208,23 @@ def detect(
         problems.append(Problem(str(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
     if problems:
         raise InputError(problems)
-    for path in (file, *([table] if table else [])):
-        check_writable(path.absolute().parent)
     if camera is None:
         _calibrate(images, load_target(target), file, refine_dots, talk)
         return
-    plate, lens, known = _loaded(target, camera, readings)
-    made(file.absolute().parent)
+    loads: tuple[tuple[Callable[[Path], Any], Path | None], ...]
+    loads = (load_target, target), (load_camera, camera), (load_readings, readings)
+    loaded: list[Any] = []
+    for load, name in loads:
+        try:
+            loaded.append(None if name is None else load(name))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    plate, lens, known = loaded
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     found = detected(source, plate, lens, file, talk, workers=workers, scheduler=scheduler, overlays=overlays)
-    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
-    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
-    if known is not None and table is not None:
-        made(table.absolute().parent)
+    if table is not None:
         write_file(table, table_bytes(study_table(found.rows, known)))
         talk.say(f"Table of a study: {table}")
 
@@ -256,9 +232,10 @@ def detect(
 def detected(
     source: ImageFolder, plate: Target, lens: CameraRecord, file: Path, talk: Talk, **where: Any
 ) -> Detections:
-    """The poses in a folder of images: the table of them, and what is said of it."""
+    """The poses in a folder of images: the table and the page of them, and what is said of it."""
     journal = file.with_name(f"{file.name}.journal")
-    with heard(terminate=True), counted("images", talk.errors) as progress:
+    journal.absolute().parent.mkdir(parents=True, exist_ok=True)
+    with heard(terminate=True), counted("images", talk.console()) as progress:
         found = detect_poses(source, plate, lens.camera, lens.covariance, journal=journal, progress=progress, **where)
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
@@ -278,22 +255,9 @@ def detected(
         talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
     for reason, files in by_reason(found.rows).items():
         talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
+    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
     return found
-
-
-def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
-    """What the files say. Raises one InputError with every problem of all."""
-    found: list[Any] = []
-    problems: list[Problem] = []
-    for load, path in ((load_target, target), (load_camera, camera), (load_readings, readings)):
-        try:
-            found.append(None if path is None else load(path))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    plate, lens, known = found
-    return plate, lens, known
 
 
 def _calibrate(images: Path, plate: Target, file: Path, refine_dots: bool, talk: Talk) -> None:
@@ -315,42 +279,40 @@ def _calibrate(images: Path, plate: Target, file: Path, refine_dots: bool, talk:
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image sets`: from images to boxes of poses that are proved, with certificates.
 
-_COLUMNS = ("file", "verdict", *NUMBERS, "reason")
 _TOLD = 5  # images by name
 
 
 def sets(
     images: Images,
     folder: Annotated[Path, output("DIR", "Folder for certificates; replaced.")],
-    target: Annotated[Path, typer.Option(metavar="FILE", help="The target's dots: target.toml.")],
-    camera: Annotated[Path, typer.Option(metavar="FILE", help="The camera: camera.toml.")],
-    half_width: Annotated[
-        float, typer.Option(metavar="PX", min=0.0, help="How far the centre of a dot's image is off, at most.")
-    ] = 0.05,
+    target: TargetFile,
+    camera: Annotated[Path, option("FILE", "The camera: camera.toml.")],
+    half_width: Annotated[float, option("PX", "How far the centre of a dot's image is off, at most.", min=0.0)] = 0.05,
     factor: Annotated[
         float,
-        typer.Option(
+        option(
+            None,
+            "The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds 99.7 % "
+            "of all calibrations. The plate's scale_sigma and dot_sigma count as many times.",
             min=0.1,
-            help="The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds "
-            "99.7 % of all calibrations. The plate's scale_sigma and dot_sigma count as many times.",
         ),
     ] = 5.0,
     camera_exact: Annotated[
-        bool, typer.Option("--camera-exact", help="Assume that the camera is exactly as its file says.")
+        bool, option(None, "Assume that the camera is exactly as its file says.", "--camera-exact")
     ] = False,
     plate_exact: Annotated[
-        bool, typer.Option("--plate-exact", help="Assume that the plate is exactly as its file says.")
+        bool, option(None, "Assume that the plate is exactly as its file says.", "--plate-exact")
     ] = False,
     dots: Annotated[
         float | None,
-        typer.Option(
-            metavar="MM",
+        option(
+            "MM",
+            "How far a dot is off its place in the plate along an axis, at most.",
             min=0.0,
-            help="How far a dot is off its place in the plate along an axis, at most.",
             show_default="--factor times dot_sigma",
         ),
     ] = None,
-    outliers: Annotated[int, typer.Option(min=0, max=3, help="Dots of an image that may be anywhere, at most.")] = 0,
+    outliers: Annotated[int, option(None, "Dots of an image that may be anywhere, at most.", min=0, max=3)] = 0,
     workers: Workers = None,
     *,
     talk: Talk,
@@ -360,7 +322,6 @@ def sets(
     It is proved if what is stated is true: camera, plate and pixels are no farther off than files and options say. A
     camera without covariance, or a plate without deviations, is exact only if you say so.
     """
-    check_target(folder, POSE_SETS)
     plate, lens = load_target(target), load_camera(camera)
     plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
@@ -381,7 +342,7 @@ def enclosed(work: Enclosing, names: Sequence[str], talk: Talk, workers: int | N
     with (
         heard(terminate=True),
         answers_into(work.folder, POSE_SETS) as draft,
-        counted("images", talk.errors) as progress,
+        counted("images", talk.console()) as progress,
     ):
         for some in in_parallel(replace(work, folder=draft), names, workers):
             found += some
@@ -425,19 +386,18 @@ def _check_names(names: list[str], images: Path) -> None:
 
 
 def _table(rows: Sequence[Enclosed]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(_COLUMNS)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("file", "verdict", "reason", *NUMBERS))
     for one in rows:
-        numbers, verdict, reason = [""] * 13, "unknown", one.reason
-        if one.found is not None:
-            found, verdict = one.found, one.found.verdict.value
-            reason = reason or found.reason
-            if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:
-                parts = (found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius)
-                numbers = [repr(value) for value in np.concatenate(parts).tolist()]
-        writer.writerow([file_cell(one.file), verdict, *numbers, guarded(reason)])
-    return buffer.getvalue()
+        numbers, found = [""] * len(NUMBERS), one.found
+        if found is not None and found.pose is not None:
+            parts = (found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius)
+            numbers = [repr(value) for part in parts if part is not None for value in part.tolist()]
+        verdict = "unknown" if found is None else found.verdict.value
+        reason = one.reason or ("" if found is None else found.reason)
+        writer.writerow([file_cell(one.file), verdict, guarded(reason), *numbers])
+    return text.getvalue()
 
 
 def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> int:

@@ -28,7 +28,7 @@ from rich.text import Text
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import unwritable
 from cpcal.common.version import __version__
-from cpcal.files.run_folder import FolderKind, answers_into, check_replaceable
+from cpcal.files.run_folder import FolderKind, answers_into
 from cpcal.solver.compiled import QUIET
 from cpcal.solver.execution.executors import Place, executor_for
 from cpcal.solver.execution.stopping import asked, heard, raising, within_memory
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from cpcal.robot import Campaign
 
 T = TypeVar("T")
-
-EXPERT = "For experts"  # the panel of options that few need
 
 
 class Status(IntEnum):
@@ -54,26 +52,20 @@ def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
     """The function that typer makes a command of: options are listed one by one, and the record of `Talk` is kept."""
     hints = get_type_hints(verb, include_extras=True)
     parameters: list[inspect.Parameter] = []
-    groups: dict[str, Any] = {}
+    groups: dict[str, Any] = {key: kind for key, kind in hints.items() if is_dataclass(kind)}
     for parameter in inspect.signature(verb).parameters.values():
-        kind = hints[parameter.name]
-        if is_dataclass(kind):
-            groups[parameter.name] = kind
-            of = get_type_hints(kind, include_extras=True)
-            listed = [
-                (f.name, inspect.Parameter.empty if f.default is MISSING else f.default, of[f.name])
-                for f in fields(kind)
-            ]
-        else:
-            listed = [(parameter.name, parameter.default, kind)]
+        listed = [(parameter.name, parameter.default, hints[parameter.name])]
+        if (group := groups.get(parameter.name)) is not None:
+            of, required = get_type_hints(group, include_extras=True), inspect.Parameter.empty
+            listed = [(f.name, required if f.default is MISSING else f.default, of[f.name]) for f in fields(group)]
         parameters += [
             inspect.Parameter(one, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
             for one, default, annotation in listed
         ]
 
     def run(**given: Any) -> None:
-        for group, kind in groups.items():
-            given[group] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        for key, kind in groups.items():
+            given[key] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
         talk = given.get("talk", Talk())
         with raising(), _hushed(talk.quiet), recorded(talk.log, name):
             raise typer.Exit(verb(**given) or 0)
@@ -82,6 +74,55 @@ def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How options are declared, and those that several verbs have.
+
+
+def option(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
+    """An option: what stands for its value in the help (None: as its type, or nothing for a flag), and what it does."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def expert(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
+    """An option that few need, in a panel of its own."""
+    return option(metavar, help, *names, rich_help_panel="For experts", **more)
+
+
+def output(metavar: str, help: str, **more: Any) -> Any:
+    """The option --output."""
+    return option(metavar, help, "--output", "-o", **more)
+
+
+def argument(metavar: str, help: str) -> Any:
+    return typer.Argument(metavar=metavar, help=help)
+
+
+CampaignFolder = Annotated[Path, argument("CAMPAIGN", "Folder of campaign.toml, measurements.csv.")]
+OriginalCampaign = Annotated[
+    Path | None, option("CAMPAIGN", "Folder of the original campaign, to compare the run's with.")
+]
+TargetFile = Annotated[Path, option("FILE", "The target's dots: target.toml.")]
+Force = Annotated[bool, option(None, "Write into a folder that is not empty.", "--force")]
+NoChecker = Annotated[bool, expert(None, "A page that does not check itself.", "--no-checker")]
+
+
+def refuse_options(given: Iterable[str], because: str, remedy: str = "leave it out") -> None:
+    """InputError that names each of these options, if there are any; they are called as their parameters."""
+    names = [f"option --{name.replace('_', '-').removeprefix('as-')}" for name in given]
+    if names:
+        raise InputError([Problem(name, f"has no meaning {because}", remedy) for name in names])
+
+
+def numbers_of(text: str | None, kind: Callable[[str], T], what: str, option: str) -> tuple[T, ...] | None:
+    """Numbers with commas between them. Raises BadParameter."""
+    if text is None:
+        return None
+    try:
+        return tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r:.60} is no list of {what}", param_hint=option) from None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -95,54 +136,25 @@ class _Terminal(Console):
         return super().render_str(printable(text), **options)
 
 
-def terminal(*, stderr: bool = False, quiet: bool = False) -> Console:
-    """A console that prints text as it is, but for hidden characters; a quiet one prints nothing."""
-    console = _Terminal(stderr=stderr, quiet=quiet, markup=False, emoji=False, highlight=False)
-    if not console.is_terminal:
-        console.width = 120
-    return console
-
-
-def output_path(text: str | Path) -> Path:
-    """The value of an option that names what to write, or its default. Raises BadParameter."""
-    if not str(text).strip() or "\0" in str(text):
-        raise typer.BadParameter("an empty name is no place to write to: name a file or folder")
-    return Path(text)
-
-
-def output(metavar: str, help: str, **more: Any) -> Any:
-    """The option --output."""
-    return typer.Option("--output", "-o", metavar=metavar, parser=output_path, help=help, **more)
-
-
-def expert(*names: str, **more: Any) -> Any:
-    """An option that few need."""
-    return typer.Option(*names, rich_help_panel=EXPERT, **more)
-
-
-Legs = Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")]
-TimeLimit = Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Seconds a leg, at most.")]
-
-
 @dataclass(frozen=True)
 class Talk:
     """How much is said, and the consoles that follow."""
 
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print every table and sentence.")] = False
-    log: Annotated[
-        Path | None, expert(metavar="FILE", parser=output_path, help="Add a record of the run to FILE: JSON Lines.")
-    ] = None
+    quiet: Annotated[bool, option(None, "Print nothing but errors.", "--quiet", "-q")] = False
+    verbose: Annotated[bool, option(None, "Print every table and sentence.", "--verbose", "-v")] = False
+    log: Annotated[Path | None, expert("FILE", "Add a record of the run to FILE: JSON Lines.")] = None
 
     @property
     def out(self) -> Console:
         """Where answers go."""
-        return terminal(quiet=self.quiet)
+        return self.console(stderr=False)
 
-    @property
-    def errors(self) -> Console:
-        """Where progress goes; errors are raised."""
-        return terminal(stderr=True, quiet=self.quiet)
+    def console(self, *, stderr: bool = True) -> Console:
+        """Prints text as it is, but for hidden characters. Progress goes to stderr; errors are raised."""
+        console = _Terminal(stderr=stderr, quiet=self.quiet, markup=False, emoji=False, highlight=False)
+        if not console.is_terminal:
+            console.width = 120
+        return console
 
     def say(self, *lines: str | Text, style: str | None = None) -> None:
         """Lines of the answer."""
@@ -167,7 +179,7 @@ class Talk:
 
     def progress(self) -> Callable[[str], None]:
         """A callback for lines of progress: to the record, and to a terminal where there is one."""
-        errors = self.errors
+        errors = self.console()
 
         def tell(text: str) -> None:
             record("progress", text=text)
@@ -175,6 +187,11 @@ class Talk:
                 errors.print(text)
 
         return tell
+
+
+def warn(text: str) -> None:
+    """A line on stderr, whatever --quiet says."""
+    typer.echo(printable(f"cpcal: {text}"), err=True)
 
 
 @contextmanager
@@ -211,7 +228,6 @@ def recorded(file: Path | None, verb: str) -> Iterator[None]:
         handler = _RecordFile(file, encoding="utf-8")
     except OSError as error:
         raise unwritable(file, error) from None
-    handler.setFormatter(_JsonLines())
     before = _LOGGER.level
     _LOGGER.addHandler(handler)
     _LOGGER.setLevel(logging.INFO)
@@ -232,25 +248,21 @@ def recorded(file: Path | None, verb: str) -> Iterator[None]:
 
 
 class _RecordFile(logging.FileHandler):
-    """A record that cannot be written costs one message."""
+    """One JSON object a line: time (UTC), level, event, and the event's fields; infinities are texts.
 
-    def handleError(self, record: logging.LogRecord) -> None:
-        _LOGGER.removeHandler(self)
-        typer.echo(
-            printable(f"cpcal: warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}"), err=True
-        )
-
-
-class _JsonLines(logging.Formatter):
-    """One JSON object a line: time (UTC), level, event, and the event's fields; infinities are texts."""
+    A record that cannot be written costs one message.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
         from cpcal.files.codec import encoded  # here: arrays take a tenth of a second to load
 
-        fields = getattr(record, "fields", {})
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        line = {"time": time, "level": record.levelname.lower(), "event": record.getMessage(), **encoded(fields)}
-        return json.dumps(line, allow_nan=False, ensure_ascii=False)
+        line = {"time": time, "level": record.levelname.lower(), "event": record.getMessage()}
+        return json.dumps(line | encoded(getattr(record, "fields", {})), allow_nan=False, ensure_ascii=False)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        _LOGGER.removeHandler(self)
+        warn(f"warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -258,29 +270,21 @@ class _JsonLines(logging.Formatter):
 
 _LOADS = ("cpcal.cli.certify", "cpcal.solver.numba_begun")  # of workers
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kKMGT]?)i?B?")
-_UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
 @dataclass(frozen=True)
 class Where:
     """Where long work runs, and when it stops."""
 
-    workers: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes of this machine.", show_default="1")
-    ] = None
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from where a stopped run of the same work was.")] = (
-        False
-    )
-    scheduler: Annotated[
-        str | None, expert(metavar="ADDRESS", help="Dask scheduler of a cluster, instead of --workers.")
-    ] = None
+    workers: Annotated[int | None, option("N", "Processes of this machine.", min=1, show_default="1")] = None
+    resume: Annotated[bool, option(None, "Go on from where a stopped run of the same work was.", "--resume")] = False
+    scheduler: Annotated[str | None, expert("ADDRESS", "Dask scheduler of a cluster, instead of --workers.")] = None
     memory_limit: Annotated[
-        str | None,
-        expert(metavar="SIZE", help="Stop, with what is proved, beyond SIZE (such as 2G) of memory in this process."),
+        str | None, expert("SIZE", "Stop, with what is proved, beyond SIZE (such as 2G) of memory in this process.")
     ] = None
 
     @contextmanager
-    def place(self, *, resumable: bool = True) -> Iterator[Place]:
+    def place(self) -> Iterator[Place]:
         """Where the work is done, which can be stopped; it then ends with the command that goes on with it.
 
         Raises InputError, BadParameter.
@@ -289,47 +293,41 @@ class Where:
             try:
                 yield place
             finally:
-                if resumable and asked() is not None:
+                if asked() is not None:
                     again = ["cpcal", *sys.argv[1:], *([] if self.resume else ["--resume"])]
-                    typer.echo(printable(f"cpcal: go on with: {shlex.join(again)}"), err=True)
+                    warn(f"go on with: {shlex.join(again)}")
 
     @contextmanager
     def stoppable(self) -> Iterator[None]:
         """Until the end of the block a signal, or the limit of memory, asks the work to stop. Raises BadParameter."""
-        limit = None if self.memory_limit is None else _bytes(self.memory_limit)
+        limit = None
+        if self.memory_limit is not None:
+            found = _SIZE.fullmatch(self.memory_limit.strip())
+            if found is None:
+                message = f"{self.memory_limit!r:.60} is no size of memory: give one such as 500M or 2G"
+                raise typer.BadParameter(message, param_hint="--memory-limit")
+            limit = int(float(found[1]) * 1024 ** ["", "K", "M", "G", "T"].index(found[2].upper()))
         with heard(terminate=True), within_memory(limit):
             yield
-
-
-def _bytes(text: str) -> int:
-    """Raises BadParameter."""
-    found = _SIZE.fullmatch(text.strip())
-    if found is None:
-        message = f"{text!r:.60} is no size of memory: give one such as 500M or 2G"
-        raise typer.BadParameter(message, param_hint="--memory-limit")
-    return int(float(found[1]) * _UNITS[found[2].upper()])
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # Where results go: refused before the work begins, not after it.
 
-_CHOOSE = "choose a folder that can be written to"
-
 
 def check_writable(folder: Path) -> None:
     """InputError when `folder` is no folder that can be written, or made."""
-    ancestor = folder.absolute()
+    ancestor, remedy = folder.absolute(), "choose a folder that can be written to"
     while not os.path.lexists(ancestor):
         ancestor = ancestor.parent
     if not ancestor.is_dir():
-        raise InputError([Problem(str(folder), f"cannot be a folder: {ancestor} is not one", _CHOOSE)])
+        raise InputError([Problem(str(folder), f"cannot be a folder: {ancestor} is not one", remedy)])
     if not os.access(ancestor, os.W_OK | os.X_OK):
-        raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
+        raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", remedy)])
 
 
 def check_new(folder: Path, *, force: bool) -> None:
-    """InputError when `folder` holds something, unless `force`d, or cannot be written."""
-    check_writable(folder)
+    """InputError when `folder` holds something, unless `force`d."""
     try:
         full = folder.is_dir() and any(folder.iterdir())
     except OSError as error:
@@ -339,59 +337,36 @@ def check_new(folder: Path, *, force: bool) -> None:
         raise InputError([Problem(str(folder), "is a folder that is not empty", remedy)])
 
 
-def check_target(folder: Path, kind: FolderKind, campaign: Path | None = None) -> None:
-    """InputError when answers (about a campaign) cannot be written to `folder`, or must not."""
-    check_writable(folder)
-    if campaign is not None and folder.exists() and campaign.exists() and folder.samefile(campaign):
-        raise InputError([Problem(str(folder), "is the campaign itself", "choose another folder for the answers")])
-    check_replaceable(folder, kind)
-
-
 def answer(
     folder: Path,
     kind: FolderKind,
     find: Callable[[Path], T],
-    write: Callable[[T, Path], object],
-    show: Callable[[T, InputError | None], object],
+    save: Callable[[T, Path], object],
+    page: Callable[[T, Path], Path],
+    show: Callable[[T], object],
+    talk: Talk,
     campaign: Campaign | None = None,
 ) -> T:
-    """Find an answer, write it into a folder, show it. Both functions get a folder aside, for their files.
+    """Find an answer, write it and its page into a folder, show it. The functions get a folder aside, for their files.
 
     A full disk costs the files, not the answer: why it cannot be written is raised once it is shown.
     """
     found: list[T] = []
-    failure: InputError | None = None
+    failure, name = None, ""
     try:
         with answers_into(folder, kind, campaign) as draft:
             found.append(find(draft))
-            write(found[0], draft)
+            save(found[0], draft)
+            name = page(found[0], draft).name
     except InputError as error:
         if not found:
             raise
         failure = error
-    show(found[0], failure)
+    show(found[0])
     if failure is not None:
         raise failure
+    talk.say(f"Report: {folder / name}")
     return found[0]
-
-
-def made(folder: Path) -> None:
-    """Make the folder if need be. Raises InputError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from None
-
-
-def numbers_of(text: str | None) -> tuple[int, ...] | None:
-    """The numbers of --legs. Raises BadParameter."""
-    if text is None:
-        return None
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError:
-        message = f"{text!r:.60} is no list of legs: give numbers with commas between them, such as 1,3"
-        raise typer.BadParameter(message, param_hint="--legs") from None
 
 
 # The folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.

@@ -49,26 +49,29 @@ def line(console: Console) -> Iterator[Line]:
         yield Line(status.update, _TERMINAL)
 
 
+def _work(nodes: int, pending: int, rate: float) -> str:
+    """What is done and what waits; how long that takes if no more comes of it."""
+    done = f"{nodes:,} box{'' if nodes == 1 else 'es'}"
+    if nodes < _TELLING or not (pending and rate):
+        return done
+    left = nearest(pending / rate, 0)
+    return f"{done}, {nearest(rate, 1)} a second, {pending:,} pending, at least {left} s left"
+
+
 class Legs:
-    """The `progress` callback of certify: the bracket of the leg at work."""
+    """The `progress` callback of certify: the bracket of the leg at work. Every one is recorded."""
 
     def __init__(self, line: Line) -> None:
         self._line = line
 
     def __call__(self, leg: int, bracket: Bracket) -> None:
+        done = {"nodes": bracket.nodes, "pending": bracket.pending, "rate": bracket.rate, "seconds": bracket.seconds}
+        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, **done)
         if self._line.due() is not None:
             lo, hi = bracket_text(bracket.lo, bracket.hi)
             state = f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm"
-            self._line.show(f"leg {leg}: {state}, {nearest(bracket.seconds, 0)} s, {_work(bracket)}")
-
-
-def _work(bracket: Bracket) -> str:
-    """What is done and what waits; how long that takes if no more comes of it."""
-    done = f"{bracket.nodes:,} box{'' if bracket.nodes == 1 else 'es'}"
-    if bracket.nodes < _TELLING or not bracket.pending:
-        return done
-    left = nearest(bracket.pending / bracket.rate, 0)
-    return f"{done}, {nearest(bracket.rate, 1)} a second, {bracket.pending:,} pending, at least {left} s left"
+            work = _work(bracket.nodes, bracket.pending, bracket.rate)
+            self._line.show(f"leg {leg}: {state}, {nearest(bracket.seconds, 0)} s, {work}")
 
 
 class Counted:
@@ -104,7 +107,7 @@ class SearchProgress:
     def event(self, event: Event) -> None:
         """After every box of a search for all solutions."""
         self._nodes += 1
-        self._tell(self._nodes, event.pending, -math.inf, math.inf)
+        self._tell(event.pending, -math.inf, math.inf)
 
     def bracket(self, bracket: Bracket, *, largest: bool = False) -> None:
         """After every step of a minimisation; `largest`: of what is maximised the negative is minimised."""
@@ -112,15 +115,15 @@ class SearchProgress:
             self._before = bracket.nodes  # of an earlier call
         self._nodes = bracket.nodes
         lo, hi = (-bracket.hi, -bracket.lo) if largest else (bracket.lo, bracket.hi)
-        self._tell(bracket.nodes - self._before, bracket.pending, lo, hi)
+        self._tell(bracket.pending, lo, hi)
 
-    def _tell(self, nodes: int, pending: int, lo: float, hi: float) -> None:
+    def _tell(self, pending: int, lo: float, hi: float) -> None:
         seconds = self._line.due()
         if seconds is None:
             return
+        nodes = self._nodes - self._before
         rate = nodes / seconds
         record("searched", nodes=nodes, pending=pending, rate=rate, seconds=seconds, lo=lo, hi=hi)
-        left = f", at least {nearest(pending / rate, 0)} s left" if rate > 0.0 else ""
-        least, most = bracket_text(lo, hi) if math.isfinite(lo) and math.isfinite(hi) else ("", "")
-        between = f"in [{least}, {most}]: " if least else ""
-        self._line.show(f"{between}{nodes:,} boxes, {nearest(rate, 1)} a second, {pending:,} pending{left}")
+        known = math.isfinite(lo) and math.isfinite(hi)
+        between = f"in [{', '.join(bracket_text(lo, hi))}]: " if known else ""
+        self._line.show(f"{between}{_work(nodes, pending, rate)}")

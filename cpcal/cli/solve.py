@@ -7,9 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from cpcal.cli.options import Status, Talk, Where, check_writable, output, record
+from cpcal.cli.options import Status, Talk, Where, argument, check_writable, option, output, record
 from cpcal.cli.progress import SearchProgress, line
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
@@ -30,20 +28,16 @@ _SHOWN = 20  # solutions in the terminal
 
 
 def solve(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
+    source: Annotated[Path, argument("FILE", "A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
     file: Annotated[Path, output("FILE", "The answer: .json, or .sol for AMPL.")],
     width: Annotated[
-        float | None, typer.Option(metavar="W", help="Of boxes not divided further; else 1e-6, along curves coarser.")
+        float | None, option("W", "Of boxes not divided further; else 1e-6, coarser along curves.")
     ] = None,
-    gap: Annotated[float, typer.Option(metavar="G", help="Of the objective's bracket, relative.")] = 1e-6,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Seconds.")] = None,
-    node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes.")] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Of a minimisation: the proof, for cpcal verify.")
-    ] = None,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
-    ] = None,
+    gap: Annotated[float, option("G", "Of the objective's bracket, relative.")] = 1e-6,
+    time_limit: Annotated[float | None, option("S", "Seconds.", min=0.0)] = None,
+    node_limit: Annotated[int | None, option("N", "Boxes.", min=1)] = None,
+    certificate: Annotated[Path | None, option("FILE", "Of a minimisation: the proof, for cpcal verify.")] = None,
+    picture: Annotated[Path | None, option("FILE.svg", "Of all solutions in the first two unknowns.")] = None,
     *,
     where: Where,
     talk: Talk,
@@ -64,7 +58,7 @@ def solve(
             check_writable(path.absolute().parent)
     problem = load_problem(source)
     checkpoint = file.with_name(f"{file.name}.checkpoint")
-    with where.stoppable(), line(talk.errors) as shown:
+    with where.stoppable(), line(talk.console()) as shown:
         progress = SearchProgress(shown)
         found = answer(
             problem,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from fractions import Fraction as F
 from math import degrees
 from pathlib import Path
@@ -13,32 +13,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
-from cpcal.checker import Refused, RobustChecked, Unusable
+from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
-from cpcal.cli.verify import Legs, Statement, of_folder, result_of, runs_in, told
+from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
 from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.numbers import about, at_least, at_most
-from cpcal.common.values import Floats
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
-from cpcal.models import LegModel, Parameter, leg_model
-from cpcal.questions import (
-    INFORMATION,
-    RESULT_NAME,
-    LegResult,
-    Result,
-    Uncertified,
-    information,
-)
-from cpcal.questions.undetermined import determination
+from cpcal.models import leg_model
+from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
+from cpcal.questions.accuracy import load_accuracy
+from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
 if TYPE_CHECKING:
     from cpcal.checker.sight import PoseSetChecked
+    from cpcal.models import LegModel
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -47,20 +40,17 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 }
 
 
-# a run ----------------------------------------------------------------------------------------------------------------
+# ------------------------------------------------------------------------------------------------------------------
+# A run of legs, accuracy, and a folder of runs: of many campaigns, or of one in several models.
 
 
-def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
-    """What is accepted of a run; `checked` gives its legs. Raises InputError."""
+def of_run(run: Path, checked: Callable[[], list[LegChecked]]) -> Iterator[Statement]:
+    """What is accepted of a run; `checked` gives its legs. Raises InputError, Refused."""
     if unfinished(run):
         yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
-    result = result_of(run)
-    legs = result if isinstance(result, str) else checked()
-    if isinstance(legs, str) or isinstance(result, str):
-        yield False, f"{RESULT_NAME}: REFUSED, {legs}"
-        return
+    result, legs = _read(load_result, run), checked()
     campaign = load_campaign_json(run)
-    for sentence in stated_otherwise(campaign, result):
+    for sentence in _stated_otherwise(campaign, result):
         yield False, f"{RESULT_NAME}: REFUSED, {sentence}"
     if (missing := notices(result, campaign.legs)) is not None:
         yield True, missing
@@ -84,7 +74,15 @@ def of_run(run: Path, checked: Callable[[], Legs]) -> Iterator[Statement]:
         yield True, f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again."
     if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
-        raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
+        raise NothingCertifiedError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
+
+
+def _read(load: Callable[[Path], Any], folder: Path) -> Any:
+    """Raises Refused: a file that is garbled states nothing."""
+    try:
+        return load(folder)
+    except InputError as error:
+        raise Refused("; ".join(problem.what for problem in error.problems), "run", 0) from None
 
 
 def _outliers(leg: RobustChecked) -> Iterator[str]:
@@ -95,69 +93,43 @@ def _outliers(leg: RobustChecked) -> Iterator[str]:
         yield f"PROVED, eps <= {at_most(leg.hi, 7)} mm, leaving out {', '.join(leg.left_out) or 'none'}"
 
 
-def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
+def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
     """Sentences on what the campaign and the model do not give as the result states it.
 
     The verdict on a leg depends on it. A model that is not known here cannot be compared.
     """
-    model = _known(result.model.name)
-    if model is None:
+    try:
+        model = leg_model(result.model.name)
+    except (InputError, PluginError):
         return
-    if _units(result.model.extra) != _units(model.extra):
+    if [(p.name, p.unit) for p in result.model.extra] != [(p.name, p.unit) for p in model.extra]:
         yield "states another leg model than the one of that name"
         return
     for leg in result.legs:
         if leg.leg > campaign.legs:
             yield f"names leg {leg.leg}, which the campaign has not"
-        elif leg.determination != (
-            None if result.options.outliers else _determined(campaign, leg.leg, _at(leg), model, result.options.delta)
-        ):
+        elif leg.determination != _determined(campaign, result, leg, model):
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
         elif result.options.center == "nominal" and leg.bracket.center != tuple(campaign.robot.parameters[leg.leg - 1]):
             yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
 
 
-def _at(leg: LegResult) -> Floats:
-    return np.array(leg.center if leg.bracket.point is None else leg.bracket.point)
-
-
-def _known(name: str) -> LegModel | None:
-    try:
-        return leg_model(name)
-    except (InputError, PluginError):
-        return None
-
-
-def _units(extra: tuple[Parameter, ...]) -> list[tuple[str, str]]:
-    return [(p.name, p.unit) for p in extra]
-
-
-def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta: float) -> object:
-    if delta == 0.0:
+def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> object:
+    """What the campaign leaves open at the proved point, or the center."""
+    if result.options.outliers or result.options.delta == 0.0:
         return None
     try:
         with np.errstate(all="ignore"):
-            return determination(campaign, leg, at, model)
+            at = leg.center if leg.bracket.point is None else leg.bracket.point
+            return determination(campaign, leg.leg, np.array(at), model)
     except np.linalg.LinAlgError:
         return "of a point that is too far away"
 
 
-# accuracy.json --------------------------------------------------------------------------------------------------------
-
-
 def of_accuracy(folder: Path) -> Iterator[Statement]:
-    """What is accepted of a folder that `cpcal accuracy` wrote. Raises InputError."""
-    try:
-        load_accuracy(folder)
-        yield from check_accuracy(folder)
-    except Unusable as reason:
-        raise InputError([Problem(str(folder), str(reason), "run cpcal accuracy again")]) from None
-    except (InputError, Refused) as reason:
-        said = reason.problems[0].what if isinstance(reason, InputError) else reason
-        yield False, f"{ACCURACY_NAME}: REFUSED, {str(said).removeprefix(f'{ACCURACY_NAME} ')}"
-
-
-# a folder of runs: of many campaigns, or of one in several models -----------------------------------------------------
+    """What is accepted of a folder that `cpcal accuracy` wrote. Raises Refused, Unusable."""
+    _read(load_accuracy, folder)
+    yield from check_accuracy(folder)
 
 
 def of_runs(folder: Path) -> Iterator[Statement]:
@@ -171,34 +143,31 @@ def of_runs(folder: Path) -> Iterator[Statement]:
     rows, table = [], folder / SUMMARY_TABLE
     for run in runs_in(folder):
         yield True, f"{run.name}:"
-        yield from of_folder(run)
-        found = result_of(run)
-        rows += [] if isinstance(found, str) or not found.legs else [row_of(run.name, found)]
+        yield from statements(run)
+        with suppress(InputError):  # which is refused already
+            found = load_result(run)
+            rows += [row_of(run.name, found)] if found.legs else []
     if table.exists() and table.read_bytes() != summary_table(rows).encode():
         yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal verify` of pose sets, from their pixels on.
+# Pose sets, from their pixels on.
 
 TABLE = "sets.csv"
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
 
 
 def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
-    """What is accepted of one claim or a folder of them. Raises InputError where there is nothing to check."""
+    """What is accepted of one claim or a folder of them. Raises Unusable where there is nothing to check."""
     from cpcal.checker.sight import check_pose_set, check_pose_sets  # the other kinds start sooner without
 
-    try:
-        found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
-    except Unusable as reason:
-        raise InputError([Problem(str(target), str(reason), "name what `cpcal image sets` wrote")]) from None
-    yield from ((one.refused is None, f"{one.name}: {_set_proved(one)}") for one in found)
-    good = all(one.refused is None for one in found)
+    found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
+    said = [(one.refused is None, f"{one.name}: {_set_proved(one)}") for one in found]
     if (target / TABLE).is_file() and (wrong := _table_problem(target / TABLE, found)):
-        good = False
-        yield False, f"{TABLE}: REFUSED, {wrong}"
-    if good:
+        said.append((False, f"{TABLE}: REFUSED, {wrong}"))
+    yield from said
+    if all(accepted for accepted, _ in said):
         yield from ((True, sentence) for sentence in assumptions(target))
     yield from (_same_source(path, found) for path in sources)
 
@@ -212,19 +181,16 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     problems.raise_any()
     claims = {one.name: one for one in found if one.refused is None}
     try:
-        for row in csv.DictReader(io.StringIO((content or b"").decode()), strict=True):
+        for row in csv.DictReader((content or b"").decode().splitlines(), strict=True):
             name, verdict, cells = row["file"], row["verdict"], [row[column] for column in NUMBERS]
-            claim = claims.pop(stem_of(unguarded(name)), None)
-            stated = [F(float(cell)) for cell in cells if cell]
-            proved: list[F] = []
-            verdict_of = None if claim is None else Verdict.REFUTED.value
-            if claim is not None and claim.radii is not None:
-                proved, verdict_of = [*claim.pose, *claim.radii], Verdict.PROVED.value
-            if stated != proved:
+            claim, proved, verdicts = claims.pop(stem_of(unguarded(name)), None), list[F](), {"unknown"}
+            if claim is not None:
+                verdicts = {Verdict.REFUTED.value}
+                if claim.radii is not None:
+                    proved, verdicts = [*claim.pose, *claim.radii], {Verdict.PROVED.value}
+            if [F(float(cell)) for cell in cells if cell] != proved:
                 return f"{name}: its numbers are not those of a claim that is proved"
-            if verdict != verdict_of and (
-                claim is not None or verdict in (Verdict.PROVED.value, Verdict.REFUTED.value)
-            ):
+            if verdict not in verdicts:
                 return f"{name}: its verdict is {verdict}, and no claim that is proved says so"
     except (ValueError, KeyError, TypeError, OverflowError, csv.Error) as error:
         return f"is no table of pose sets: {error!s:.100}"

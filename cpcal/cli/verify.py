@@ -8,15 +8,12 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from fractions import Fraction as F
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import Annotated
 
 from cpcal.checker import (
     POSE_SET_SUFFIX,
     RESULT_NAME,
     Accepted,
-    LegCertificates,
     LegChecked,
     Refused,
     Unusable,
@@ -24,14 +21,11 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.options import Status, Talk, record
+from cpcal.cli.options import OriginalCampaign, Status, Talk, argument, option, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, HANDEYE_WRONG, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
-
-if TYPE_CHECKING:
-    from cpcal.questions import Result
 
 Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 
@@ -39,9 +33,12 @@ Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
 
 
-def told(name: str, accepted: Accepted) -> Iterator[Statement]:
-    """What a certificate proves, and how much work the check was."""
-    yield from ((True, f"{name}: {sentence}: PROVED, {accepted.steps} steps") for sentence in sentences(accepted))
+def told(name: str, accepted: Accepted | str) -> Iterator[Statement]:
+    """What a certificate proves, and how much work the check was; or why it is refused."""
+    if isinstance(accepted, str):
+        yield False, f"{name}: REFUSED, {accepted}"
+    else:
+        yield from ((True, f"{name}: {sentence}: PROVED, {accepted.steps} steps") for sentence in sentences(accepted))
 
 
 def sentences(accepted: Accepted) -> list[str]:
@@ -123,37 +120,30 @@ def _range(texts: tuple[str, str]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Runs and certificates, checked again by the exact checker, and what it raises in the words of the command line.
-
-Legs = list[LegChecked] | str  # or why the run is refused as a whole
+# Certificates and legs, checked again by the exact checker.
 
 
 @contextmanager
-def legs_beside(run: Path) -> Iterator[Callable[[], Legs]]:
+def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
     """The legs of a run are checked, on all processors, while in the block; what is given waits for what is found.
 
-    It raises InputError where there is nothing to check.
+    It raises Refused and Unusable.
     """
     try:
         checks = leg_checks(run)
-    except Refused as reason:
-        refused = str(reason)
-        yield lambda: refused
-        return
-    except Unusable as reason:
-        unusable = InputError([Problem(str(run), str(reason), "name the folder of a run")])
+    except (Refused, Unusable) as reason:
+        why = reason
 
-        def refuse() -> Legs:
-            raise unusable
+        def refuse() -> list[LegChecked]:
+            raise why
 
         yield refuse
         return
     count = min(len(checks), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
-    shares = [checks[k::count] for k in range(count)]
     with executor_for(count) as (executor, _):
-        begun = [executor.submit(_done, share) for share in shares]
+        begun = [executor.submit(_done, checks[k::count]) for k in range(count)]
 
-        def answers() -> Legs:
+        def answers() -> list[LegChecked]:
             found: list[LegChecked | None] = [None] * len(checks)
             for k, future in enumerate(begun):
                 with suppress(BrokenExecutor):
@@ -167,44 +157,27 @@ def _done(checks: Sequence[Callable[[], LegChecked]]) -> list[LegChecked]:
     return [one() for one in checks]
 
 
-def checked_legs(run: Path) -> Legs:
-    """The legs of a run. Raises InputError where there is nothing to check."""
-    with legs_beside(run) as legs:
-        return legs()
-
-
-def result_of(run: Path) -> Result | str:
-    """What the result.json of a run states, or why it is none. Raises InputError where there is no such file."""
-    from cpcal.questions import load_result
-
-    try:
-        return load_result(run)
-    except InputError as error:
-        if not (run / RESULT_NAME).is_file():
-            raise
-        return "; ".join(problem.what for problem in error.problems)
-
-
-def checked_certificate(path: Path, among: LegCertificates | None = None) -> Accepted | str:
-    """What a certificate proves, or why it is refused; `among` others it shares their budget.
-
-    Raises InputError where there is nothing to check.
-    """
-    try:
-        return check(path) if among is None else among.proved(path.name)
-    except Refused as reason:
-        return str(reason)
-    except Unusable as reason:
-        raise InputError([Problem(str(path), str(reason), "name the folder of a run, or a certificate")]) from None
-
-
 def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
-    """The same of all certificates of a folder, which share one budget. Raises InputError."""
+    """What each certificate of a folder proves, or why it is refused; all share one budget. Raises InputError."""
     try:
         among = certificates_of(folder)
     except Refused as reason:
         return {folder.name: str(reason)}
-    return {name: checked_certificate(folder / name, among) for name in sorted(among.names)}
+    return {name: _accepted(folder / name, lambda path: among.proved(path.name)) for name in sorted(among.names)}
+
+
+def _accepted(path: Path, check: Callable[[Path], Accepted]) -> Accepted | str:
+    """What a certificate proves, or why it is refused. Raises InputError where there is nothing to check."""
+    try:
+        return check(path)
+    except Refused as reason:
+        return str(reason)
+    except Unusable as reason:
+        raise _nothing(path, reason) from None
+
+
+def _nothing(target: Path, reason: object) -> InputError:
+    return InputError([Problem(str(target), str(reason), "name the folder of a run, or a certificate")])
 
 
 def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, str]:
@@ -219,86 +192,81 @@ def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, st
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The verb.
+# Whatever a folder holds, or one file of it: statements. What other verbs write is loaded where it is found.
 
-KINDS = (RUN, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
-
-
-def verify(
-    target: Annotated[Path, typer.Argument(metavar="RUN|CERTIFICATE", help="A run, or one certificate in it.")],
-    campaign: Annotated[
-        Path | None,
-        typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
-    ] = None,
-    source: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="Of pose sets: a camera.toml or target.toml that must be the one they name."),
-    ] = None,
-    *,
-    talk: Talk,
-) -> Status:
-    """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
-
-    A hand-eye run is checked likewise against the study that it holds, pose sets from their pixels on.
-
-    Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
-    accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
-    numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
-    rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
-    """
-    good = True
-    for accepted, sentence in _statements(target, campaign, source or []):
-        talk.say(sentence)
-        good = good and accepted
-    record("verified", target=str(target), accepted=good)
-    return Status.ANSWERED if good else Status.UNKNOWN
+_KINDS = (RUN, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
-def _statements(target: Path, campaign: Path | None, sources: list[Path]) -> Iterator[Statement]:
-    if campaign is not None:
-        yield from _other_campaign(target, campaign)
-    if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
-        from cpcal.cli.verified import of_pose_sets
-
-        yield from of_pose_sets(target, sources)
-    elif target.is_dir():
-        yield from of_folder(target)
-    else:
-        yield from _said_of(target.name, checked_certificate(target))
+class NothingCertifiedError(InputError):
+    """All that a run states is accepted, and none of it is certified."""
 
 
-def of_folder(folder: Path) -> Iterator[Statement]:
-    """What is accepted of a folder, by what it holds; what other verbs write is loaded where it is found."""
-    heads = [kind.head for kind in KINDS if (folder / kind.head).exists()]
-    if len(heads) > 1:
-        what = f"{' and '.join(heads)} are the answers of two commands, which share no folder"
-        yield False, f"{folder.name}: REFUSED, {what}"
-    elif heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
-        from cpcal.questions.hand_eye import verify_hand_eye
+def statements(target: Path, sources: Sequence[Path] = ()) -> Iterator[Statement]:
+    """What is accepted of a folder or a certificate, and what is refused. Raises InputError where there is nothing."""
+    try:
+        if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
+            from cpcal.cli.verified import of_pose_sets
 
-        yield from verify_hand_eye(folder)
-    elif heads == [ACCURACY.head]:
-        from cpcal.cli.verified import of_accuracy
+            yield from of_pose_sets(target, sources)
+        elif target.is_dir():
+            yield from _of_folder(target)
+        else:
+            yield from told(target.name, _accepted(target, check))
+    except Unusable as reason:
+        raise _nothing(target, reason) from None
 
-        yield from of_accuracy(folder)
-    elif heads == [RUN.head]:
-        with legs_beside(folder) as legs:
-            from cpcal.cli.verified import of_run  # while the legs are being checked
 
-            yield from of_run(folder, legs)
-    elif runs_in(folder):
-        from cpcal.cli.verified import of_runs
+def refusals(folder: Path) -> list[str]:
+    """Why a folder is refused: no sentence where all of it is accepted. Raises InputError."""
+    refused: list[str] = []
+    with suppress(NothingCertifiedError):  # its last statement
+        refused.extend(sentence for accepted, sentence in statements(folder) if not accepted)
+    return refused
 
-        yield from of_runs(folder)
-    else:
-        _there(folder)
-        for name, accepted in checked_certificates(folder).items():
-            yield from _said_of(name, accepted)
+
+def _of_folder(folder: Path) -> Iterator[Statement]:
+    heads = [kind.head for kind in _KINDS if (folder / kind.head).exists()]
+    try:
+        if len(heads) > 1:
+            raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
+        if heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
+            from cpcal.questions.hand_eye import verify_hand_eye
+
+            yield from verify_hand_eye(folder)
+        elif heads == [ACCURACY.head]:
+            from cpcal.cli.verified import of_accuracy
+
+            yield from of_accuracy(folder)
+        elif heads == [RUN.head]:
+            with legs_beside(folder) as legs:
+                from cpcal.cli.verified import of_run  # while the legs are being checked
+
+                yield from of_run(folder, legs)
+        elif runs_in(folder):
+            from cpcal.cli.verified import of_runs
+
+            yield from of_runs(folder)
+        else:
+            _there(folder)
+            for name, accepted in checked_certificates(folder).items():
+                yield from told(name, accepted)
+    except Refused as reason:
+        name = heads[0] if len(heads) == 1 else folder.name
+        yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
 
 
 def runs_in(folder: Path) -> list[Path]:
     """The runs of many campaigns, or of one in several models; no draft of a run that was killed."""
     return sorted(path.parent for path in folder.glob(f"[!.]*/{RUN.head}"))
+
+
+def _there(folder: Path) -> None:
+    """Raises InputError where a folder without result.json has nothing to check."""
+    if unfinished(folder):
+        what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
+        raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
+    if not any(folder.glob("*.cert.jsonl")):
+        raise _nothing(folder, f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)")
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
@@ -319,19 +287,32 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
             yield False, f"{name}: REFUSED, the campaign is another one: its SHA-256 differs"
 
 
-def _there(folder: Path) -> None:
-    """Raises InputError where a folder without result.json has nothing to check."""
-    if unfinished(folder):
-        what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
-        raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
-    if not any(folder.glob("*.cert.jsonl")):
-        what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
-        raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
+# ------------------------------------------------------------------------------------------------------------------
+# The verb.
 
 
-def _said_of(name: str, accepted: Accepted | str) -> Iterator[Statement]:
-    """What one certificate proves."""
-    if isinstance(accepted, str):
-        yield False, f"{name}: REFUSED, {accepted}"
-    else:
-        yield from told(name, accepted)
+def verify(
+    target: Annotated[Path, argument("RUN|CERTIFICATE", "A run, or one certificate in it.")],
+    campaign: OriginalCampaign = None,
+    source: Annotated[
+        list[Path] | None, option("FILE", "Of pose sets: a camera.toml or target.toml that must be the one they name.")
+    ] = None,
+    *,
+    talk: Talk,
+) -> Status:
+    """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
+
+    A hand-eye run is checked likewise against the study that it holds, pose sets from their pixels on.
+
+    Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
+    accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
+    numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
+    rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
+    """
+    good = True
+    for stated in ([] if campaign is None else _other_campaign(target, campaign), statements(target, source or [])):
+        for accepted, sentence in stated:
+            talk.say(sentence)
+            good = good and accepted
+    record("verified", target=str(target), accepted=good)
+    return Status.ANSWERED if good else Status.UNKNOWN

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, write_folder
@@ -38,6 +37,10 @@ if TYPE_CHECKING:
 
 KeyPath = tuple[str, ...]
 Table = dict[str, object]
+Shape = tuple[int | None, ...]
+Read = Callable[["TomlReader", KeyPath, object], Any]  # a value of a schema
+Schema = Mapping[str, Read]
+_NONE: Schema = {}
 
 
 class TomlReader:
@@ -86,103 +89,51 @@ class TomlReader:
                 what, line = f"unknown key {shown(key)}{place}", self.line((*path, key))
                 self.problems.add_unknown(self.where, what, key, keys, otherwise, line)
 
-    def complete(self, path: KeyPath, table: Table, keys: Iterable[str], remedy: str = "add {key} = ...") -> None:
-        """Take note of keys that are missing."""
+    def section(self, name: str, keys: Schema, optional: Schema = _NONE, *, needed: bool = True, **more: str) -> Any:
+        """The values of the section `name` by their keys; None where there is none, or a problem."""
+        if name in self.document:
+            return self.table((name,), self.document[name], keys, optional, **more)
+        if needed:
+            self.wrong((), f"the section [{name}] is missing", f"add [{name}] with {', '.join(keys)}")
+        return None
+
+    def table(
+        self, path: KeyPath, table: object, keys: Schema, optional: Schema = _NONE, *, remedy: str = "add {key} = ..."
+    ) -> dict[str, Any] | None:
+        """The values of a table by their keys; None with a problem: a key is missing, means nothing, or is wrong."""
+        if not isinstance(table, dict):
+            self.wrong(path, f"{path[-1]!r} is not a section", f"write a section [{'.'.join(path)}]")
+            return None
+        before, every = len(self.problems), {**keys, **optional}
+        self.known(path, table, every)
         for key in keys:
             if key not in table:
                 self.wrong(path, f"the key {key!r} is missing in [{'.'.join(path)}]", remedy.format(key=key))
+        found = {key: read(self, (*path, key), table[key]) for key, read in every.items() if key in table}
+        return found if len(self.problems) == before else None
 
-    def section(self, name: str) -> Table | None:
-        """The section `name`; None where there is none, or a problem."""
-        table = self.document.get(name)
-        if table is None or isinstance(table, dict):
-            return table
-        self.wrong((name,), f"{name!r} is not a section", f"write a section [{name}]")
-        return None
-
-    def required(self, name: str, keys: Iterable[str], optional: Iterable[str] = ()) -> Table | None:
-        """The section `name`, with note of it or keys of it that are missing or mean nothing."""
-        table = self.section(name)
-        if table is None:
-            if name not in self.document:
-                self.wrong((), f"the section [{name}] is missing", f"add [{name}] with {', '.join(keys)}")
-            return None
-        self.known((name,), table, (*keys, *optional))
-        self.complete((name,), table, keys)
-        return table
-
-    def text(self, path: KeyPath, table: Table) -> str:
-        value = table.get(path[-1], "")
-        if not isinstance(value, str):
-            self.wrong(path, f"{path[-1]} is {shown(value)}, not text", "put it in quotes")
-            return ""
-        return value
-
-    def name(self, path: KeyPath, table: Table) -> str:
-        """A text that can name something: see `is_name`."""
-        text = self.text(path, table)
-        if not is_name(text):
-            self.wrong(path, f"{path[-1]} is {shown(text)}", NAME_REMEDY)
-        return text
-
-    def truth(self, path: KeyPath, table: Table) -> bool:
-        value = table.get(path[-1], True)
-        if not isinstance(value, bool):
-            self.wrong(path, f"{path[-1]} is {shown(value)}", "write true or false")
-            return True
-        return value
-
-    def whole(self, path: KeyPath, table: Table, least: int, most: int) -> int:
-        value = table.get(path[-1], least)
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            self.wrong(path, f"{path[-1]} is {shown(value)}", f"give a whole number from {least} to {most}")
-            return least
-        return value
-
-    def positive(self, path: KeyPath, table: Table, unit: str) -> float:
-        if path[-1] not in table:
-            return 1.0
-        before = len(self.problems)
-        value = self.number(path, path[-1], table[path[-1]], signed=True)
-        if len(self.problems) == before and not value > 0.0:
-            self.wrong(path, f"{path[-1]} is {value:g}", f"give a positive number of {unit}")
-        return value
-
-    def rows(
-        self, path: KeyPath, table: Table, width: int, meaning: str, *, by_leg: bool = False, legs: int | None = None
-    ) -> list[list[float]]:
-        """Rows of `width` numbers. A row is called by its number, from 0 as in the arrays; or, `by_leg`, by its leg."""
-        name = path[-1]
-        if name not in table:
+    def numbers(
+        self, path: KeyPath, value: object, shape: Shape, meaning: str, *, name: str, signed: bool, by_leg: bool
+    ) -> Any:
+        """Nested lists of numbers. A row is called by its number, from 0 as in the arrays; or, `by_leg`, by its leg."""
+        if not shape:
+            return self.number(path, name, value, signed=signed)
+        rows = len(shape) > 1
+        what, of = ("rows", f" for {shape[0]} legs") if rows else ("numbers", f", not {shape[0]}")
+        give = f"give {'one row for each leg: ' if by_leg else 'rows: ' if rows else ''}{meaning}"
+        if not isinstance(value, list) or not value:
+            self.wrong(path, f"{name} is not a list of {what}", f"{give}, in brackets")
             return []
-        values, each = table[name], "one row for each leg" if by_leg else "rows"
-        if not isinstance(values, list) or not values:
-            self.wrong(path, f"{name} is not a list of rows", f"give {each}: {meaning}, in brackets")
+        if shape[0] is not None and len(value) != shape[0]:
+            self.wrong(path, f"{name} has {len(value)} {what}{of}", give)
             return []
-        if legs is not None and len(values) != legs:
-            self.wrong(path, f"{name} has {len(values)} rows for {legs} legs", f"give {each}: {meaning}")
-        called = f"{name} of leg {{}}" if by_leg else f"row {{}} of {name}"
+        called = f"{name} of leg {{}}" if by_leg else f"row {{}} of {name}" if rows else name
         return [
-            self.checked(path, called.format(i), row, width, meaning, signed=True)
-            for i, row in enumerate(values, start=int(by_leg))
+            self.numbers(path, one, shape[1:], meaning, name=called.format(i), signed=signed, by_leg=False)
+            for i, one in enumerate(value, start=int(by_leg))
         ]
 
-    def numbers(self, path: KeyPath, table: Table, count: int | None, meaning: str, *, signed: bool) -> list[float]:
-        if path[-1] not in table:
-            return []
-        return self.checked(path, path[-1], table[path[-1]], count, meaning, signed=signed)
-
-    def checked(
-        self, path: KeyPath, name: str, values: object, count: int | None, meaning: str, *, signed: bool
-    ) -> list[float]:
-        if not isinstance(values, list) or not values:
-            self.wrong(path, f"{name} is not a list of numbers", f"give {meaning}, in brackets")
-            return []
-        if count is not None and len(values) != count:
-            self.wrong(path, f"{name} has {len(values)} numbers, not {count}", f"give {meaning}")
-        return [self.number(path, name, value, signed=signed) for value in values]
-
-    def number(self, path: KeyPath, name: str, value: object, *, signed: bool) -> float:
+    def number(self, path: KeyPath, name: str, value: object, *, signed: bool = True) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.wrong(path, f"{name} holds {shown(value)}, which is not a number", "give a number, unquoted")
             return 0.0
@@ -200,8 +151,10 @@ class TomlReader:
 
     def provenance(self) -> dict[str, str]:
         """The section [provenance]: texts, and numbers as they are written."""
-        table = self.section("provenance") or {}
-        texts = {}
+        table, texts = self.document.get("provenance", {}), {}
+        if not isinstance(table, dict):
+            self.wrong(("provenance",), "'provenance' is not a section", "write a section [provenance]")
+            return {}
         for key, value in table.items():
             path, name = ("provenance", key), f"{shown(key)} in [provenance]"
             if isinstance(value, (dict, list)):
@@ -248,6 +201,82 @@ def _leads_somewhere(path: KeyPath, document: Table) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------------------------
+# What a value may be: readers for a schema. Each takes note of what is wrong, and returns something harmless then.
+
+
+def text(reader: TomlReader, path: KeyPath, value: object) -> str:
+    if isinstance(value, str):
+        return value
+    reader.wrong(path, f"{path[-1]} is {shown(value)}, not text", "put it in quotes")
+    return ""
+
+
+def name(reader: TomlReader, path: KeyPath, value: object) -> str:
+    """A text that can name something: see `is_name`."""
+    found = text(reader, path, value)
+    if not is_name(found):
+        reader.wrong(path, f"{path[-1]} is {shown(found)}", NAME_REMEDY)
+    return found
+
+
+def one_of(choices: Iterable[str]) -> Read:
+    def read(reader: TomlReader, path: KeyPath, value: object) -> object:
+        if value not in list(choices):
+            reader.wrong(path, f"{path[-1]} is {shown(value)}", f"give one of {', '.join(choices)}")
+        return value
+
+    return read
+
+
+def truth(reader: TomlReader, path: KeyPath, value: object) -> bool:
+    if not isinstance(value, bool):
+        reader.wrong(path, f"{path[-1]} is {shown(value)}", "write true or false")
+    return bool(value)
+
+
+def whole(least: int, most: int | None = None) -> Read:
+    def read(reader: TomlReader, path: KeyPath, value: object) -> int:
+        if (
+            not isinstance(value, bool)
+            and isinstance(value, int)
+            and least <= value <= (value if most is None else most)
+        ):
+            return value
+        upper = "" if most is None else f" to {most}"
+        reader.wrong(path, f"{path[-1]} is {shown(value)}", f"give a whole number from {least}{upper}")
+        return least
+
+    return read
+
+
+def positive(unit: str) -> Read:
+    def read(reader: TomlReader, path: KeyPath, value: object) -> float:
+        before = len(reader.problems)
+        found = reader.number(path, path[-1], value)
+        if len(reader.problems) == before and not found > 0.0:
+            reader.wrong(path, f"{path[-1]} is {found:g}", f"give a positive number of {unit}")
+        return found
+
+    return read
+
+
+def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False, field: str = "") -> Read:
+    """An array of numbers, or one number: of any length where the shape has None; `field`: of the mechanisms."""
+
+    def read(reader: TomlReader, path: KeyPath, value: object) -> Floats | float:
+        before = len(reader.problems)
+        found = reader.numbers(path, value, shape, meaning, name=path[-1], signed=signed, by_leg=by_leg)
+        if len(reader.problems) > before:
+            return 0.0
+        values = np.array(found, dtype=np.float64)
+        if field and (wrong := wrong_value(field, values)) is not None:
+            reader.wrong(path, f"{field} {wrong[0]}", wrong[1])
+        return values if shape else float(values)
+
+    return read
+
+
+# ------------------------------------------------------------------------------------------------------------------
 # Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written.
 
 FORMAT = "cpcal-campaign/1"
@@ -257,38 +286,45 @@ CSV_NAME = "measurements.csv"
 
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
-    lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
-    lines += ["", "[uncertainty]"]
-    if (stated := campaign.uncertainty) is None:
-        lines.append("exact = true")
-    else:
-        lines += [] if stated.factor is None else [f"factor = {float(stated.factor)!r}"]
+    uncertainty: dict[str, object] = {"exact": True}
+    model: dict[str, object] = {}
+    if (stated := campaign.uncertainty) is not None:
         suffix = "half_width" if stated.factor is None else "sigma"
-        lines += [f"{name}_{suffix} = {vector(getattr(stated, name))}" for name in KINDS]
-    if (model := campaign.model) is not None:
-        lines += ["", "[model]", f"name = {quoted(model.name)}"]
-        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
-        lines += [f"half_widths = {{ {widths} }}"] if widths else []
-    lines += provenance_lines(campaign.provenance)
+        uncertainty = {} if stated.factor is None else {"factor": float(stated.factor)}
+        uncertainty |= {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
+    if (asked := campaign.model) is not None:
+        model = {"name": asked.name, "half_widths": {k: float(v) for k, v in asked.half_widths.items()} or None}
+    sections = {"robot": _of_robot(campaign.robot), "uncertainty": uncertainty, "model": model}
+    return document(FORMAT, sections, campaign.provenance)
+
+
+def _of_robot(robot: Robot) -> dict[str, object]:
+    return {key: getattr(robot, key) for key in ("name", "base", "mobile", "offset")}
+
+
+def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Mapping[str, str]) -> bytes:
+    """A TOML file of its format and sections; one that is empty is left out, and so is None."""
+    lines = [f"format = {written(format_)}"]
+    free = {written(key): value for key, value in provenance.items()}
+    for name, values in (*sections.items(), ("provenance", free)):
+        stated = {key: value for key, value in values.items() if value is not None}
+        lines += ["", f"[{name}]", *(f"{key} = {written(value)}" for key, value in stated.items())] if stated else []
     return ("\n".join(lines) + "\n").encode()
 
 
-def robot_lines(robot: Robot) -> list[str]:
-    """The section [robot]."""
-    return [
-        "[robot]",
-        f"name = {quoted(robot.name)}",
-        f"base = {matrix(robot.base)}",
-        f"mobile = {matrix(robot.mobile)}",
-        f"offset = {vector(robot.offset)}",
-    ]
-
-
-def provenance_lines(provenance: Mapping[str, str]) -> list[str]:
-    """The section [provenance] and an empty line before it; nothing where there is none."""
-    if not provenance:
-        return []
-    return ["", "[provenance]", *(f"{quoted(key)} = {quoted(text)}" for key, text in provenance.items())]
+def written(value: object) -> str:
+    """A TOML value; floats by repr. Of an array of arrays each row has a line."""
+    if isinstance(value, np.ndarray | tuple):
+        rows = value.tolist() if isinstance(value, np.ndarray) else [[*row] for row in value]
+        if not (isinstance(rows, list) and rows and isinstance(rows[0], list)):
+            return repr(rows)
+        return "[\n" + "".join(f"    {row!r},\n" for row in rows) + "]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {written(one)}' for key, one in value.items())} }}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    value = value.item() if isinstance(value, np.generic) else value
+    return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
@@ -320,21 +356,6 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
 
 
-def quoted(text: str) -> str:
-    """A TOML basic string, or quoted key."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
-
-
-def vector(values: npt.NDArray[np.float64]) -> str:
-    """A TOML array; floats by repr."""
-    return "[" + ", ".join(map(repr, values.tolist())) + "]"
-
-
-def matrix(rows: npt.NDArray[np.float64]) -> str:
-    """A TOML array of arrays, one a line."""
-    return "[\n" + "".join(f"    {vector(row)},\n" for row in rows) + "]"
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Studies to files: canonical bytes, so that the same study is always the same files.
 
@@ -360,27 +381,14 @@ def save_study(study: Study, path: str | os.PathLike[str]) -> None:
 
 def study_bytes(study: Study) -> bytes:
     """The canonical study.toml; floats by repr, so that they are read back bit for bit."""
-    lines = [f"format = {quoted(STUDY_FORMAT)}", "", *robot_lines(study.robot)]
-    lines += provenance_lines(study.provenance)
-    if study.truth is not None:
-        lines += ["", *_truth_lines(study.truth)]
-    return ("\n".join(lines) + "\n").encode()
-
-
-def _truth_lines(truth: Truth) -> list[str]:
-    lines = ["[truth]", f"seed = {truth.seed}", f"parameters = {matrix(truth.robot.parameters)}"]
-    lines += ["", "[truth.camera]", *_pose_lines(truth.camera)]
-    lines += ["", "[truth.target]", *_pose_lines(truth.target)]
-    lines += ["", "[truth.mechanisms]"]
-    for name in FIELDS:
-        values = np.asarray(getattr(truth.mechanisms, name))
-        text = repr(float(values)) if values.ndim == 0 else vector(values) if values.ndim == 1 else matrix(values)
-        lines.append(f"{name} = {text}")
-    return lines
-
-
-def _pose_lines(pose: Pose) -> list[str]:
-    return [f"position = {vector(pose.position)}", f"quaternion = {vector(pose.quaternion)}"]
+    sections: dict[str, Mapping[str, object]] = {"robot": _of_robot(study.robot)}
+    if (truth := study.truth) is not None:
+        sections["truth"] = {"seed": truth.seed, "parameters": truth.robot.parameters}
+        for name in ("camera", "target"):
+            pose: Pose = getattr(truth, name)
+            sections[f"truth.{name}"] = {"position": pose.position, "quaternion": pose.quaternion}
+        sections["truth.mechanisms"] = {name: getattr(truth.mechanisms, name) for name in FIELDS}
+    return document(STUDY_FORMAT, sections, study.provenance)
 
 
 def table_bytes(table: PoseTable) -> bytes:
@@ -400,8 +408,6 @@ def table_bytes(table: PoseTable) -> bytes:
 # ------------------------------------------------------------------------------------------------------------------
 # Reads campaign.toml: every problem with its line number, whatever the state of the rest.
 
-_SECTIONS = ("robot", "uncertainty", "model", "provenance")
-_ROBOT_KEYS = ("name", "base", "mobile", "offset")
 _SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
 _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
 
@@ -422,102 +428,87 @@ class Settings:
 
 def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
     """The settings in the bytes of a campaign.toml called `where`; adds to `problems`."""
-    reader = SettingsReader.of(content, where, FORMAT, _SECTIONS, problems)
+    sections = ("robot", "uncertainty", "model", "provenance")
+    reader = TomlReader.of(content, where, FORMAT, sections, problems)
     if reader is None:
         return Settings(None, None, None, {})
-    robot, legs = reader.robot()
-    return Settings(robot, legs, reader.uncertainty(legs), reader.provenance(), reader.model())
+    robot, legs = _robot(reader)
+    remedy = 'add a name, such as name = "gain"'
+    model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
+    choice = None if model is None else ModelChoice(model["name"], model.get("half_widths", {}))
+    return Settings(robot, legs, _uncertainty(reader, legs), reader.provenance(), choice)
 
 
-def _each_kind(legs: int | None) -> tuple[tuple[int | None, str, str], ...]:
-    """How many numbers of a position, a rotation and lengths there are, in words too, and their units."""
-    return (3, "three", "mm"), (3, "three", "rad"), (legs, "one for each leg", "mm")
+def _robot(reader: TomlReader) -> tuple[Robot | None, int | None]:
+    """The robot, or None; and the number of its legs, as far as it can be told."""
+    stated, keys = reader.document.get("robot"), ("base", "mobile", "offset")
+    of = stated if isinstance(stated, dict) else {}
+    legs = next((len(value) for key in keys if isinstance(value := of.get(key), list)), None)
+    rows = array((legs, 3), "x, y and z in mm", by_leg=True)
+    found = reader.section(
+        "robot", {"name": name, "base": rows, "mobile": rows, "offset": array((legs,), "one for each leg")}
+    )
+    return (None if found is None else Robot(**found)), legs or None
 
 
-class SettingsReader(TomlReader):
-    """Reads the sections of campaign.toml, of which study.toml has some too."""
+def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
+    """The section [uncertainty], which says how far readings may be off, or that they are exact: None."""
+    path, table = ("uncertainty",), reader.document.get("uncertainty")
+    if table is None:
+        reader.wrong((), "the section [uncertainty] is missing", EXACT_OR_NOT)
+        return None
+    each = ((3, "three, mm"), (3, "three, rad"), (legs, "one for each leg, mm"))
+    reads = [array((count,), meaning, signed=False) for count, meaning in each]
+    sigmas: Schema = {"factor": array((), signed=False), **dict(zip(_SIGMA_KEYS, reads, strict=True))}
+    widths: Schema = dict(zip(_WIDTH_KEYS, reads, strict=True))
+    stated = table if isinstance(table, dict) else {}
+    direct = any(key in stated for key in widths)
+    if "exact" in stated:
+        reader.known(path, stated, ("exact", *sigmas, *widths))
+        if stated["exact"] is not True:
+            reader.wrong((*path, "exact"), f"exact is {shown(stated['exact'])}", EXACT_OR_NOT)
+        elif len(stated) > 1:
+            other = next(key for key in stated if key != "exact")
+            reader.wrong((*path, other), f"readings are exact, and {shown(other)} is given too", EXACT_OR_NOT)
+        return None
+    if direct and any(key in stated for key in sigmas):
+        remedy = "give either factor and three *_sigma, or three *_half_width"
+        reader.wrong(path, "half-widths are given both directly and as factor * sigma", remedy)
+        return None
+    asked, others = (widths, sigmas) if direct else (sigmas, widths)
+    found = reader.table(path, table, asked, {"exact": truth, **others}, remedy=f"add {{key}}; {EXACT_OR_NOT}")
+    if found is None or legs is None:
+        return None
+    try:
+        position, rotation, length = (found[key] for key in (_WIDTH_KEYS if direct else _SIGMA_KEYS))
+        return Uncertainty(position, rotation, length, found.get("factor"))
+    except InputError:  # single values were checked: a product overflows
+        reader.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
+        return None
 
-    def robot(self) -> tuple[Robot | None, int | None]:
-        """The robot, or None; and the number of its legs, as far as it can be told."""
-        before, path = len(self.problems), ("robot",)
-        table = self.required("robot", _ROBOT_KEYS)
-        if table is None:
-            return None, None
-        name = self.name(("robot", "name"), table)
-        counts = [len(value) for key in _ROBOT_KEYS[1:] if isinstance(value := table.get(key), list)]
-        legs = counts[0] if counts else None
-        meaning = "x, y and z in mm"
-        base, mobile = (self.rows((*path, key), table, 3, meaning, by_leg=True, legs=legs) for key in _ROBOT_KEYS[1:3])
-        offset = self.numbers(("robot", "offset"), table, legs, "one for each leg", signed=True)
-        if len(self.problems) > before:
-            return None, legs or None
-        return Robot(name, np.array(base), np.array(mobile), np.array(offset)), legs
 
-    def uncertainty(self, legs: int | None) -> Uncertainty | None:
-        """The section [uncertainty], which says how far readings may be off, or that they are exact: None."""
-        before, path = len(self.problems), ("uncertainty",)
-        table = self.section("uncertainty")
-        if table is None and "uncertainty" not in self.document:
-            self.wrong((), "the section [uncertainty] is missing", EXACT_OR_NOT)
-        if table is None:
-            return None
-        self.known(path, table, ("exact", "factor", *_SIGMA_KEYS, *_WIDTH_KEYS))
-        if "exact" in table:
-            if table["exact"] is not True:
-                self.wrong((*path, "exact"), f"exact is {shown(table['exact'])}", EXACT_OR_NOT)
-            elif len(table) > 1:
-                other = next(key for key in table if key != "exact")
-                self.wrong((*path, other), f"readings are exact, and {shown(other)} is given too", EXACT_OR_NOT)
-            return None
-        direct = any(key in table for key in _WIDTH_KEYS)
-        if direct and any(key in table for key in ("factor", *_SIGMA_KEYS)):
-            remedy = "give either factor and three *_sigma, or three *_half_width"
-            self.wrong(path, "half-widths are given both directly and as factor * sigma", remedy)
-            return None
-        keys = _WIDTH_KEYS if direct else _SIGMA_KEYS
-        self.complete(path, table, keys if direct else ("factor", *keys), f"add {{key}}; {EXACT_OR_NOT}")
-        values = [
-            self.numbers((*path, key), table, count, f"{each}, {unit}", signed=False)
-            for key, (count, each, unit) in zip(keys, _each_kind(legs), strict=True)
-        ]
-        factor = None if direct else self.number((*path, "factor"), "factor", table.get("factor", 0), signed=False)
-        if len(self.problems) > before or legs is None:
-            return None
-        position, rotation, length = (np.array(row) for row in values)
-        try:
-            return Uncertainty(position, rotation, length, factor)
-        except InputError:  # single values were checked: a product overflows
-            self.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
-            return None
+def _model_name(reader: TomlReader, path: KeyPath, value: object) -> str:
+    """Which models there are is known where they are used."""
+    if not (isinstance(value, str) and value.isidentifier() and len(value) <= NAME_MAX):
+        what = f"the model's name {shown(value)} cannot be one"
+        reader.wrong(path, what, 'add a name, such as name = "gain"')
+    return str(value)
 
-    def model(self) -> ModelChoice | None:
-        """The table [model]: its form. Which models there are is known where they are used."""
-        table = self.section("model")
-        if table is None:
-            return None
-        before, path = len(self.problems), ("model",)
-        self.known(path, table, ("name", "half_widths"))
-        name, widths = table.get("name"), table.get("half_widths", {})
-        if not (isinstance(name, str) and name.isidentifier() and len(name) <= NAME_MAX):
-            what = f"the model's name {shown(name)} cannot be one" if "name" in table else "[model] has no name"
-            self.wrong((*path, "name"), what, 'add a name, such as name = "gain"')
-        if not isinstance(widths, dict):
-            self.wrong((*path, "half_widths"), "half_widths is not a table", "write half_widths = { s = 0.05 }")
-            return None
-        numbers = {}
-        for key, value in widths.items():
-            if not (key.isidentifier() and len(key) <= NAME_MAX):
-                self.wrong((*path, "half_widths"), f"{shown(key)} cannot be a parameter", "give its name, such as s")
-            numbers[key] = self.number((*path, "half_widths"), f"the half-width of {shown(key)}", value, signed=False)
-        return None if len(self.problems) > before else ModelChoice(str(name), numbers)
+
+def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float]:
+    if not isinstance(value, dict):
+        reader.wrong(path, "half_widths is not a table", "write half_widths = { s = 0.05 }")
+        return {}
+    for key in value:
+        if not (key.isidentifier() and len(key) <= NAME_MAX):
+            reader.wrong(path, f"{shown(key)} cannot be a parameter", "give its name, such as s")
+    return {k: reader.number(path, f"the half-width of {shown(k)}", v, signed=False) for k, v in value.items()}
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # Reads study.toml: every problem with its line number, whatever the state of the rest.
 
-_STUDY_SECTIONS = ("robot", "provenance", "truth")
 _WHOLE = "add {key}, or take [truth] out"
-_TRUTH_KEYS = ("seed", "parameters", "camera", "target", "mechanisms")
 
 
 @dataclass(frozen=True)
@@ -532,85 +523,40 @@ class StudySettings:
 
 def read_study_settings(content: bytes, where: str, problems: Problems) -> StudySettings:
     """The settings in the bytes of a study.toml called `where`; adds to `problems`."""
-    reader = _StudyReader.of(content, where, STUDY_FORMAT, _STUDY_SECTIONS, problems)
+    reader = TomlReader.of(content, where, STUDY_FORMAT, ("robot", "provenance", "truth"), problems)
     if reader is None:
         return StudySettings(None, None, None, {})
-    robot, legs = reader.robot()
-    return StudySettings(robot, legs, reader.true_values(robot, legs), reader.provenance())
+    robot, legs = _robot(reader)
+    parameters = array((legs, 7), "ax, ay, az, bx, by, bz, l in mm", by_leg=True)
+
+    def mechanisms(reader: TomlReader, path: KeyPath, value: object) -> Mechanisms | None:
+        """Of each a number, one number a leg, or one row a leg."""
+        keys = {}
+        for key, width in FIELDS.items():
+            shape = () if width is None else (legs,) if width == 1 else (legs, width)
+            meaning = "one for each leg" if width == 1 else f"{width} numbers for each leg"
+            keys[key] = array(shape, meaning, by_leg=len(shape) > 1, field=key)
+        found = reader.table(path, value, keys, remedy=_WHOLE)
+        return None if found is None or legs is None else Mechanisms(**found)
+
+    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose, "mechanisms": mechanisms}
+    found = reader.section("truth", keys, needed=False, remedy=_WHOLE)
+    truth = None
+    if found is not None and robot is not None:
+        found["robot"] = Robot.from_parameters(robot.name, found.pop("parameters"))
+        truth = Truth(**found)
+    return StudySettings(robot, legs, truth, reader.provenance())
 
 
-class _StudyReader(SettingsReader):
-    def true_values(self, robot: Robot | None, legs: int | None) -> Truth | None:
-        """The section [truth]; None where there is none, or a problem."""
-        table = self.section("truth")
-        if table is None:
-            return None
-        before = len(self.problems)
-        self.known(("truth",), table, _TRUTH_KEYS)
-        self.complete(("truth",), table, _TRUTH_KEYS, _WHOLE)
-        seed = table.get("seed", 0)
-        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            self.wrong(("truth", "seed"), f"seed is {shown(seed)}", "give a whole number from 0")
-            seed = 0
-        meaning = "ax, ay, az, bx, by, bz, l in mm"
-        parameters = self.rows(("truth", "parameters"), table, 7, meaning, by_leg=True, legs=legs)
-        camera, target = self.pose("camera", table), self.pose("target", table)
-        mechanisms = self.mechanisms(table, legs)
-        if len(self.problems) > before or robot is None or camera is None or target is None or mechanisms is None:
-            return None
-        return Truth(seed, Robot.from_parameters(robot.name, parameters), mechanisms, camera, target)
-
-    def part(self, name: str, table: Table, keys: tuple[str, ...]) -> Table | None:
-        """The section [truth.name], with note of keys that mean nothing or are missing."""
-        if name not in table:
-            return None
-        values = table[name]
-        if not isinstance(values, dict):
-            self.wrong(("truth", name), f"{name!r} is not a section", f"write a section [truth.{name}]")
-            return None
-        self.known(("truth", name), values, keys)
-        self.complete(("truth", name), values, keys, _WHOLE)
-        return values
-
-    def pose(self, name: str, table: Table) -> Pose | None:
-        values = self.part(name, table, ("position", "quaternion"))
-        if values is None:
-            return None
-        before, path = len(self.problems), ("truth", name)
-        position = self.numbers((*path, "position"), values, 3, "x, y and z in mm", signed=True)
-        quaternion = self.numbers((*path, "quaternion"), values, 4, "qw, qx, qy and qz", signed=True)
-        if len(self.problems) > before:
-            return None
-        norm = math.hypot(*quaternion)
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            self.wrong((*path, "quaternion"), *quaternion_problem(norm))
-        return Pose(np.array(position, dtype=np.float64), np.array(quaternion, dtype=np.float64))
-
-    def mechanisms(self, table: Table, legs: int | None) -> Mechanisms | None:
-        values = self.part("mechanisms", table, tuple(FIELDS))
-        if values is None:
-            return None
-        before = len(self.problems)
-        read = {name: self.field(name, width, values, legs) for name, width in FIELDS.items() if name in values}
-        whole = legs is not None and len(read) == len(FIELDS) and len(self.problems) == before
-        return Mechanisms(**read) if whole else None  # type: ignore[arg-type]
-
-    def field(self, name: str, width: int | None, values: Table, legs: int | None) -> Floats | float:
-        """One value of the mechanisms: a number, one number a leg, or one row a leg."""
-        path, before = ("truth", "mechanisms", name), len(self.problems)
-        read: object
-        if width is None:
-            read = self.number(path, name, values[name], signed=True)
-        elif width == 1:
-            read = self.numbers(path, values, legs, "one for each leg", signed=True)
-        else:
-            read = self.rows(path, values, width, f"{width} numbers for each leg", by_leg=True, legs=legs)
-        if len(self.problems) > before:
-            return np.zeros(0)
-        array = np.array(read, dtype=np.float64)
-        if (wrong := wrong_value(name, array)) is not None:
-            self.wrong(path, f"{name} {wrong[0]}", wrong[1])
-        return float(array) if width is None else array
+def _pose(reader: TomlReader, path: KeyPath, value: object) -> Pose | None:
+    keys = {"position": array((3,), "x, y and z in mm"), "quaternion": array((4,), "qw, qx, qy and qz")}
+    found = reader.table(path, value, keys, remedy=_WHOLE)
+    if found is None:
+        return None
+    norm = math.hypot(*found["quaternion"])
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        reader.wrong((*path, "quaternion"), *quaternion_problem(norm))
+    return Pose(**found)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -621,9 +567,11 @@ _START = """\
 # A campaign: what was measured on one robot. Beside this file stands measurements.csv; docs/your-data.md explains both.
 # Every nan is to be replaced by a number. Lengths are in mm, angles in radians.
 """
-_BASE = "# centres of the joints on the base, one row x, y, z a leg, mm, in the base frame"
-_MOBILE = "# centres of the joints on the moving platform, one row a leg in the same order, mm, in the mobile frame"
-_OFFSET = "# what a reading lacks of the leg's length, mm: length = reading + offset; 0 where whole lengths are read"
+_COMMENTS = {
+    "base": "centres of the joints on the base, one row x, y, z a leg, mm, in the base frame",
+    "mobile": "centres of the joints on the moving platform, one row a leg in the same order, mm, in the mobile frame",
+    "offset": "what a reading lacks of the leg's length, mm: length = reading + offset; 0 where whole lengths are read",
+}
 _UNCERTAINTY = """
 [uncertainty]
 # How far readings may be off: half-width = factor * standard deviation. Or put the one line `exact = true` here.
@@ -651,14 +599,13 @@ def settings_template(name: str, legs: int) -> str:
     if known is None and not 1 <= legs <= _LEGS_MAX:
         raise InputError([Problem("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")])
     blank = np.full((legs, 3), np.nan)
-    title, base, mobile, offset = name, blank, blank, blank[:, 0]
-    source = []
+    robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
+    lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]
     if known is not None:
-        robot = known.robot
-        title, base, mobile, offset = robot.name, robot.base, robot.mobile, robot.offset
-        source = [f"# Dimensions: {known.source}"]
-    lines = [_START + f"format = {quoted(FORMAT)}", "", "[robot]", *source, f"name = {quoted(title)}"]
-    lines += [_BASE, f"base = {matrix(base)}", _MOBILE, f"mobile = {matrix(mobile)}"]
-    lines += [_OFFSET, f"offset = {vector(offset)}"]
-    lengths = f"length_sigma = {vector(np.full(len(offset), np.nan))}    # leg readings, mm, one for each leg"
-    return "\n".join([*lines, _UNCERTAINTY + lengths, _REST])
+        robot = _of_robot(known.robot)
+        lines.append(f"# Dimensions: {known.source}")
+    for key, value in robot.items():
+        lines += [*([f"# {_COMMENTS[key]}"] if key in _COMMENTS else []), f"{key} = {written(value)}"]
+    lengths = np.full(len(robot["offset"]), np.nan)
+    uncertain = f"{_UNCERTAINTY}length_sigma = {written(lengths)}    # leg readings, mm, one for each leg"
+    return "\n".join([*lines, uncertain, _REST])

@@ -25,7 +25,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, frozen_array
-from cpcal.files.settings import TomlReader, provenance_lines, quoted
+from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
 from cpcal.files.tables import Table, csv_table, json_object, read_table, small_file
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.kinematics import normalised
@@ -294,25 +294,23 @@ def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | 
     if reader is None:
         return None, None
     reader.provenance()
-    table = reader.required("study", ("setup", "camera"))
-    if table is None:
+    found = reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})
+    if found is None:
         return None, None
-    setup: Setup | None = None
-    if "setup" in table:
-        found = reader.text(("study", "setup"), table)
-        setup = next((name for name in SETUPS if name == found), None)
-        if setup is None:
-            reader.wrong(("study", "setup"), f"setup is {shown(found)}", f"write one of {', '.join(SETUPS)}")
-    name = reader.text(("study", "camera"), table)
-    if not name or Path(name).name != name:
-        reader.wrong(("study", "camera"), f"camera is {shown(name)}", "name a camera file in the same folder")
-        return setup, None
+    setup, name = found["setup"], found["camera"]
     try:
         return setup, load_camera(folder / name).camera
     except InputError as error:
         for problem in error.problems:
             problems.add(problem)
         return setup, None
+
+
+def _camera_file(reader: TomlReader, path: KeyPath, value: object) -> str:
+    name = text(reader, path, value)
+    if not name or Path(name).name != name:
+        reader.wrong(path, f"camera is {shown(name)}", "name a camera file in the same folder")
+    return name
 
 
 def _table(path: Path, required: list[str], optional: list[str], problems: Problems) -> Table:
@@ -360,8 +358,7 @@ def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
 
 def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     """The bytes of the four files, by name."""
-    settings = [f"format = {quoted(HANDEYE_FORMAT)}", "", "[study]", f"setup = {quoted(study.setup)}"]
-    settings += [f"camera = {quoted(CAMERA_NAME)}", *provenance_lines({})]
+    settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, {})
     moved = bool(study.pose_half_width.any())
     columns = [study.poses.position, study.poses.quaternion, *([study.pose_half_width] if moved else [])]
     poses = np.concatenate(columns, axis=1).tolist()
@@ -370,7 +367,7 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     points = np.concatenate(parts, axis=1).tolist()
     named = [(study.images[k], name) for k, name in zip(study.image, study.names, strict=True)]
     return {
-        HANDEYE_NAME: ("\n".join(settings) + "\n").encode(),
+        HANDEYE_NAME: settings,
         CAMERA_NAME: camera_bytes(study.camera),
         POSES_NAME: csv_table(
             [*POSE_COLUMNS, *POSE_WIDTHS] if moved else POSE_COLUMNS,

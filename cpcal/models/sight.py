@@ -207,7 +207,7 @@ class TargetSet(Value):
             raise InputError([Problem("target half-widths", "are negative or not finite", "give mm >= 0")])
         if not 0.0 <= self.scale <= LARGEST_SCALE:
             what = f"is {self.scale}"
-            raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE:g}")])
+            raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE}")])
         object.__setattr__(self, "half_widths", widths)
 
     @classmethod

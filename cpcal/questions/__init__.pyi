@@ -1,7 +1,7 @@
-from .ask import certify, with_ranges
-from .bracket import PointResult, certify_point
-from .compare import COMPARED, compare
+from .accuracy import Accuracy, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
+from .ask import COMPARED, certify, compare
 from .data_check import DataCheck, Finding, check_data
+from .points import PointResult, certify_point
 from .result import (
     ARITHMETICS,
     CENTERS,
@@ -47,6 +47,7 @@ __all__ = [
     "METHODS",
     "RESULT_NAME",
     "SUPPORTS",
+    "Accuracy",
     "CampaignNote",
     "DataCheck",
     "Determination",
@@ -55,6 +56,7 @@ __all__ = [
     "LegResult",
     "LegVerdict",
     "ModelNote",
+    "NamedPoses",
     "Options",
     "PointResult",
     "Projection",
@@ -67,18 +69,20 @@ __all__ = [
     "VerifiedPoint",
     "Work",
     "certify",
+    "certify_accuracy",
     "certify_point",
     "check_data",
     "compare",
     "contractors_sentences",
     "information",
+    "load_accuracy",
     "load_result",
     "model_of",
     "proved_sentence",
     "result_text",
+    "save_accuracy",
     "save_result",
     "status_of",
     "verdict_of",
     "verdict_on",
-    "with_ranges",
 ]

@@ -5,66 +5,58 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.files import write_file
+from cpcal.common.files import scratch_folder, write_file
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel, built_in, exactly_read
-from cpcal.questions import (
+from cpcal.questions.bracket import (
+    Answered,
+    PreparedLeg,
+    by_timeout,
+    prepared_leg,
+    searched,
+    the_answer,
+    the_lower_bound,
+)
+from cpcal.questions.data_check import determination
+from cpcal.questions.outliers import all_or_none, robust_leg
+from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
+from cpcal.questions.ranges import projections_of, ranges_of
+from cpcal.questions.result import (
     CampaignNote,
-    Determination,
     LegBracket,
     LegResult,
     ModelNote,
-    Options,
     Result,
     Support,
     SupportProof,
     Uncertified,
     VerifiedPoint,
     Work,
-    model_of,
 )
-from cpcal.questions.bracket import (
-    Answered,
-    PreparedLeg,
-    by_bound,
-    by_timeout,
-    prove_support,
-    verified_center,
-)
-from cpcal.questions.outliers import robust_leg
-from cpcal.questions.question import (
-    HERE,
-    Checkpoints,
-    Progress,
-    Question,
-    absent_legs,
-    answers,
-    beyond_all_legs,
-    chosen_model,
-    placed,
-)
-from cpcal.questions.ranges import projections_of, range_eps, ranges_of
-from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
-from cpcal.solver import plugins
 from cpcal.solver.accounts import Found
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import Here, Place, executor_for
-from cpcal.solver.execution.stopping import asked, heard, within_memory
-from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.execution.executors import Here, Place, Processes, executor_for
+from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.stopping import Stopped, asked, heard, within_memory
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
+from cpcal.solver.interval import Box
 from cpcal.solver.optimize.local import Known
 from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, irreducible
 from cpcal.solver.optimize.minimum import support as find_support
+from cpcal.solver.optimize.witness import verify_point
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -76,107 +68,97 @@ if TYPE_CHECKING:
 _SUPPORT_NODES = 3
 
 
-def certify_leg(question: Question, leg: int | LegResult) -> tuple[LegResult, bool]:
-    """The result of one leg, and whether the user interrupted it.
-
-    With what follows the bracket, where the question asks for that; a result that has its bracket gets the rest.
-    """
+def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
+    """The result of one leg, and whether the user interrupted it."""
     if question.options.outliers:
-        return robust_leg(question, leg.leg if isinstance(leg, LegResult) else leg), asked() is not None
-    if isinstance(leg, LegResult):
-        prepared, result, stopped = PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg, False
+        return robust_leg(question, leg), asked() is not None
+    prepared = prepared_leg(question, leg)
+    start = np.append(prepared.center, question.options.eps or 0.0)
+
+    def tell(bracket: Bracket) -> None:
+        if question.progress is not None:
+            question.progress(leg, bracket)
+
+    if question.options.method == "bound":
+        answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
-        prepared = PreparedLeg.of(question, leg)
-        result, stopped = _bracketed(prepared)
-    if not question.whole or stopped:
+        answer = by_timeout(prepared, start, tell)
+    result = _leg_result(prepared, answer, _support(prepared, start, answer.minimum))
+    stopped = answer.minimum.interrupted or asked() is not None
+    if not question.options.ranges or stopped:
         return result, stopped
     ranges, stopped = ranges_of(prepared, result)
     result = replace(result, ranges=ranges)
     try:
-        drawn = None if stopped else projections_of(prepared, result)
+        drawn = None if stopped or ranges is None else projections_of(prepared, ranges)
     except KeyboardInterrupt:
         return result, True
     return replace(result, projections=drawn), stopped or asked() is not None
 
 
-def _bracketed(leg: PreparedLeg) -> tuple[LegResult, bool]:
-    question, number = leg.question, leg.leg
-    start = np.append(leg.center, question.options.eps or 0.0)
-
-    def tell(bracket: Bracket) -> None:
-        if question.progress is not None:
-            question.progress(number, bracket)
-
-    answer = by_bound if question.options.method == "bound" else by_timeout
-    found = answer(leg, start, tell)
-    few, proof = _support(leg, start, found.minimum)
-    return _leg_result(leg, found, few, proof), found.minimum.interrupted or asked() is not None
-
-
-def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> tuple[tuple[int, ...], SupportProof | None]:
+def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
     """The measurements, and what is proved of them alone where a certificate of it was asked for."""
-    question = leg.question
+    question = replace(leg.question, place=None, checkpoints=None)
     if question.options.support == "none":
-        return (), None
-    gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
-    best = Known(found.witness, 0)
+        return Support()
+    leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
 
     def alone(elements: Indices) -> Alone:
         """The lower bound by a part of the measurements; the best point of all is one of theirs."""
-        problem, named = leg.alone(elements)
-        states = minimize(
-            problem.network,
-            "eps",
-            named,
-            engine=question.engine,
-            limits=short,
-            best=best,
-            prepared=problem,
-            enclose=False,
-        )
-        least = run(states, None)
+        part = leg.alone(tuple(elements.tolist()))
+        least = searched(part, limits=replace(limits, nodes=_SUPPORT_NODES), best=best, enclose=False).minimum
         members = (k for _, k in least.rows) if leg.restrictable else elements.tolist()
         better = least.witness if least.hi < found.hi else None
         return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
 
-    few = find_support(leg.problem, found, gap, alone)
+    few, proof = find_support(leg.problem, found, limits.gap, alone), None
     if question.options.support == "irreducible" and few:
-        few = irreducible(found, few, gap, alone)
+        few = irreducible(found, few, limits.gap, alone)
         if question.certificates is not None and not asked():
-            return few, prove_support(leg, start if found.witness is None else found.witness.point, few)
-    return few, None
+            start = start if found.witness is None else found.witness.point
+            part = prepared_leg(question, leg.leg, center=leg.center, only=few)
+            proved = searched(part, the_lower_bound, file=".support", start=start, enclose=False)
+            if proved.certificate is not None:
+                lowest, highest = part.domain["eps"].lo, part.domain["eps"].hi
+                lo = highest if lowest == highest else float(proved.minimum.lo)
+                proof = SupportProof(lo, proved.certificate)
+    ids = question.campaign.measurement_ids
+    return Support(tuple(ids[k] for k in few), proof)
 
 
-def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...], proof: SupportProof | None) -> LegResult:
-    question, leg, center = prepared.question, prepared.leg, prepared.center
-    found = answer.minimum
-    ids, enclosure = question.campaign.measurement_ids, found.enclosure
-    eps = question.options.eps or 0.0
-    good, bad = verified_center(prepared)
-    names, beyond = question.model.parameters, found.found
-    lo = _lower(question, found)
+def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResult:
+    question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
+    names, witness, eps = question.model.parameters, found.witness, options.eps or 0.0
+    lo = float(found.lo)
+    if options.eps is not None:  # of that one alone something is said
+        lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
+    verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
+    determined, beyond = None, None
+    if options.delta > 0.0:  # at the proved point, or the center of the box
+        at = center if witness is None else witness.point[:-1]
+        determined = determination(question.campaign, leg.leg, at, question.model)
+    if found.found is not None:
+        enclosure = found.found.enclosure
+        beyond = Found(
+            found.found.lo if found.found.lo > found.lo else lo, Box(names, enclosure.lo[:-1], enclosure.hi[:-1])
+        )
     return LegResult(
-        leg=leg,
+        leg=leg.leg,
         bracket=LegBracket(
             verdict=found.verdict,
             lo=lo,
             hi=float(found.hi),
-            point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
-            center=tuple(float(v) for v in center[:7]),
-            enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
+            point=None if witness is None else tuple(map(float, witness.point[:-1])),
+            center=tuple(map(float, center[:7])),
+            enclosure=Box(names, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
             certificate=answer.certificate,
         ),
-        support=Support(tuple(ids[k] for k in few), proof),
-        not_certified=_not_certified(question, leg, answer),
-        verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
-        extra=tuple(float(v) for v in center[7:]),
-        determination=_determination(question, leg, center, found),
-        found=None
-        if beyond is None
-        else Found(
-            beyond.lo if beyond.lo > found.lo else lo,
-            type(enclosure)(names, beyond.enclosure.lo[:-1], beyond.enclosure.hi[:-1]),
-        ),
+        support=support,
+        not_certified=_not_certified(question, leg.leg, answer),
+        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
+        extra=tuple(map(float, center[7:])),
+        determination=determined,
+        found=beyond,
         work=Work(
             nodes=found.nodes,
             programs=found.programs,
@@ -189,29 +171,12 @@ def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...], p
     )
 
 
-def _lower(question: Question, found: Minimum) -> float:
-    """The proved lower bound of eps: where one eps was asked about, only its refutation says something of it."""
-    if question.options.eps is None:
-        return float(found.lo)
-    return question.options.eps if found.verdict is Verdict.REFUTED else 0.0
-
-
-def _determination(question: Question, leg: int, center: Floats, found: Minimum) -> Determination | None:
-    """At the proved point, or the center of the box; None for a box that is a point."""
-    if question.options.delta == 0.0:
-        return None
-    at = center if found.witness is None else found.witness.point[:-1]
-    return determination(question.campaign, leg, at, question.model)
-
-
 def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:
     """Why there is no certificate."""
-    if answer.certificate is not None:
-        return Uncertified.NOTHING
+    if answer.certificate is not None or answer.lost:
+        return answer.lost
     if question.certificates is None:
         return Uncertified.NOT_ASKED
-    if answer.lost:
-        return answer.lost
     if answer.minimum.interrupted:
         return Uncertified.INTERRUPTED
     if not built_in(question.model) and not exactly_read(question.campaign, leg):
@@ -219,7 +184,22 @@ def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertifie
     return Uncertified.NOTHING_PROVED
 
 
+# ------------------------------------------------------------------------------------------------------------------
+# All legs: each is a task, here or wherever an executor does it.
+#
+# What travels is the question and the answer, with the files that prove it: a worker needs no folder of ours.
+
 LOADS = ("cpcal.questions.ask", "cpcal.solver.numba_begun")  # of workers
+HERE: Place = (Here(), 1)
+
+
+@dataclass(frozen=True)
+class AnsweredLeg:
+    """A leg, whether the user interrupted it, and the files that prove it, by name."""
+
+    leg: LegResult
+    stopped: bool
+    files: Mapping[str, bytes]
 
 
 def certify(
@@ -242,6 +222,7 @@ def certify(
     progress: Progress | None = None,
     model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
+    ranges: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | Client | None = None,
@@ -271,6 +252,10 @@ def certify(
     or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
     given by name, else its own.
 
+    With `ranges` each leg that has a tolerance to ask them at gets the proved ranges of its parameters, and what the
+    page draws: at `eps`, at the tolerance if the leg reaches it, else at 1.1 times eps_hi. `ranges-legN.cert.jsonl`
+    proves them.
+
     `workers` processes of this machine, the Dask cluster whose `scheduler` has that address, or an `executor` (any of
     `concurrent.futures`, or a `distributed.Client`) do the legs; left out: this process does, one after the other. The
     certificates are the same, byte for byte.
@@ -299,99 +284,61 @@ def certify(
         method=method,
         model=model,
         half_widths=half_widths or {},
+        ranges=ranges,
     )
     with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
-        if certificates is None:
-            return answered(question, place)
-        with answers_into(certificates, RUN, campaign) as draft:
-            kept = Checkpoints.for_run(Path(certificates), question, resume=resume)
-            kept.begin()
-            result = answered(replace(question, certificates=draft, checkpoints=kept), place)
+        return _answered_into(question, certificates, place, resume=resume)
+
+
+def _answered_into(
+    question: Question, run: str | os.PathLike[str] | None, place: Place, *, resume: bool = False
+) -> Result:
+    """All legs, with certificates in the folder of a run, if there is one."""
+    if run is None:
+        return answered(question, place)
+    with answers_into(run, RUN, question.campaign) as draft:
+        kept = Checkpoints.for_run(Path(run), question, resume=resume)
+        kept.begin()
+        result = answered(replace(question, certificates=draft, checkpoints=kept), place)
     kept.end_after(result)
     return result
 
 
-def question_of(
-    campaign: Campaign, others: Sequence[Problem] = (), *, progress: Progress | None = None, **given: Any
-) -> Question:
-    """What is asked with the options that are `given`, if this campaign can be asked it.
+def answered(question: Question, place: Place = HERE) -> Result:
+    """All legs. Progress is told by work that is done here.
 
-    Raises InputError with every problem at once, `others` among them; PluginError for a contractor that is not there.
-    """
-    model, wrong = chosen_model(campaign, given.get("model"), given.get("half_widths"))
-    problems = [*others, *wrong, *absent_legs(campaign, given.get("legs"))]
-    if isinstance(given.get("model"), LegModel):
-        given["model"] = model.name
-    try:
-        options = Options(**given)
-    except InputError as error:
-        raise InputError([*problems, *error.problems]) from None
-    if options.outliers >= len(campaign):
-        remedy = f"give a whole number below {len(campaign)}, such as 1"
-        problems.append(
-            Problem("outliers", f"{options.outliers} is no number of measurements that may be wrong", remedy)
-        )
-    if problems:
-        raise InputError(problems)
-    plugins.check_names(options.contractors)
-    return Question(campaign=campaign, options=options, model=model, progress=progress)
-
-
-def with_ranges(
-    campaign: Campaign,
-    result: Result,
-    *,
-    certificates: str | os.PathLike[str] | None = None,
-    model: LegModel | None = None,
-) -> Result:
-    """The result with `ranges`, and what the page draws, for every leg that has a tolerance to ask them at.
-
-    `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
-    package provides it. Ctrl-C ends it with what is done. Raises InputError without the model.
-    """
-    if result.interrupted:
-        return result
-    question = Question(
-        campaign=campaign,
-        options=replace(result.options, legs=tuple(leg.leg for leg in result.legs)),
-        model=model_of(result, model),
-        certificates=None if certificates is None else Path(certificates),
-        whole=True,
-    )
-    found = answered(question, known=result.legs)
-    return replace(result, legs=found.legs, interrupted=found.interrupted)
-
-
-def answered(question: Question, place: Place = HERE, known: Sequence[LegResult] = ()) -> Result:
-    """All legs; of those that are `known` what is to follow their brackets.
-
+    Of a single one the boxes of its search are the tasks: no process is begun for a search that closes in few boxes.
+    When the process is asked to stop, legs not begun are missing.
     Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done.
     """
-    campaign, model = question.campaign, question.model
+    campaign, model, kept = question.campaign, question.model, question.checkpoints
     numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
     beyond = beyond_all_legs(question, numbers)
     if beyond:
         raise InputError(beyond)
-    kept = question.checkpoints
-    done = {leg.leg: leg for leg in known} if kept is None else _resumed(question, kept, numbers)
-    left = [done.get(leg, leg) for leg in numbers if leg not in done or _begun(question, done[leg])]
-    question, place = placed(question, len(left), place)
-    here = isinstance(place[0], Here)
+    earlier = [] if kept is None else [found for leg in numbers if (found := kept.answer(leg)) is not None]
+    done = {leg.leg: with_certificates(question, files, leg) for leg, files in earlier}
+    left = [leg for leg in numbers if leg not in done]
+    if len(left) == 1 and not isinstance(place[0], Here):
+        question, place = replace(question, place=place), HERE
+    executor, most = place
+    here = isinstance(executor, Here)
+    near = isinstance(executor, Here | Processes)  # else perhaps of another machine, without our folders
+    there = replace(question, progress=question.progress if here else None, checkpoints=kept if near else None)
     interrupted = False
     try:
-        for answer in answers(question, certify_leg, left, place):
-            leg, stopped = answer.found
-            interrupted = interrupted or stopped
-            done[leg.leg] = with_certificates(question, answer.files, leg)
-            if kept is not None and not (stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN):
-                begun = kept.answer(leg.leg) if isinstance(answer.asked, LegResult) else None
-                kept.keep_answer(leg, answer.files if begun is None else {**begun[1], **answer.files})
+        for outcome in outcomes(executor, most, partial(_aside, there), left):
+            answer = _value(outcome, resumable=kept is not None)
+            leg = with_certificates(question, answer.files, answer.leg)
+            done[leg.leg] = leg
+            interrupted = interrupted or answer.stopped
+            unfinished = answer.stopped or leg.work.pending or leg.not_certified is Uncertified.UNWRITTEN
+            if kept is not None and not unfinished:
+                kept.keep_answer(leg, answer.files)
             if question.progress is not None and not here:
-                question.progress(
-                    leg.leg,
-                    Bracket(leg.bracket.lo, leg.bracket.hi, leg.work.nodes, leg.work.programs, leg.work.seconds),
-                )
-            if stopped and here:
+                bracket, work = leg.bracket, leg.work
+                question.progress(leg.leg, Bracket(bracket.lo, bracket.hi, work.nodes, work.programs, work.seconds))
+            if answer.stopped and here:
                 break
     except KeyboardInterrupt:
         interrupted = True
@@ -405,32 +352,116 @@ def answered(question: Question, place: Place = HERE, known: Sequence[LegResult]
     )
 
 
-def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> dict[int, LegResult]:
-    """The legs that an earlier run has answered, their certificates in the folder for them."""
-    done = {}
-    for number in numbers:
-        found = kept.answer(number)
-        if found is not None:
-            done[number] = with_certificates(question, found[1], found[0])
-    return done
+def _aside(question: Question, leg: int) -> AnsweredLeg:
+    """A leg, its certificates written aside."""
+    reason = asked()
+    if reason is not None:
+        raise Stopped(reason)
+    with linear_algebra_on_one_thread(), scratch_folder() as folder:
+        if question.certificates is not None:
+            question = replace(question, certificates=folder)
+        found, stopped = certify_leg(question, leg)
+        return AnsweredLeg(found, stopped, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
 
 
-def _begun(question: Question, leg: LegResult) -> bool:
-    """Whether a leg with its bracket lacks what is to follow."""
-    whole = question.whole and not question.options.outliers
-    return whole and leg.ranges is None and range_eps(question.options, leg) is not None
+def _value(outcome: TaskOutcome[int, AnsweredLeg], *, resumable: bool) -> AnsweredLeg:
+    error = outcome.error
+    if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
+        remedy = "define it in a module that workers can import, or work here: leave out workers"
+        raise InputError([Problem("model", f"cannot be sent to other processes ({error})", remedy)])
+    if isinstance(error, LostWorkerError):
+        again = "go on with --resume, which keeps what is answered" if resumable else "run again"
+        raise LostWorkerError(f"leg {outcome.task}: {error}; {again}, perhaps with fewer workers")
+    return outcome.value
 
 
 def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
     """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
+    lost = set()
     for name, content in files.items():
         assert question.certificates is not None
         try:
             write_file(question.certificates / name, content)
         except InputError:
-            if leg.ranges is not None and name == leg.ranges.certificate != leg.bracket.certificate:
-                leg = replace(leg, ranges=replace(leg.ranges, certificate=None))
-            else:
-                bracket = replace(leg.bracket, certificate=None)
-                leg = replace(leg, bracket=bracket, not_certified=Uncertified.UNWRITTEN)
+            lost.add(name)
+    bracket, ranges, proof = leg.bracket, leg.ranges, leg.support.proof
+    if ranges is not None and ranges.certificate in lost:
+        leg = replace(leg, ranges=replace(ranges, certificate=None))
+    if proof is not None and proof.certificate in lost:
+        leg = replace(leg, support=replace(leg.support, proof=None))
+    if lost.intersection((bracket.certificate, bracket.point_certificate, *bracket.proofs)):
+        kept = all_or_none(question, [None if name in lost else name for name in bracket.proofs])
+        bracket = replace(
+            bracket,
+            certificate=None,
+            proofs=kept,
+            point_certificate=None if bracket.point_certificate in lost else bracket.point_certificate,
+        )
+        left = kept or bracket.point_certificate
+        leg = replace(leg, bracket=bracket, not_certified=Uncertified.NOTHING if left else Uncertified.UNWRITTEN)
     return leg
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg models compared: the same question with each of them, about the same box.
+
+COMPARED = ("plain", "gain", "linear")
+_CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
+
+
+def compare(
+    campaign: Campaign,
+    models: Sequence[str | LegModel] = COMPARED,
+    *,
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    certificates: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | None = None,
+    **given: Any,
+) -> dict[str, Result]:
+    """What `certify` answers with each model, by the model's name; `given`: other arguments of `certify`.
+
+    All models are asked about the same box of (a, b, l), within `delta` mm of the fit of the plain model (or of the
+    nominal parameters, with `center="nominal"`), their extra parameters within `half_widths[model]` of 0. So a model
+    that contains another one never has a larger eps. `certificates` names a folder, in which each model has one.
+    Ctrl-C ends it with what is proved so far. Raises InputError with every problem, PluginError, LostWorkerError.
+    """
+    questions, found = comparison(campaign, models, half_widths, **given), dict[str, Result]()
+    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
+        for question in questions:
+            name = question.model.name
+            found[name] = _answered_into(question, None if certificates is None else Path(certificates) / name, place)
+            if found[name].interrupted:
+                break
+    return found
+
+
+def comparison(
+    campaign: Campaign,
+    models: Sequence[str | LegModel],
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    center: str = "plain",
+    **given: Any,
+) -> list[Question]:
+    """What is asked with each of the models. Raises InputError with every problem, PluginError."""
+    names = [model if isinstance(model, str) else model.name for model in models]
+    widths, wrong = dict(half_widths or {}), []
+    if not names:
+        wrong.append(Problem("models", "none is named", f"name some, such as {', '.join(COMPARED)}"))
+    if len(set(names)) < len(names):
+        wrong.append(Problem("models", "one is named twice", "name each once"))
+    for name in widths:
+        if name not in names:
+            wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
+    for name, model in zip(names, models, strict=True):
+        wrong += chosen_model(campaign, model, widths.get(name))[1]
+    if center not in _CENTERS:
+        wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
+    given = {"center": center if center in _CENTERS else "plain", "support": "none"} | given
+    question_of(campaign, wrong, model="plain", **given)
+    return [
+        question_of(campaign, model=model, half_widths=widths.get(name, {}), **given)
+        for name, model in zip(names, models, strict=True)
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -10,13 +11,41 @@ import numpy as np
 from cpcal.calibration import LegEquations, fit
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.models import PLAIN
+from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
-from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
 from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
 from cpcal.solver.optimize.least_squares import least_squares
+
+# ------------------------------------------------------------------------------------------------------------------
+# Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
+
+# Of the equations' change (root mean square), when each column of the Jacobian is scaled to one: a direction of the
+# parameters that changes them less is not told from an error of 0.01 mm within some 10 mm.
+_SEEN = 1e-3
+_OPEN = 0.1  # of a parameter in such a direction, from which it is called undetermined
+
+
+def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
+    """At parameters x (n,) of one leg and the centres of the reading sets."""
+    return _determined(model_jacobian(campaign, leg, x, model), model.parameters)[0]
+
+
+def _determined(jacobian: Floats, names: Sequence[str]) -> tuple[Determination, Floats, Floats]:
+    """Also the scale of every column (1 / rms, within sqrt n of the one with the smallest condition: van der Sluis
+    1969), and the singular values of the scaled Jacobian."""
+    rms = np.sqrt(np.mean(jacobian**2, axis=0))
+    scale = 1.0 / np.where(rms > 0.0, rms, 1.0)
+    columns = jacobian * scale / np.sqrt(len(jacobian))
+    few = len(columns) < columns.shape[1]
+    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
+    seen = np.zeros(len(right), dtype=bool)
+    seen[: len(values)] = values > _SEEN
+    hidden = np.linalg.norm(right[~seen], axis=0)
+    lost = tuple(name for name, share in zip(names, hidden, strict=True) if share > _OPEN)
+    return Determination(len(jacobian), len(right), int(seen.sum()), lost), scale, values
+
 
 # ------------------------------------------------------------------------------------------------------------------
 # What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
@@ -45,22 +74,12 @@ class LegOutlook:
 
 def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
     """The outlook of one leg at parameters x (7,) mm."""
-    equations = LegEquations.of(campaign, [leg])
-    jacobian = equations.by_parameters(x[None])[:, 0]
-    found = determination(campaign, leg, x, PLAIN)
-    scale = _column_scale(jacobian)
-    values = np.linalg.svd(jacobian * scale, compute_uv=False)
+    jacobian = LegEquations.of(campaign, [leg]).by_parameters(x[None])[:, 0]
+    found, scale, values = _determined(jacobian, PLAIN.parameters)
     condition, index = np.inf, 0.0
     if found.rank == found.of:
-        condition = float(values[0] / values[-1])
-        index = float(np.exp(np.mean(np.log(values)))) / float(np.sqrt(len(jacobian)))
+        condition, index = float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values))))
     return LegOutlook(leg, found, condition, index, _ranges(jacobian, scale, slack(campaign, leg, x)))
-
-
-def _column_scale(jacobian: Floats) -> Floats:
-    """1 / rms of every column (7,): within sqrt 7 of the scale with the smallest condition (van der Sluis 1969)."""
-    rms = np.sqrt(np.mean(jacobian**2, axis=0))
-    return np.asarray(1.0 / np.where(rms > 0.0, rms, 1.0))
 
 
 def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:

@@ -34,7 +34,7 @@ def result_html(result: Result) -> str:
         certified = "yes" if leg.certified else "no"
         cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support.ids), verdict.sentence)
         rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
-    title = f"{_escaped(result.robot)}: {result.measurements:,} measurements"
+    title = f"{_escaped(result.campaign.robot)}: {result.campaign.measurements:,} measurements"
     stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
     return (
         f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
@@ -71,5 +71,5 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "eps_lo": leg.bracket.lo,
             "eps_hi": leg.bracket.hi,
         }
-        for k, name in enumerate(result.parameters)
+        for k, name in enumerate(result.model.parameters)
     ]

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import PARAMETERS, LegModel, model_jacobian
-from cpcal.questions import LegResult, Options, Projection, Projections, Ranges
-from cpcal.questions.bracket import PreparedLeg, by_bound
-from cpcal.robot import Campaign
+from cpcal.models import PARAMETERS, model_jacobian
+from cpcal.questions.bracket import PreparedLeg, searched, the_enclosure
+from cpcal.questions.result import LegResult, Options, Projection, Projections, Ranges
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contractor, Repeat, SupportFunction, Verdict
+from cpcal.solver.contract import SupportFunction, Verdict
 from cpcal.solver.interval import Box
 
 MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left
@@ -35,24 +33,22 @@ def range_eps(options: Options, leg: LegResult) -> float | None:
 
 def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
     """The ranges of a leg that has its bracket, and whether the user interrupted the search for them."""
-    question = prepared.question
+    question, bracket = prepared.question, leg.bracket
     eps = range_eps(question.options, leg)
     if eps is None:
         return None, False
     if question.options.eps is not None:  # they are what was asked
-        of = leg.bracket
-        return None if of.enclosure.is_empty else Ranges(eps, of.enclosure, of.certificate), False
+        return None if bracket.enclosure.is_empty else Ranges(eps, bracket.enclosure, bracket.certificate), False
     domain = prepared.at(eps)
     if domain.is_empty:
         return None, False
-    options = replace(question.options, eps=eps, method="bound")
-    asked = replace(question, options=options, prefix=PREFIX, checkpoints=None)
-    start = np.append(leg.center if leg.bracket.point is None else leg.bracket.point, eps)
-    answer = by_bound(prepared.asking(asked), start, lambda _: None, domain=domain, hull_only=True)
-    box = answer.minimum.enclosure
-    if box.is_empty or answer.minimum.interrupted:
-        return None, answer.minimum.interrupted
-    return Ranges(eps, type(box)(leg.bracket.enclosure.names, box.lo[:-1], box.hi[:-1]), answer.certificate), False
+    asked = replace(prepared, question=replace(question, prefix=PREFIX, checkpoints=None))
+    start = np.append(leg.center if bracket.point is None else bracket.point, eps)
+    found = searched(asked, the_enclosure, domain=domain, start=start)
+    box = found.minimum.enclosure
+    if box.is_empty or found.minimum.interrupted:
+        return None, found.minimum.interrupted
+    return Ranges(eps, Box(bracket.enclosure.names, box.lo[:-1], box.hi[:-1]), found.certificate), False
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -69,62 +65,37 @@ ARITHMETIC = "float64"  # rounded outward; arb would prove the same in a hundred
 _WITHIN = (*combinations(range(3), 2), *combinations(range(3, 6), 2))  # pairs of coordinates of one joint
 _ACROSS = tuple(pair for pair in combinations(range(7), 2) if pair not in _WITHIN)
 _ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a picture whose box is a square
-_PASSES = 12  # of the contractor, at most
-_SETTLED = 0.75  # another pass only while some width shrinks below this part of what it was
 _DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
 
 
-def projections_of(prepared: PreparedLeg, leg: LegResult) -> Projections | None:
-    """Of all x within `question.options.delta` of the leg's center that satisfy its equations to within `range_eps`.
+def projections_of(prepared: PreparedLeg, ranges: Ranges) -> Projections | None:
+    """Of all parameters in the ranges of a leg that satisfy its equations to within the eps of the ranges.
 
-    "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
-    where none of the contractors has a `support_function`, or where all is known too well, or too badly, to be
-    drawn.
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. None where none of the contractors has a
+    `support_function`, or where all is known too well, or too badly, to be drawn.
     """
-    question = prepared.question
-    eps = range_eps(question.options, leg)
-    domain = None if eps is None else prepared.at(eps)
-    contractor = next((c for c in _quick(prepared) if isinstance(c, SupportFunction)), None)
-    if eps is None or domain is None or domain.is_empty or contractor is None:
+    contractors = [contractor for _, contractor in prepared.named]
+    if prepared.question.options.arithmetic != ARITHMETIC:
+        network = prepared.problem.network
+        contractors = [plugins.load(n)(network, objective="eps", arithmetic=ARITHMETIC) for n, _ in prepared.named]
+    contractor = next((c for c in contractors if isinstance(c, SupportFunction)), None)
+    if contractor is None:
         return None
-    known = _known(prepared, leg, eps)
-    box = Repeat(contractor, _SETTLED, _PASSES).contract(domain).box if known is None else known
-    pairs = () if box.is_empty else tuple(_projections(question.campaign, leg.leg, question.model, contractor, box))
-    return Projections(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
-
-
-def _quick(prepared: PreparedLeg) -> Iterator[Contractor]:
-    """The leg's contractors, in the arithmetic that is quick."""
-    if prepared.question.options.arithmetic == ARITHMETIC:
-        yield from (contractor for _, contractor in prepared.named)
-        return
-    for name, _ in prepared.named:
-        yield plugins.load(name)(prepared.network, objective="eps", arithmetic=ARITHMETIC)
-
-
-def _known(prepared: PreparedLeg, leg: LegResult, eps: float) -> Box | None:
-    """The ranges of all parameters and eps, where they were found, in the leg's variables."""
-    if leg.ranges is None or leg.ranges.eps != eps:
-        return None
-    box = leg.ranges.box
-    return Box(prepared.domain.names, np.append(box.lo, eps), np.append(box.hi, eps))
-
-
-def _projections(
-    campaign: Campaign, leg: int, model: LegModel, contractor: SupportFunction, box: Box
-) -> Iterator[Projection]:
-    pairs = [*_WITHIN, _most_correlated(campaign, leg, model, box.mid[:-1])]
+    bounds = (np.append(side, ranges.eps) for side in (ranges.box.lo, ranges.box.hi))
+    box = Box(prepared.domain.names, *bounds)
     drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
-    pairs = [pair for pair in pairs if drawn[list(pair)].all()]
-    directions = [_normals(box, pair) for pair in pairs]
+    pairs = [pair for pair in (*_WITHIN, _most_correlated(prepared, box.mid[:-1])) if drawn[list(pair)].all()]
     if not pairs:
-        return
-    bounds = contractor.support_function(box, np.concatenate(directions)).reshape(len(pairs), -1)
-    if np.isneginf(bounds).any():
-        return
-    for pair, normals, highest in zip(pairs, directions, bounds, strict=True):
-        planes = zip(normals[:, pair[0]].tolist(), normals[:, pair[1]].tolist(), highest.tolist(), strict=True)
-        yield Projection((PARAMETERS[pair[0]], PARAMETERS[pair[1]]), tuple(p for p in planes if math.isfinite(p[2])))
+        return None
+    directions = [_normals(box, pair) for pair in pairs]
+    highest = contractor.support_function(box, np.concatenate(directions)).reshape(len(pairs), -1)
+    if np.isneginf(highest).any():
+        return None
+    found = []
+    for (i, j), normals, ends in zip(pairs, directions, highest, strict=True):
+        planes = zip(normals[:, i].tolist(), normals[:, j].tolist(), ends.tolist(), strict=True)
+        found.append(Projection((PARAMETERS[i], PARAMETERS[j]), tuple(p for p in planes if math.isfinite(p[2]))))
+    return Projections(ranges.eps, ranges.box, tuple(found))
 
 
 def _normals(box: Box, pair: Pair) -> Floats:
@@ -136,12 +107,12 @@ def _normals(box: Box, pair: Pair) -> Floats:
     return out
 
 
-def _most_correlated(campaign: Campaign, leg: int, model: LegModel, x: Floats) -> Pair:
+def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
     """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
 
     In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
     """
-    jacobian = model_jacobian(campaign, leg, x, model)
+    jacobian = model_jacobian(prepared.question.campaign, prepared.leg, x, prepared.question.model)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.abs(covariance / np.outer(spread, spread))

@@ -6,16 +6,14 @@ import hashlib
 import math
 import operator
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.common.numbers import plain_gap, stated
+from cpcal.common.numbers import stated
 from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
@@ -39,6 +37,46 @@ ARITHMETICS = ("float64", "arb")
 LARGEST_DELTA = 1e6  # mm: a kilometre
 
 
+def _number(value: Any) -> float:
+    if isinstance(value, str | bool):
+        raise TypeError
+    return float(value)
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
+
+
+def _names(value: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(value, str) or not all(isinstance(name, str) for name in value):
+        raise TypeError
+    return tuple(value)
+
+
+def _widths(value: Mapping[str, Any]) -> dict[str, float]:
+    return {str(name): _number(width) for name, width in value.items()}
+
+
+_LENGTH = _number, lambda value: math.isfinite(value) and value >= 0.0
+# sequences become tuples, numbers float64: a result that was read again equals the one that was written
+_KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] = {
+    "legs": (lambda legs: tuple(map(_whole, legs)), bool, "names no leg", "name one at least, or leave it out for all"),
+    "delta": (*_LENGTH, "{} is no half-width", "give a number of mm, 0 or more"),
+    "gap": (_number, lambda gap: 0.0 <= gap < 1.0, "{} is no relative gap", "give 0 to below 1, such as 1e-6"),
+    "time_limit": (_number, lambda limit: limit > 0.0, "{} is no time", "give a positive number of seconds"),
+    "node_limit": (_whole, lambda limit: limit >= 1, "{} is no number of boxes", "give a whole number, 1 or more"),
+    "contractors": (_names, lambda _: True, "", ""),
+    "eps": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
+    "tolerance": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
+    "half_widths": (_widths, lambda _: True, "", ""),
+    "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
+}
+for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS), ("arithmetic", ARITHMETICS)):
+    _KINDS[_name] = str, _known.__contains__, "{!r:.60} is not known", f"use one of {', '.join(_known)}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """The options of `cpcal.certify`, whose help says what they mean. Lengths in mm, times in seconds.
@@ -60,71 +98,41 @@ class Options:
     method: str = field(default="bound", metadata=INFORMED)
     model: str | None = field(default=None, metadata=INFORMED)
     half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
+    ranges: bool = field(default=False, metadata=INFORMED)
     outliers: int = field(default=0, metadata=checked("what the proofs bear"))
 
     def __post_init__(self) -> None:
-        problems = [*self._normalised(), *self._problems()]
+        problems = [*self._problems_of_one(), *self._problems_of_several()]
         if problems:
             raise InputError(problems)
 
-    def _normalised(self) -> Iterator[Problem]:
-        """Sequences become tuples, numbers float64: a result that was read again equals the one that was written."""
-        yield from self._set("legs", lambda legs: tuple(map(_whole, legs)))
-        yield from self._set("contractors", _names)
-        for name in ("delta", "gap", "time_limit", "eps", "tolerance"):
-            yield from self._set(name, _number)
-        yield from self._set("node_limit", _whole)
-        yield from self._set("outliers", _whole)
-        yield from self._set("half_widths", _numbers)
-
-    def _set(self, name: str, kind: Any) -> Iterator[Problem]:
-        value = getattr(self, name)
-        if value is None:
-            return
-        try:
-            object.__setattr__(self, name, kind(value))
-        except (TypeError, ValueError, OverflowError):
-            object.__setattr__(self, name, getattr(Options, name, None))
-            yield Problem(name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`")
-
-    def _problems(self) -> Iterator[Problem]:
-        legs = self.legs or ()
-        if self.legs == ():
-            yield Problem("legs", "names no leg", "name one at least, or leave it out for all")
-        if len(set(legs)) < len(legs):
-            yield Problem("legs", "a leg is named twice", "name each once")
-        if not _nonnegative(self.delta):
-            yield Problem("delta", f"{self.delta} is no half-width", "give a number of mm, 0 or more")
-        elif self.delta > LARGEST_DELTA:
-            what = f"{self.delta} mm is wider than any robot"
-            yield Problem("delta", what, f"give {LARGEST_DELTA} mm (a kilometre) at most")
-        if not 0.0 <= self.gap < 1.0:
-            yield Problem("gap", f"{self.gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6")
-        if self.time_limit is not None and not self.time_limit > 0.0:
-            yield Problem("time_limit", f"{self.time_limit} is no time", "give a positive number of seconds")
-        if self.node_limit is not None and self.node_limit < 1:
-            yield Problem("node_limit", f"{self.node_limit} is no number of boxes", "give a whole number, 1 or more")
-        for name in ("eps", "tolerance"):
+    def _problems_of_one(self) -> Iterator[Problem]:
+        for name, (kind, good, what, remedy) in _KINDS.items():
             value = getattr(self, name)
-            if value is not None and not _nonnegative(value):
-                yield Problem(name, f"{value} is no tolerance", "give a number of mm, 0 or more")
-        if self.outliers < 0:
-            yield Problem("outliers", f"{self.outliers} is no number of measurements", "give 0 or more")
+            if value is None:
+                continue
+            try:
+                value = kind(value)
+            except (TypeError, ValueError, OverflowError):
+                yield Problem(name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`")
+                value = getattr(Options, name, None)
+            else:
+                if not good(value):
+                    yield Problem(name, what.format(value), remedy)
+            object.__setattr__(self, name, value)
+
+    def _problems_of_several(self) -> Iterator[Problem]:
+        if self.legs is not None and len(set(self.legs)) < len(self.legs):
+            yield Problem("legs", "a leg is named twice", "name each once")
+        if LARGEST_DELTA < self.delta < math.inf:
+            remedy = f"give {LARGEST_DELTA} mm (a kilometre) at most"
+            yield Problem("delta", f"{self.delta} mm is wider than any robot", remedy)
         if self.outliers and (self.eps is not None or self.tolerance is not None or self.method != "bound"):
             what = "asks for the smallest eps, by branch and bound"
             yield Problem("outliers", what, "leave out eps, tolerance and method")
-        choices = {"center": CENTERS, "support": SUPPORTS, "method": METHODS, "arithmetic": ARITHMETICS}
-        for name, known in choices.items():
-            if getattr(self, name) not in known:
-                what = f"{getattr(self, name)!r:.60} is not known"
-                yield Problem(name, what, f"use one of {', '.join(known)}")
-        if self.method == "timeout":
-            yield from self._timeout_problems()
-
-    def _timeout_problems(self) -> Iterator[Problem]:
-        if self.eps is not None:
+        if self.method == "timeout" and self.eps is not None:
             yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
-        if self.time_limit is None:
+        if self.method == "timeout" and self.time_limit is None:
             remedy = "give a number of seconds a leg, such as 60"
             yield Problem("time_limit", "is missing, and method timeout may go on for ever", remedy)
 
@@ -133,43 +141,15 @@ class Options:
         out = [] if self.legs is None else ["--legs", ",".join(map(str, self.legs))]
         out += ["--delta", repr(self.delta), "--center", self.center, "--gap", repr(self.gap)]
         out += ["--contractors", ",".join(self.contractors), "--arithmetic", self.arithmetic]
-        if self.model is not None:
-            out += ["--model", self.model]
-        for name, width in self.half_widths.items():
-            out += ["--half-width", f"{name}={width!r}"]
+        out += [] if self.model is None else ["--model", self.model]
+        out += [word for name, width in self.half_widths.items() for word in ("--half-width", f"{name}={width!r}")]
         for name in ("eps", "tolerance", "time_limit", "node_limit"):
             value = getattr(self, name)
             out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
-        out += ["--outliers", str(self.outliers)] if self.outliers else []
-        for name, usual in (("method", "bound"), ("support", "few")):
-            out += [f"--{name}", getattr(self, name)] if getattr(self, name) != usual else []
+        for name, usual in (("outliers", 0), ("method", "bound"), ("support", "few")):
+            value = getattr(self, name)
+            out += [] if value == usual else [f"--{name}", str(value)]
         return out
-
-
-def _nonnegative(value: float) -> bool:
-    return math.isfinite(value) and value >= 0.0
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, str | bool):
-        raise TypeError
-    return float(value)
-
-
-def _numbers(value: Mapping[str, Any]) -> dict[str, float]:
-    return {str(key): _number(number) for key, number in value.items()}
-
-
-def _whole(value: Any) -> int:
-    if isinstance(value, bool):
-        raise TypeError
-    return operator.index(value)
-
-
-def _names(value: Sequence[Any]) -> tuple[str, ...]:
-    if isinstance(value, str) or not all(isinstance(name, str) for name in value):
-        raise TypeError
-    return tuple(value)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -313,12 +293,7 @@ class VerifiedPoint:
 # ------------------------------------------------------------------------------------------------------------------
 # Whether the measurements of a leg determine its parameters: plain values.
 #
-# Two rules. The rank of the equations, in floating point, tells which parameters they leave open. And where all that is
-# proved of a parameter is a wide range, it is not shown to be determined, whatever the rank is.
-
-SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
-KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
-_LENGTHS = 7  # the parameters (a, b, l), which have the half-width of the box
+# The rank of the equations, in floating point, tells which parameters they leave open.
 
 
 @dataclass(frozen=True)
@@ -347,41 +322,9 @@ class Determination:
         return ""
 
 
-@dataclass(frozen=True)
-class Wide:
-    """Parameters whose ranges, all that is proved of them, are more than half of the box: (name, lo, hi), in mm."""
-
-    ranges: tuple[tuple[str, float, float], ...] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(name for name, _, _ in self.ranges)
-
-    @property
-    def sentence(self) -> str:
-        """Empty when all is well."""
-        if not self.ranges:
-            return ""
-        widths = ", ".join(f"{name} ({plain_gap(lo, hi)} mm)" for name, lo, hi in self.ranges)
-        return (
-            f"The measurements are not shown to determine parameters that may fill more than half of the box: {widths}."
-        )
-
-
-NOTHING_WIDE = Wide()
-
-
-def wide(enclosure: Box, delta: float) -> Wide:
-    """Of an enclosure of all parameters that are as good as the best known, in a box of half-width `delta` (mm)."""
-    if enclosure.is_empty or delta <= KNOWN:
-        return NOTHING_WIDE
-    lo, hi = enclosure.lo[:_LENGTHS], enclosure.hi[:_LENGTHS]
-    found = np.flatnonzero(hi - lo > SHARE * 2.0 * delta)
-    return Wide(tuple((enclosure.names[k], float(lo[k]), float(hi[k])) for k in found))
-
-
-FORMAT = "cpcal-result/8"
+FORMAT = "cpcal-result/9"
 RESULT_NAME = "result.json"
+_OURS = {model.name: model.summary for model in BUILT_IN}
 
 
 @dataclass(frozen=True)
@@ -398,17 +341,16 @@ class ModelNote:
     @property
     def is_ours(self) -> bool:
         """Whether it comes with cpcal: of others the certificates state the constraints themselves."""
-        return any(self.name == model.name for model in BUILT_IN)
+        return self.name in _OURS
 
     @property
     def summary(self) -> str:
         """What a leg's length is, for a model that comes with cpcal; of others nothing is known but their name."""
-        ours = (model.summary for model in BUILT_IN if model.name == self.name)
-        return next(ours, "what the constraints say that its certificates state")
+        return _OURS.get(self.name, "what the constraints say that its certificates state")
 
     @property
     def not_compared(self) -> str:
-        """What must be said beside every answer; empty for a model that comes with cpcal."""
+        """A sentence beside every answer of a model that the checker does not know; empty for one that it does."""
         return "" if self.is_ours else not_compared(self.name)
 
     @property
@@ -492,7 +434,7 @@ class LegBracket:
 
     def __post_init__(self) -> None:
         size = len(self.enclosure.names)
-        if len(self.center) != _LENGTHS or (self.point is not None and len(self.point) != size):
+        if len(self.center) != len(PARAMETERS) or (self.point is not None and len(self.point) != size):
             raise ValueError("center, point and enclosure have not the same parameters")
         if not all(map(math.isfinite, (*self.center, *(self.point or ())))):
             raise ValueError("the center or the point is not finite")
@@ -604,24 +546,8 @@ class Result:
     def __post_init__(self) -> None:
         if len({leg.leg for leg in self.legs}) < len(self.legs):
             raise ValueError("a leg is there twice")
-        if any(leg.bracket.enclosure.names != self.parameters for leg in self.legs):
-            raise ValueError(f"a leg has not the parameters {', '.join(self.parameters)}")
-
-    @property
-    def robot(self) -> str:
-        return self.campaign.robot
-
-    @property
-    def campaign_sha256(self) -> str:
-        return self.campaign.sha256
-
-    @property
-    def measurements(self) -> int:
-        return self.campaign.measurements
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self.model.parameters
+        if any(leg.bracket.enclosure.names != self.model.parameters for leg in self.legs):
+            raise ValueError(f"a leg has not the parameters {', '.join(self.model.parameters)}")
 
     def to_frame(self) -> DataFrame:
         """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
@@ -655,7 +581,7 @@ def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign 
             kept = campaign_sha256(campaign)
     except OSError as error:
         raise InputError([Problem(where, f"cannot be read: {error.strerror}", remedy)]) from None
-    if kept != result.campaign_sha256:
+    if kept != result.campaign.sha256:
         raise InputError([Problem(where, "is another campaign than the result's", remedy)])
     if campaign is not None:
         save_campaign_json(campaign, folder)

@@ -15,23 +15,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
-from cpcal.common.numbers import bracket_text, gap_text, short, stated
-from cpcal.questions.result import (
-    NOTHING_WIDE,
-    Determination,
-    LegResult,
-    Options,
-    Result,
-    Wide,
-    not_compared,
-    wide,
-)
+from cpcal.common.numbers import bracket_text, gap_text, plain_gap, short, stated
+from cpcal.models import PARAMETERS
+from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import Box
+
+SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
+KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
 
 Found = Literal["explained", "unexplained", "bounded", "undecided", "undetermined"]
+Wide = tuple[tuple[str, float, float], ...]  # name, lo, hi
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,8 @@ class LegVerdict:
 
     tolerance      None: none was given
     beyond         the one error that was asked about, if it is refuted
-    determination  if the measurements leave parameters open; `wide`: ranges that do
+    determination  if the measurements leave parameters open; `wide`: ranges of more than half of the box, which do not
+                   show that their parameters are determined, whatever the rank is
     model          a user-defined one, whose constraints nobody compared with the campaign
     """
 
@@ -50,7 +48,7 @@ class LegVerdict:
     tolerance: float | None = None
     beyond: float | None = None
     determination: Determination | None = None
-    wide: Wide = NOTHING_WIDE
+    wide: Wide = ()
     model: str = ""
 
     @property
@@ -75,9 +73,9 @@ class LegVerdict:
     @property
     def sentence(self) -> str:
         said = self._said()
-        if self.tolerance is not None and self.found != "undetermined" and math.isfinite(self.lo):
-            said += f"; the tolerance is {stated(self.tolerance)} mm"
-        said += "." * (self.found != "undetermined")
+        if self.found != "undetermined":
+            known = self.tolerance is not None and math.isfinite(self.lo)
+            said += f"; the tolerance is {stated(self.tolerance or 0.0)} mm." if known else "."
         return f"{said} {not_compared(self.model)}" if self.model else said
 
     def _said(self) -> str:
@@ -122,25 +120,36 @@ class LegVerdict:
     @property
     def reason(self) -> str:
         """What the measurements leave open: by their rank, then by the ranges that are proved."""
-        rank = "" if self.determination is None else self.determination.sentence
-        return " ".join(filter(None, (rank, self.wide.sentence)))
+        said = [] if self.determination is None else [self.determination.sentence]
+        if self.wide:
+            widths = ", ".join(f"{name} ({plain_gap(lo, hi)} mm)" for name, lo, hi in self.wide)
+            what = "parameters that may fill more than half of the box"
+            said.append(f"The measurements are not shown to determine {what}: {widths}.")
+        return " ".join(filter(None, said))
 
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that are open, those of the rank first; none where measurements are too few."""
         rank = () if self.determination is None else self.determination.undetermined
-        return tuple(dict.fromkeys((*rank, *self.wide.names)))
+        return tuple(dict.fromkeys((*rank, *(name for name, _, _ in self.wide))))
 
 
 def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
     """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
-    at, eps = result.options.tolerance if tolerance is None else tolerance, result.options.eps
-    if eps is not None:
-        found = _verdict_at(result.options, eps, leg, at)
+    options, bracket = result.options, leg.bracket
+    at, eps = options.tolerance if tolerance is None else tolerance, options.eps
+    poor: dict[str, Any] = {"determination": leg.determination, "ranges": _wide(options, leg)}
+    if eps is None:
+        hi = bracket.hi if bracket.point is not None else math.inf
+        found = verdict_on(bracket.lo, hi, at, closed=bracket.verdict is Verdict.PROVED, **poor)
+    # where one error was asked about, nothing is known of smaller ones unless it is refuted
+    elif bracket.verdict is not Verdict.REFUTED:
+        hi = eps if bracket.verdict is Verdict.PROVED else math.inf
+        found = replace(verdict_on(0.0, hi, eps if at is None else at, **poor), tolerance=at)
+    elif at is None or eps >= at:
+        found = LegVerdict("unexplained", eps, math.inf, at, beyond=eps)
     else:
-        hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-        closed, known = leg.bracket.verdict is Verdict.PROVED, _wide(result.options, leg)
-        found = verdict_on(leg.bracket.lo, hi, at, closed=closed, determination=leg.determination, ranges=known)
+        found = LegVerdict("undecided", eps, math.inf, at)
     return found if result.model.is_ours else replace(found, model=result.model.name)
 
 
@@ -149,23 +158,15 @@ def _wide(options: Options, leg: LegResult) -> Wide:
 
     The timeout method encloses nothing: what is proved of the parameters are the ranges alone, if they were asked for.
     """
-    ended = leg.bracket.verdict is Verdict.PROVED or not leg.work.pending
-    if leg.bracket.point is None or options.eps:
-        return NOTHING_WIDE
+    box = leg.bracket.enclosure
     if options.method == "timeout":
-        return NOTHING_WIDE if leg.ranges is None else wide(leg.ranges.box, options.delta)
-    return wide(leg.bracket.enclosure, options.delta) if ended else NOTHING_WIDE
-
-
-def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
-    """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
-    if leg.bracket.verdict is Verdict.REFUTED:
-        if tolerance is None or eps >= tolerance:
-            return LegVerdict("unexplained", eps, math.inf, tolerance, beyond=eps)
-        return LegVerdict("undecided", eps, math.inf, tolerance)
-    hi, at = eps if leg.bracket.verdict is Verdict.PROVED else math.inf, eps if tolerance is None else tolerance
-    found = verdict_on(0.0, hi, at, determination=leg.determination, ranges=_wide(options, leg))
-    return replace(found, tolerance=tolerance)
+        box = Box.empty(box.names) if leg.ranges is None else leg.ranges.box
+    elif leg.bracket.verdict is not Verdict.PROVED and leg.work.pending:
+        return ()
+    if leg.bracket.point is None or options.eps or box.is_empty or options.delta <= KNOWN:
+        return ()
+    sides = zip(PARAMETERS, box.lo.tolist(), box.hi.tolist(), strict=False)
+    return tuple((name, lo, hi) for name, lo, hi in sides if hi - lo > SHARE * 2.0 * options.delta)
 
 
 def verdict_on(
@@ -175,13 +176,13 @@ def verdict_on(
     *,
     closed: bool = False,
     determination: Determination | None = None,
-    ranges: Wide = NOTHING_WIDE,
+    ranges: Wide = (),
 ) -> LegVerdict:
     """The verdict on a proved bracket; `closed`: it is as narrow as was asked for. `ranges`: those that are wide."""
     if math.isinf(lo) or (tolerance is not None and lo > tolerance):
         return LegVerdict("unexplained", lo, hi, tolerance)
     poor = determination if determination is not None and not determination.tests_the_model else None
-    if poor is not None or ranges.names:
+    if poor is not None or ranges:
         return LegVerdict("undetermined", lo, hi, tolerance, determination=poor, wide=ranges)
     if hi == 0.0 or (tolerance is not None and hi <= tolerance):
         return LegVerdict("explained", lo, hi, tolerance)
@@ -200,67 +201,38 @@ INFORMATION = (
 )
 
 
-def proved_sentence(options: Options, leg: LegResult) -> str:
-    """What was proved, and what all contractors found beyond the certificate."""
-    return _proved(options, leg) + _beyond(options, leg)
-
-
 def status_of(result: Result, leg: LegResult) -> str:
     """What was proved of a leg of a result, in a sentence."""
     return proved_sentence(result.options, leg)
 
 
-def calls_sentence(calls: int, lo: float, hi: float, gap: float, *, closed: bool) -> str:
-    """Of the paper's script: so many calls of the solver led to the bracket [lo, hi]; `gap`: the relative one asked."""
-    if not math.isfinite(hi):
-        how = "no point was proved to satisfy the constraints; the lower bound is proved."
-    elif closed:
-        asked = f"the relative gap of {stated(gap)} that was asked for"
-        how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
-    else:
-        how = f"both bounds are proved; the gap of {gap_text(lo, hi)} is open."
-    return f"{calls} calls of the solver; {how}"
-
-
-def contractors_sentences(leg: LegResult) -> list[str]:
-    """For each contractor that was asked for how much it took part. Counts are information, nobody proves them."""
-    out = []
-    for use in leg.work.contractors_used:
-        held = f", {use.certified_steps:,} of them in the certificate" if leg.certified else ""
-        out.append(f"{use.name}: {_count(use.calls, 'call')}, {_count(use.steps, 'step')}{held}")
-    return out
-
-
-def information(options: Options, leg: LegResult) -> list[str]:
-    """What `verify` says of a leg besides what is proved: the parts of the contractors, what was found beyond."""
-    beyond = _beyond(options, leg).strip()
-    found = [f"found, but not certified: {beyond}"] if beyond else []
-    uses = contractors_sentences(leg)
-    return found + ([f"contractors: {'; '.join(uses)}"] if uses else [])
+def proved_sentence(options: Options, leg: LegResult) -> str:
+    """What was proved, and what all contractors found beyond the certificate."""
+    return _proved(options, leg) + _beyond(options, leg)
 
 
 def _proved(options: Options, leg: LegResult) -> str:
+    bracket, eps = leg.bracket, stated(options.eps or 0.0)
     if options.eps is not None:
-        return _at(stated(options.eps), leg.bracket.verdict)
+        if bracket.verdict is Verdict.PROVED:
+            return f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved."
+        if bracket.verdict is Verdict.REFUTED:
+            what = f"No x in the box, with legs longer than {eps} mm, satisfies all equations to within {eps} mm"
+            return f"{what} for any readings: proved."
+        return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
     if leg.not_refuted:
         how = "proved in exact arithmetic" if leg.certified else "proved"
         return f"Some x in the box satisfies every equation exactly for some readings: {how}."
-    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-    if options.method == "timeout":
-        closed = leg.bracket.verdict is Verdict.PROVED
-        return calls_sentence(len(leg.work.trials), leg.bracket.lo, hi, options.gap, closed=closed)
-    return bracket_sentence(leg.bracket.verdict, leg.bracket.lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
-
-
-def _at(eps: str, verdict: Verdict) -> str:
-    if verdict is Verdict.PROVED:
-        return f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved."
-    if verdict is Verdict.REFUTED:
-        return (
-            f"No x in the box, with legs longer than {eps} mm, satisfies all equations to within {eps} mm for any "
-            "readings: proved."
-        )
-    return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
+    hi = bracket.hi if bracket.point is not None else math.inf
+    if options.method == "bound":
+        return bracket_sentence(bracket.verdict, bracket.lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
+    how = f"both bounds are proved; the gap of {gap_text(bracket.lo, hi)} is open."
+    if not math.isfinite(hi):
+        how = "no point was proved to satisfy the constraints; the lower bound is proved."
+    elif bracket.verdict is Verdict.PROVED:
+        asked = f"the relative gap of {stated(options.gap)} that was asked for"
+        how = f"both bounds are proved, {gap_text(bracket.lo, hi)} apart, which is within {asked}."
+    return f"{len(leg.work.trials)} calls of the solver; {how}"
 
 
 def _beyond(options: Options, leg: LegResult) -> str:
@@ -270,5 +242,19 @@ def _beyond(options: Options, leg: LegResult) -> str:
     return (replace(leg.found, lo=math.inf) if none_at_eps else leg.found).sentence(leg.bracket.lo)
 
 
-def _count(number: int, thing: str) -> str:
-    return f"{number:,} {thing}{'' if number == 1 else 's'}"
+def contractors_sentences(leg: LegResult) -> list[str]:
+    """For each contractor that was asked for how much it took part. Counts are information, nobody proves them."""
+    out = []
+    for use in leg.work.contractors_used:
+        each = ((use.calls, "call"), (use.steps, "step"))
+        counts = (f"{count:,} {thing}{'s' * (count != 1)}" for count, thing in each)
+        held = f", {use.certified_steps:,} of them in the certificate" if leg.certified else ""
+        out.append(f"{use.name}: {', '.join(counts)}{held}")
+    return out
+
+
+def information(options: Options, leg: LegResult) -> list[str]:
+    """What `verify` says of a leg besides what is proved: the parts of the contractors, what was found beyond."""
+    beyond, uses = _beyond(options, leg).strip(), "; ".join(contractors_sentences(leg))
+    said = (f"found, but not certified: {beyond}" * bool(beyond), f"contractors: {uses}" * bool(uses))
+    return list(filter(None, said))

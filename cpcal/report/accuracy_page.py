@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.accuracy.findings import Accuracy, WorkspaceAccuracy
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
+from cpcal.questions.accuracy import Accuracy, WorkspaceAccuracy
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 

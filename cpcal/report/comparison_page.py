@@ -91,7 +91,7 @@ def comparison_sentences(found: Compared) -> list[str]:
 
 def comparison_lines(found: Compared) -> list[str]:
     """A line a leg, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
-    out, every = [f"{next(iter(found.values())).robot}: smallest error of each model, mm"], _legs(found)
+    out, every = [f"{next(iter(found.values())).campaign.robot}: smallest error of each model, mm"], _legs(found)
     for number, legs in list(every.items())[:_MOST_LINES]:
         each = []
         for model, leg in legs.items():
@@ -138,16 +138,16 @@ def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped
     strange = [result.model.not_compared for result in found.values() if result.model.not_compared]
     about = "FOLDER: where this page is. It holds a run of each model, with its certificates and a page of its own."
     rests: dict[str, Words] = {
-        "Campaign, SHA-256": Mark(first.campaign_sha256, "code"),
+        "Campaign, SHA-256": Mark(first.campaign.sha256, "code"),
         "To check the proofs again": (
             Mark("cpcal verify FOLDER --campaign CAMPAIGN", "command"),
             Mark(about, "small"),
         ),
     }
     page = Page(
-        f"Models compared: {first.robot}",
+        f"Models compared: {first.campaign.robot}",
         "models compared",
-        first.robot,
+        first.campaign.robot,
         [answers, Section("The models", data=data, notes=[same, *strange]), origin(rests)],
         ["Interrupted: what is shown was proved until then; the rest is missing."] if stopped else [],
         "How small can the error of each model be?"
@@ -209,7 +209,9 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
         link = Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}")
         answered = str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else "")
         word = verdict(judged.word, judged.kind)
-        cells.append((link, row.result.robot, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1)))
+        cells.append(
+            (link, row.result.campaign.robot, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1))
+        )
         lines.append(f"  {row.name}: {judged.word}, leg {row.worst.leg}, eps {eps} mm")
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
     table = Table(head, cells, ("names word", "names word", "word"), "cards")

@@ -18,9 +18,8 @@ from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_u
 from cpcal.common.values import Floats
 from cpcal.questions import LegResult, Result, model_of, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
-from cpcal.report.advice import fitted
 from cpcal.report.run_page import command
-from cpcal.report.words import FRAME, overall
+from cpcal.report.words import FRAME, fitted, overall
 from cpcal.robot import Campaign, normalised, rotation_matrix
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -59,7 +58,7 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
 
     Raises InputError where the record is of another, and for a model whose own parameters depend on the frames.
     """
-    if record.campaign_sha256 != result.campaign_sha256:
+    if record.campaign_sha256 != result.campaign.sha256:
         what = "holds the frames of another study: the SHA-256 of its campaign differs"
         raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
     if result.model.name not in ("plain", "gain", "lateral"):
@@ -88,14 +87,14 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
     verdict, certified = overall(result), all(leg.certified for leg in result.legs)
     provenance = {
         **campaign.provenance,
-        "campaign_sha256": result.campaign_sha256,
-        "measurements": result.measurements,
+        "campaign_sha256": result.campaign.sha256,
+        "measurements": result.campaign.measurements,
         "cpcal": result.version,
         "command": command(result),
     }
     return _known(
         format=FORMAT,
-        robot=result.robot,
+        robot=result.campaign.robot,
         model=result.model.name,
         not_compared=result.model.not_compared or None,
         frame=FRAME if frames is None else DRAWING_FRAME,
@@ -121,7 +120,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
     columns = list(zip(_COLUMNS, (*points, *ends), strict=True))
     parameters = {
         name: {"unit": result.model.unit(name), **{c: float(v[k]) for c, v in columns if v is not None}}
-        for k, name in enumerate(result.parameters)
+        for k, name in enumerate(result.model.parameters)
     }
     files = [leg.bracket.certificate, None if ranges is None else ranges.certificate]
     return _known(

@@ -54,7 +54,8 @@ def bars_svg(
     count, right = len(bars), 66.0 if any(bar.text for bar in bars) else 12.0
     size = _WIDE, _TOP + _ROW * count + _BOTTOM
     names = [bar.name for bar in bars]
-    plot = Plot(size, (near, far), (count - 0.5, -0.5), (axis, ""), grid="x", rows=names, margin=(_TOP, right))
+    spans, few = ((near, far), (count - 0.5, -0.5)), (evenly(near, far, 4), None)
+    plot = Plot(size, *spans, (axis, ""), ticks=few, grid="x", rows=names, margin=(_TOP, right))
     for row, bar in enumerate(bars):
         lo, hi = (min(max(v, near), far) for v in (bar.lo, bar.hi))
         if shade:

@@ -25,17 +25,22 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
-from cpcal.report.advice import FEW, Fitted, advise, fitted, measurement_names, support_numbers
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
+    FEW,
     LONGER,
     QUANTIFIER,
+    Fitted,
+    advise,
     assumptions,
     center_sentence,
+    fitted,
     leg_sentence,
+    measurement_names,
     notices,
     overall,
+    support_numbers,
 )
 from cpcal.robot import Campaign, rotation_matrix
 from cpcal.robot.mistakes import suspicions
@@ -81,8 +86,8 @@ def render(
     Raises InputError when the result is of another campaign, or garbled.
     """
     sha256, absent = campaign_sha256(campaign), [leg.leg for leg in result.legs if leg.leg > campaign.legs]
-    if result.campaign_sha256 != sha256:
-        what = f"is of another campaign (sha256 {printable(str(result.campaign_sha256))}, not {sha256})"
+    if result.campaign.sha256 != sha256:
+        what = f"is of another campaign (sha256 {printable(str(result.campaign.sha256))}, not {sha256})"
         raise InputError([Problem("result", what, "give the campaign that was certified, or certify this one")])
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
@@ -266,7 +271,7 @@ def _origin(campaign: Campaign, result: Result) -> Section:
     options = result.options
     certificates = [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None]
     data: dict[str, Words] = {
-        "Campaign, SHA-256": Mark(claim(result.campaign_sha256, "campaign"), "code"),
+        "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (
             Mark(command(result), "command"),
             Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
@@ -329,7 +334,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
         at = ("; ranges at eps = ", within, " mm")
         certified = "no certificate holds it" if name is None else f"certified by {name}"
-        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" * (0.0 < leg.bracket.hi < leg.ranges.eps)
+        more = 0.0 < leg.bracket.hi < leg.ranges.eps
+        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" if more else ""
         said: Words = (
             "The range holds every solution in the box with eps ≤ ",
             within,
@@ -345,7 +351,7 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         )
     nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
     point, rows = leg.bracket.point, list[tuple[Words, ...]]()
-    for k, name in enumerate(result.parameters):
+    for k, name in enumerate(result.model.parameters):
         unit = result.model.unit(name)
         decimals = _DECIMALS if unit == "mm" else _MORE
         sides: list[Words] = [_UNKNOWN] * 3
@@ -530,7 +536,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     if not certificates or not (run / _CAMPAIGN).is_file():
         return None
     campaign = (run / _CAMPAIGN).read_bytes()
-    if hashlib.sha256(campaign).hexdigest() != result.campaign_sha256:
+    if hashlib.sha256(campaign).hexdigest() != result.campaign.sha256:
         return None
     data = json.dumps({"campaign": _deflated(campaign), "certificates": certificates}).replace("<", "\\u003c")
     if len(data) > _MOST:
@@ -543,7 +549,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
         "With the certificates: the verdict on all legs and on each, the tolerance, sentences on the error, brackets, "
         "certified parameters, ranges, enclosures and their widths, and the box; with the campaign in this page: its "
         "SHA-256 and the number of measurements. Under the pointer each says so. Not compared: figures, other prose, "
-        "least squares, nominal values, other frames, what to look at and to do next"
+        "least squares, nominal values, what to look at and to do next"
         f"{', the tables of the study' * study}, and counts of the search. Whoever edits the scripts too is found by "
         "cpcal verify only."
     )

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -18,12 +17,11 @@ from cpcal.common.files import listed
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import load, save
 from cpcal.questions import Result
-from cpcal.questions.fits import CertifiedFits
+from cpcal.questions.points import CertifiedFits
 from cpcal.report.figures import series
 from cpcal.report.run_page import render
-from cpcal.report.section import Drawing, Mark, Picture, Section, Table
+from cpcal.report.section import Drawing, Mark, Section, Table
 from cpcal.report.svg import BAND, DASHES, DOT, EDGE, INK, ROOM, SUPPORT, Plot, Svg, evenly, rectangle
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
@@ -175,49 +173,6 @@ def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What the page of a study says of its images: some of them with what was found, counts, errors, time, pixel sets.
-
-IMAGES_NAME = "images.json"  # beside the study
-FORMAT = "cpcal-images/2"
-
-
-@dataclass(frozen=True)
-class ImagePart:
-    """Of `table` the first row names the columns."""
-
-    title: str
-    sentences: tuple[str, ...] = ()
-    table: tuple[tuple[str, ...], ...] = ()
-    pictures: tuple[Picture, ...] = ()
-
-    def section(self) -> Section:
-        rings = (
-            "Rings: dots that were found, each identified; lines: the two diagonals that tell where the target’s axes "
-            "are; red and green: its x axis and y axis."
-        )
-        shown = tuple((picture, picture.caption) for picture in self.pictures)
-        drawings = [Drawing(caption=rings, pictures=shown)] if shown else []
-        tables = [Table(self.table[0], self.table[1:])] if self.table else []
-        return Section(self.title, self.sentences, figures=drawings, tables=tables)
-
-
-@dataclass(frozen=True)
-class ImagesFound:
-    parts: tuple[ImagePart, ...]
-
-
-def save_images(found: ImagesFound, folder: Path) -> None:
-    """Raises InputError."""
-    save(found, folder / IMAGES_NAME, FORMAT)
-
-
-def load_images(folder: Path) -> ImagesFound | None:
-    """None where there were no images. Raises InputError."""
-    path = folder / IMAGES_NAME
-    return load(ImagesFound, path, FORMAT, remedy="run cpcal demo --images again") if path.exists() else None
-
-
-# ------------------------------------------------------------------------------------------------------------------
 # Figures 3, 4 and 5 of the paper for a user's study: plain floating point, nothing of it is proved.
 
 _FACTORS = {"mm": (1e3, "µm"), "rad": (1e3 * 180.0 / math.pi, "10⁻³ °")}  # of what is printed at an axis
@@ -263,7 +218,6 @@ class StudyFound:
 
     result   brackets by branch and bound; timeout  those by the paper's timeout method, with a time limit
     checked  a sentence on what the checker made of the certificates
-    images   where the poses came from images
     """
 
     campaign: Campaign
@@ -272,7 +226,6 @@ class StudyFound:
     result: Result
     timeout: Result
     checked: str
-    images: ImagesFound | None = None
 
 
 def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -> str:
@@ -284,7 +237,7 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),
-        ("result of the timeout method", found.timeout.campaign_sha256),
+        ("result of the timeout method", found.timeout.campaign.sha256),
     ):
         if sha256 != expected:
             raise InputError([Problem(name, "is of another campaign", remedy)])
@@ -308,7 +261,6 @@ def _study(found: StudyFound) -> Section:
     )
     parts = [
         Section("Table 1: the drawing’s parameters [mm]", tables=[of_legs(record.drawing)]),
-        *(part.section() for part in (found.images.parts if found.images else ())),
         *_repeats(record),
         *_fits(record),
         *_validated(record),

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks import runs
 from benchmarks.commands import SUITES, app, compared, contradictions, page_of, selected
 from benchmarks.problems import problem
 from benchmarks.runs import (
@@ -85,6 +86,13 @@ def test_a_process_that_is_never_ready_is_no_timeout_of_the_task() -> None:
     assert "set-up" in run.note
 
 
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No process begins."""
+    monkeypatch.setattr(runs, "perform", lambda job: work(job, StringIO()))
+
+
+@pytest.mark.usefixtures("here")
 def test_who_gives_up_is_not_asked_again() -> None:
     told: list[Run] = []
     entries = [(EASY, MINIMISE, tuple(job(name).method for name in ("Good", "GivingUp")))]
@@ -93,6 +101,7 @@ def test_who_gives_up_is_not_asked_again() -> None:
     assert told == list(results.runs)
 
 
+@pytest.mark.usefixtures("here")
 def test_cpcal_answers_and_unknown_names_fail() -> None:
     (run,) = execute("test", [(EASY, "refute-0.5", ("lifted",))], limit=60.0, repeat=1).runs
     assert run.status == ANSWERED
@@ -213,6 +222,7 @@ def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
     assert not any("/" in value for value in facts.values())
 
 
+@pytest.mark.usefixtures("here")
 def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     good = ["-m", "tests.benchmarks.fakes:Good", "-p", "leg1-e1-n64-d1", "-o", str(path), "--repeat", "1"]

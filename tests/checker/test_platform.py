@@ -12,12 +12,19 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy, distances, true_poses
-from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy, save_accuracy
 from cpcal.checker import Refused
 from cpcal.checker.platform import Commanded, Leg, _Row, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
 from cpcal.models.platform import pose_bounds as newton_bounds
+from cpcal.questions.accuracy import (
+    ACCURACY_NAME,
+    NamedPoses,
+    certify_accuracy,
+    distances,
+    load_accuracy,
+    save_accuracy,
+    true_poses,
+)
 from cpcal.robot import (
     Pose,
     Robot,
@@ -28,7 +35,7 @@ from cpcal.robot import (
     quaternion_product,
 )
 from cpcal.solver.certificate.exact_network import free
-from tests.accuracy.conftest import ERROR, known
+from tests.models.known_robot import ERROR, known
 
 __all__ = ["known"]
 

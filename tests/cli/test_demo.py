@@ -7,10 +7,10 @@ import pytest
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli.demo import DemoPlan, _is_earlier_demo
+from cpcal.cli.demo import DemoPlan
 from cpcal.cli.verify import check_all, checked_certificates
 from cpcal.files import campaign_sha256, load_study
-from cpcal.questions.fits import fits_of
+from cpcal.questions.points import fits_of
 from tests.cli.command import run
 
 SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
@@ -41,7 +41,7 @@ def test_it_goes_the_whole_way(demo):
         fits_in(folder),
     )
     assert load_study(folder / "study").truth.seed == 3
-    hashes = {found.campaign_sha256 for found in (record, result, timeout, fits)}
+    hashes = {record.campaign_sha256, result.campaign.sha256, timeout.campaign.sha256, fits.campaign_sha256}
     assert hashes == {campaign_sha256(campaign)}
     assert (result.options.method, timeout.options.method) == ("bound", "timeout")
     assert not campaign.exact
@@ -90,16 +90,6 @@ def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
     assert outcome.exit_code == 2
     assert "--force" in outcome.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_a_demo_may_replace_a_demo_and_nothing_else(tmp_path):
-    assert not _is_earlier_demo(tmp_path)
-    (tmp_path / "study").mkdir()
-    (tmp_path / "study" / "study.toml").write_text("")
-    (tmp_path / "run").mkdir()
-    assert _is_earlier_demo(tmp_path)
-    (tmp_path / "mine.txt").write_text("")
-    assert not _is_earlier_demo(tmp_path)
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):

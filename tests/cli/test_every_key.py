@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks.genuine_runs import RUNS
 from cpcal.checker import Refused, check
-from cpcal.cli import app
+from tests.cli.command import run
 from tests.every_key import FILES, accepted_changes, table, unlisted_keys
 from tests.remembered import verify_once
 
@@ -23,14 +22,14 @@ def verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verify:
     verify_once(monkeypatch)
 
     def accepted() -> bool:
-        done = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
+        done = run("verify", tmp_path / "run")
         assert done.exit_code in (0, 1, 2), done.output
         return bool(done.exit_code == 0)
 
     return accepted
 
 
-# below, and those of hand-eye runs in tests/handeye
+# below, and those of hand-eye runs in tests/models
 ELSEWHERE = ("pose sets", "solve", "campaigns", "fits", "hand-eye", "uncertain hand-eye", "wrong images")
 
 
@@ -44,8 +43,8 @@ def test_every_change_outside_of_the_information_is_refused(
 ) -> None:
     RUNS[kind](tmp_path)
     assert verified()
-    run = tmp_path / "run" / ("lateral" if kind == "compare" else "")
-    (file,) = (run / name for name in FILES if (run / name).exists())
+    folder = tmp_path / "run" / ("lateral" if kind == "compare" else "")
+    (file,) = (folder / name for name in FILES if (folder / name).exists())
     assert unlisted_keys(file) == []
     assert list(accepted_changes(file, verified, every_place=every_place)) == []
 

@@ -3,55 +3,47 @@
 import resource
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.common.errors import OutputError
 from cpcal.common.files import draft_name, unwritable
 from cpcal.questions import Uncertified
 from cpcal.questions.question import FOLDER
 from cpcal.solver.certificate.recording import Recording
+from tests.cli.command import run
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5"]
 
 
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("disk") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12), folder)
-    return folder
-
-
-def certified(campaign, run, *options, largest=None):
+def certified(campaign, folder, *options, largest=None):
     """`cpcal certify` while no file that is written may have more bytes than that."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     if largest is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
     try:
-        return CliRunner().invoke(app, ["certify", str(campaign), "-o", str(run), *OPTIONS, *options])
+        return run("certify", campaign, "-o", folder, *OPTIONS, *options)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(campaign, tmp_path):
-    assert certified(campaign, tmp_path).exit_code == 0
+def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(small, tmp_path):
+    assert certified(small, tmp_path).exit_code == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    full = certified(campaign, tmp_path, "--gap", "1e-2", largest=100_000)
+    full = certified(small, tmp_path, "--gap", "1e-2", largest=100_000)
     assert full.exit_code == 2
     assert "Leg 2: fits to within" in full.stdout
     assert "File too large" in full.stderr
     assert "Traceback" not in full.stderr
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
     assert sorted(path.name for path in (tmp_path / FOLDER).iterdir()) == ["leg1.answer", "leg2.answer"]
-    resumed = certified(campaign, tmp_path, "--gap", "1e-2", "--resume")
+    resumed = certified(small, tmp_path, "--gap", "1e-2", "--resume")
     assert resumed.exit_code == 0, resumed.stderr
     assert not (tmp_path / FOLDER).exists()
 
 
 @pytest.mark.parametrize("method", ["_put", "_useful_steps"])
-def test_a_certificate_that_cannot_be_written_costs_no_answer(campaign, tmp_path, monkeypatch, method):
-    measured = cpcal.load_campaign(campaign)
+def test_a_certificate_that_cannot_be_written_costs_no_answer(small, tmp_path, monkeypatch, method):
+    measured = cpcal.load_campaign(small)
     whole = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "whole").legs[0]
 
     def full(*_):

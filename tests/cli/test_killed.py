@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import LOCK_NAME
+from tests.cli.command import done, refused
+from tests.cli.command import run as command
 
 OPTIONS = ("--legs", "1,2", "--delta", "0.5", "--gap", "1e-2", "--support", "none")
 WRITES = {"open", "os.mkdir", "os.rename", "os.remove", "os.rmdir"}  # audit events, each told before it happens
@@ -45,8 +45,7 @@ def campaigns(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def certified(campaign: Path, run: Path) -> None:
-    done = CliRunner().invoke(app, ["certify", str(campaign), "-o", str(run), *OPTIONS])
-    assert done.exit_code == 0, done.output
+    done("certify", campaign, "-o", run, *OPTIONS)
 
 
 def digest(run: Path) -> str:
@@ -87,7 +86,7 @@ def test_whenever_a_run_is_killed_it_leaves_no_mixture(campaigns: list[Path], tm
     assert digest(run) == new
     seen = set()
     for state in states:
-        said = CliRunner().invoke(app, ["verify", str(state)])
+        said = command("verify", state)
         assert "Traceback" not in said.output
         assert "REFUSED" not in said.output
         if (state / "result.json").exists():
@@ -124,11 +123,11 @@ def test_the_dead_hold_no_lock_and_leave_no_mixture(campaigns: list[Path], tmp_p
     """A process that is really killed, while its answers are put in place."""
     run = tmp_path / "run"
     certified(campaigns[0], run)
-    command = [sys.executable, "-c", _KILLED, "certify", str(campaigns[1]), "-o", str(run), *OPTIONS]
-    done = subprocess.run(command, capture_output=True, timeout=120, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    words = [sys.executable, "-c", _KILLED, "certify", str(campaigns[1]), "-o", str(run), *OPTIONS]
+    killed = subprocess.run(words, capture_output=True, timeout=120, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not (run / "result.json").exists()
-    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 2
+    assert command("verify", run).exit_code == 2
     certified(campaigns[1], run)
     assert digest(run) == campaign_sha256(cpcal.load_campaign(campaigns[1]))
     assert not [p for p in run.iterdir() if p.name.startswith(".") and p.name != LOCK_NAME]
@@ -144,7 +143,6 @@ def test_a_link_in_a_drafts_place_is_not_followed(
     (outside / "result.json").write_text("precious", encoding="utf-8")
     os.symlink(outside, run / f".{'0' * 24}.draft")
     monkeypatch.setattr("cpcal.files.run_folder.draft_name", lambda *_: f".{'0' * 24}.draft")
-    done = CliRunner().invoke(app, ["certify", str(campaigns[0]), "-o", str(run), *OPTIONS])
-    assert done.exit_code == 2, done.output
+    refused("certify", campaigns[0], "-o", run, *OPTIONS)
     assert [p.name for p in outside.iterdir()] == ["result.json"]
     assert (outside / "result.json").read_text(encoding="utf-8") == "precious"

@@ -7,11 +7,10 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.cli.app import VERBS
+from tests.cli.command import run as command
 
 # Something happens the moment a module is imported; runners may start us with SIGINT ignored.
 _AT_IMPORT = """
@@ -48,8 +47,6 @@ def run(code, *arguments, stdout=subprocess.PIPE, **more):
     [
         ("plugins", "lazy_loader"),
         ("--help", "typer"),
-        ("plugins", "cpcal.cli.app"),
-        ("--help", "cpcal.cli.solve"),
         ("plugins", "cpcal.solver.plugins"),
     ],
 )
@@ -93,15 +90,13 @@ def test_a_traceback_is_there_for_who_asks():
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-@pytest.mark.parametrize(
-    "arguments", [["plugins"], ["--version"], ["--help"], ["simulate", "deltalab", "-o", "/dev/full"]]
-)
-def test_a_full_disk_is_said_and_is_2(arguments):
+@pytest.mark.parametrize("argument", ["plugins", "--help"])
+def test_a_full_disk_is_said_and_is_2(argument):
     with open("/dev/full", "w") as full:
-        done = run("from cpcal.__main__ import main; main()", *arguments, stdout=full)
+        done = run("from cpcal.__main__ import main; main()", argument, stdout=full)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
-    assert "No space left" in done.stderr or "cannot be a folder" in done.stderr
+    assert "No space left" in done.stderr
 
 
 def test_an_empty_name_is_refused_by_every_verb():
@@ -109,12 +104,12 @@ def test_an_empty_name_is_refused_by_every_verb():
         ("certify", empty) for empty in (["--output="], ["-o", "  "], [""])
     ]
     for verb, empty in words:
-        done = CliRunner().invoke(app, [*verb.split(), "x", *empty])
+        done = command(*verb.split(), "x", *empty)
         assert (done.exit_code, "is empty" in done.stderr) == (2, True), (verb, empty)
 
 
 def test_a_folder_of_a_strange_name_forges_no_line(tmp_path):
-    done = CliRunner().invoke(app, ["simulate", "deltalab", "-o", str(tmp_path / "x\nLeg 1: proved")])
+    done = command("simulate", "deltalab", "-o", tmp_path / "x\nLeg 1: proved")
     assert done.exit_code == 0, done.stderr
     assert len(done.stdout.splitlines()) == 1
 
@@ -126,13 +121,13 @@ def test_a_campaign_in_metres_is_warned_of_before_the_work(tmp_path, verb):
     cpcal.save_campaign(metres, tmp_path / "c")
     name, *options = verb
     limits = ["--legs", "1", "--time-limit", "0.01"]
-    done = CliRunner().invoke(app, [name, str(tmp_path / "c"), "-o", str(tmp_path / "r"), *options, *limits])
+    done = command(name, tmp_path / "c", "-o", tmp_path / "r", *options, *limits)
     assert done.exit_code in (0, 1)
     assert "cpcal: warning: " in done.stderr
     assert "positions are in metres, not mm" in done.stderr
 
 
-def test_a_library_that_cannot_be_loaded_is_named(campaign_folder, tmp_path):
+def test_a_library_that_cannot_be_loaded_is_named(campaign, tmp_path):
     """llvmlite says so by an OSError without number; the folder of answers has nothing to do with it."""
     code = (
         "import cpcal.solver.compiled\n"
@@ -141,37 +136,30 @@ def test_a_library_that_cannot_be_loaded_is_named(campaign_folder, tmp_path):
         "cpcal.solver.compiled._made = missing\n"
         "from cpcal.__main__ import main; main()"
     )
-    done = run(code, "certify", campaign_folder, "-o", tmp_path / "run")
+    done = run(code, "certify", campaign, "-o", tmp_path / "run")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "shared object file 'libllvmlite.so'" in done.stderr
     assert "cannot be written" not in done.stderr
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_a_log_on_a_full_disk_costs_one_sentence(campaign_folder, tmp_path):
+def test_a_log_on_a_full_disk_costs_one_sentence(campaign, tmp_path):
     limits = ["--legs", "1", "--time-limit", "0.01", "--log", "/dev/full"]
-    done = CliRunner().invoke(app, ["certify", str(campaign_folder), "-o", str(tmp_path / "run"), *limits])
+    done = command("certify", campaign, "-o", tmp_path / "run", *limits)
     assert done.exit_code in (0, 1)
     assert done.stderr.count("the record ends here") == 1
     assert "No space left" in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_too_little_memory_is_a_message_with_what_was_asked(campaign_folder, tmp_path, monkeypatch):
+def test_too_little_memory_is_a_message_with_what_was_asked(campaign, tmp_path, monkeypatch):
     def short(*_):
         raise MemoryError("Unable to allocate 7.5 GiB")
 
     monkeypatch.setattr("cpcal.cli.certify.answered", short)
-    done = CliRunner().invoke(app, ["certify", str(campaign_folder), "-o", str(tmp_path / "run")])
+    done = command("certify", campaign, "-o", tmp_path / "run")
     assert done.exit_code == 2
     assert re.search(r"too little memory: 64 measurements .* 7\.5 GiB.* --resume", done.stderr), done.stderr
-
-
-@pytest.fixture(scope="module")
-def campaign_folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("leaving") / "campaign"
-    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0), folder)
-    return folder
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs limits of address space")

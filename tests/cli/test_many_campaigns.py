@@ -5,13 +5,12 @@ import json
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
 from cpcal.checker import check_run
-from cpcal.cli import app
 from cpcal.files.run_folder import locked
 from cpcal.solver.execution.stopping import Reason, also_asked_by
+from tests.cli.command import run
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"]
 
@@ -27,8 +26,7 @@ def folders(tmp_path_factory):
 
 
 def certified(folders, runs, *names, more=()):
-    words = ["certify", *(str(folders / name) for name in names), "-o", str(runs), *OPTIONS, *more]
-    return CliRunner().invoke(app, words)
+    return run("certify", *(folders / name for name in names), "-o", runs, *OPTIONS, *more)
 
 
 def rows(runs):

@@ -9,13 +9,12 @@ import sys
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from cpcal.cli.certify import show_result
 from cpcal.cli.options import Talk
 from cpcal.models import PLAIN
+from tests.cli.command import run
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
 _SIGNALLED = """
@@ -30,7 +29,7 @@ class Stop:
         if leg == 2:
             os.kill(os.getpid(), signal.NAME)
 
-cpcal.cli.certify.LegsProgress = Stop
+cpcal.cli.certify.Legs = Stop
 from cpcal.__main__ import main
 main()
 """
@@ -62,7 +61,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert data["information"]["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
-    assert "REFUSED" not in CliRunner().invoke(app, ["verify", str(tmp_path)]).output
+    assert "REFUSED" not in run("verify", tmp_path).output
     assert [leg["bracket"]["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "campaign.json",
@@ -75,20 +74,16 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     ]
 
 
-def terminal():
-    return Console(file=io.StringIO(), force_terminal=True, width=80, markup=False, highlight=False)
-
-
 def test_hostile_names_and_narrow_terminals(campaign, monkeypatch):
     measured = cpcal.load_campaign(campaign)
     result = cpcal.certify(measured, legs=[1], eps=0.1)
     hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
-    console = terminal()
-    console.width = 40
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=40, markup=False, highlight=False)
     monkeypatch.setattr(Talk, "out", property(lambda _: console))
     for verbose in (True, False):
         show_result(Talk(verbose=verbose), measured, hostile, PLAIN)
-    text = console.file.getvalue()
+    text = file.getvalue()
     assert "[bold]\\x1b[2J:smile:" in text
     assert "…" not in text  # no figure is cut off
     assert "does not explain" in " ".join(text.split())

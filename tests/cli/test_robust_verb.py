@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli.app import app
 from cpcal.simulate import simulate
+from tests.cli.command import done, run
 
 
 @pytest.fixture(scope="module")
@@ -20,24 +19,20 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("robust")
     made = cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
     cpcal.save_campaign(made, where / "campaign")
-    asked = ["certify", str(where / "campaign"), "-o", str(where / "out"), "--outliers", "1", "--legs", "1"]
-    done = CliRunner().invoke(app, asked)
-    assert done.exit_code == 0, done.output
-    assert "r005/1" in done.output
+    said = done("certify", where / "campaign", "-o", where / "out", "--outliers", "1", "--legs", "1")
+    assert "r005/1" in said
     return where / "out"
 
 
 def test_what_was_written_is_proved_again(folder):
-    done = CliRunner().invoke(app, ["verify", str(folder)])
-    assert done.exit_code == 0, done.output
-    assert "leg 1, at most 1 wrong: PROVED, eps >= 0.0" in done.output  # not the 2 mm of the wrong one
-    assert "leaving out r005/1" in done.output
+    said = done("verify", folder)
+    assert "leg 1, at most 1 wrong: PROVED, eps >= 0.0" in said  # not the 2 mm of the wrong one
+    assert "leaving out r005/1" in said
 
 
 def test_the_page_names_what_is_left_out(folder):
     page = (folder / "report.html").read_text(encoding="utf-8")
-    done = CliRunner().invoke(app, ["report", str(folder)])
-    assert done.exit_code == 0, done.output
+    done("report", folder)
     assert (folder / "report.html").read_text(encoding="utf-8") == page
     assert "r005/1" in page
     assert "Whichever 1 measurements of a leg are wrong" in page
@@ -49,7 +44,7 @@ def test_a_bound_that_says_more_is_refused(folder):
     value = json.loads(text)
     value["legs"][0]["bracket"]["lo"] *= 1.01
     path.write_text(json.dumps(value))
-    done = CliRunner().invoke(app, ["verify", str(folder)])
+    outcome = run("verify", folder)
     path.write_text(text)
-    assert done.exit_code == 1
-    assert "REFUSED" in done.output
+    assert outcome.exit_code == 1
+    assert "REFUSED" in outcome.output

@@ -10,39 +10,31 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli import app
 from tests.checker.forged.test_checker_run import uncertified
+from tests.cli.command import run as command
+from tests.cli.conftest import SMALL, certified
+from tests.remembered import verify_once
 
-SMALL = {"joint_error": 10.0, "factor": 0.0, "extremal": False, "random_poses": 12}
 Tamper = Callable[[Path], None]
 
 
 def verify(*arguments: object) -> Any:
-    return CliRunner().invoke(app, ["verify", *map(str, arguments)])
-
-
-def certified(folder: Path, seed: int, *options: str) -> Path:
-    """A run of two legs, with its campaign beside it."""
-    cpcal.save_campaign(cpcal.simulate(seed=seed, **SMALL), folder / "campaign")
-    arguments = ["certify", str(folder / "campaign"), "-o", str(folder / "run"), "--legs", "1,2", "--delta", "2"]
-    done = CliRunner().invoke(app, [*arguments, *options])
-    assert done.exit_code in (0, 1), done.output
-    return folder / "run"
+    return command("verify", *arguments)
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    """A run, one of another campaign, and one that asked about an eps."""
-    folders = [tmp_path_factory.mktemp(name) for name in ("one", "other", "asked")]
-    return certified(folders[0], 1), certified(folders[1], 2), certified(folders[2], 1, "--eps", "0.1")
+def runs(genuine: Path, small: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """A run, one of another campaign that is beside it, and one that asked about an eps."""
+    other, asked = (tmp_path_factory.mktemp(name) for name in ("other", "asked"))
+    cpcal.save_campaign(cpcal.simulate(seed=2, **SMALL), other / "campaign")
+    return genuine, certified(other / "campaign", other / "run"), certified(small, asked / "run", "--eps", "0.1")
 
 
 @pytest.fixture
-def run(runs: tuple[Path, Path, Path], tmp_path: Path) -> Path:
-    return Path(shutil.copytree(runs[0], tmp_path / "moved" / "run"))
+def run(genuine: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(genuine, tmp_path / "moved" / "run"))
 
 
 def stated(change: Callable[[dict[str, Any]], object]) -> Tamper:
@@ -234,17 +226,72 @@ TAMPERED: dict[str, Tamper] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TAMPERED)
-def test_a_run_that_was_touched_is_refused(run: Path, name: str) -> None:
-    TAMPERED[name](run)
+def field(path: str, value: object) -> Tamper:
+    """Another value at a path of result.json; a number in it is a place in a list."""
+
+    def change(data: Any) -> None:
+        *steps, last = (int(step) if step.isdigit() else step for step in path.split("."))
+        for step in steps:
+            data = data[step]
+        data[last] = value
+
+    return stated(change)
+
+
+SHOWN = "legs.0.information.projections"
+GARBLED: dict[str, tuple[Tamper, str]] = {  # and why it is refused
+    f"{path} is {value!r}": (field(path, value), why)
+    for path, value, why in (
+        ("campaign.sha256", 5, "campaign.sha256 is no text"),
+        ("campaign.robot", None, "robot"),
+        ("options.delta", "wide", "options.delta is no number"),
+        ("options.eps", [], "options.eps is no number"),
+        ("options.information.center", "left", "not known"),
+        ("options.information.gap", -1, "no relative gap"),
+        ("model.parameters", ["x"] * 7, "model.parameters[0] is no object"),
+        ("legs.0.bracket.enclosure.names", list("tuvwxyz"), "has not the parameters"),
+        ("legs.0.leg", 99, "another list of legs"),
+        ("legs.0.leg", "\x1b[2J", "leg"),
+        ("legs.0.bracket.point", [1.0], "point"),
+        ("legs.0.bracket.center", [], "center"),
+        ("legs.0.information.work.nodes", "many", "nodes"),
+        ("legs.0.support.information.ids", [1], "support"),
+        ("legs.0.information.not_certified", "proved", "not_certified is none of"),
+        ("legs.0.bracket.enclosure.lo", [2.0], "no box"),
+        (SHOWN, 5, "lacks or garbles"),
+        (f"{SHOWN}.eps", "nan", "not finite"),
+        (f"{SHOWN}.box.hi", ["inf"] * 7, "not finite"),
+        (f"{SHOWN}.pairs.0.parameters", ["a_x", "a_x"], "not two parameters"),
+        (f"{SHOWN}.pairs.0.parameters", ["a_x", "<b>"], "parameters that are not there"),
+        (f"{SHOWN}.pairs.0.half_planes.0", [0.0, 0.0, 1.0], "no half-plane"),
+        (f"{SHOWN}.pairs.0.half_planes.0", [1.0], "lacks or garbles"),
+    )
+}
+TOUCHED = {name: (tamper, "") for name, tamper in TAMPERED.items()} | GARBLED
+
+
+@pytest.mark.parametrize("name", TOUCHED)
+def test_a_run_that_was_touched_is_refused(run: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    verify_once(monkeypatch)
+    tamper, why = TOUCHED[name]
+    tamper(run)
     done = verify(run)
     assert done.exit_code == 1, done.output
+    assert any("REFUSED" in line and why in line for line in done.output.splitlines())
     assert "Traceback" not in done.output
-    assert "REFUSED" in done.output
+    assert "\x1b" not in done.output
+
+
+@pytest.mark.parametrize("name", ["eps_lo is 0", "the point is another", "a certificate is gone", next(iter(GARBLED))])
+def test_what_is_refused_has_no_page_and_no_parameters(run: Path, name: str) -> None:
+    TOUCHED[name][0](run)
     (run / "report.html").unlink()
-    page = CliRunner().invoke(app, ["report", str(run)])
-    assert page.exit_code == 1, page.output
-    assert "REFUSED" in page.output
+    for verb in ("report", "export"):
+        outcome = command(verb, run)
+        assert outcome.exit_code == 1, outcome.output
+        assert "run: " in outcome.output
+        assert "REFUSED" in outcome.output
+        assert "a_x" not in outcome.output
     assert not (run / "report.html").exists()
 
 
@@ -261,12 +308,12 @@ def test_files_of_another_run_are_refused(
     assert verify(run).exit_code == 1
 
 
-def test_a_run_needs_nothing_else(run: Path, runs: tuple[Path, Path, Path]) -> None:
+def test_a_run_needs_nothing_else(run: Path, small: Path, runs: tuple[Path, Path, Path]) -> None:
     done = verify(run)
     assert done.exit_code == 0, done.output
     assert "REFUSED" not in done.output
-    assert verify(run, "--campaign", runs[0].parent / "campaign").exit_code == 0
-    assert CliRunner().invoke(app, ["report", str(run)]).exit_code == 0
+    assert verify(run, "--campaign", small).exit_code == 0
+    assert command("report", run).exit_code == 0
     assert verify(run).exit_code == 0  # as the page is none of what was proved
     assert verify(runs[2]).exit_code == 0
 
@@ -275,7 +322,7 @@ def test_the_original_files_can_be_compared(run: Path, runs: tuple[Path, Path, P
     done = verify(run, "--campaign", runs[1].parent / "campaign")
     assert done.exit_code == 1
     assert "another one" in done.output
-    refused = CliRunner().invoke(app, ["report", str(run), "--campaign", str(runs[1].parent / "campaign")])
+    refused = command("report", run, "--campaign", runs[1].parent / "campaign")
     assert refused.exit_code == 2
 
 
@@ -286,6 +333,10 @@ def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> Non
     assert verify(run, "--campaign", run / "absent").exit_code == 2
 
 
+# ------------------------------------------------------------------------------------------------------------------
+# What a run states and no certificate holds: `verify` names it, and `export` does not write it.
+
+
 def test_a_leg_that_is_not_certified_is_named(run: Path) -> None:
     stated(lambda data: uncertified(data["legs"][0]))(run)
     told(not_certified="the search was interrupted")(run)
@@ -293,5 +344,43 @@ def test_a_leg_that_is_not_certified_is_named(run: Path) -> None:
     done = verify(run)
     assert done.exit_code == 0
     assert "leg 1: NOT CERTIFIED, the search was interrupted" in done.output
-    assert CliRunner().invoke(app, ["report", str(run)]).exit_code == 0
+    assert command("report", run).exit_code == 0
     assert "ot certified" in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> None:
+    box = {"lo": [0.0] * 7, "hi": [0.0] * 7}
+    leg(ranges=lambda old: {"certificate": None, "information": {"eps": old["eps"], "box": old["box"] | box}})(run)
+    (run / "ranges-leg1.cert.jsonl").unlink()
+    done = verify(run)
+    assert done.exit_code == 0
+    assert "leg 1: its ranges are NOT CERTIFIED" in done.output
+    exported = json.loads(command("export", run, "--format", "json").output)
+    first, second = (leg["parameters"]["a_x"] for leg in exported["legs"])
+    assert "range_lo" not in first
+    assert "range_lo" in second
+    assert "range_eps" not in exported["legs"][0]
+
+
+def test_numbers_that_are_not_certified_are_not_exported_as_if_they_were(run: Path) -> None:
+    stated(lambda data: uncertified(data["legs"][0]))(run)
+    told(not_certified="no certificate was asked for", eps_lo=0.0, eps_hi=0.0, point=[0.0] * 7)(run)
+    stated(lambda data: data["options"]["information"].update(tolerance=1.0))(run)
+    (run / FIRST).unlink()
+    exported = json.loads(command("export", run, "--format", "json").output)
+    first, second = exported["legs"]
+    assert (exported["verdict"], first["verdict"]) == ("not certified", "not certified")
+    assert first["not_certified"] == "no certificate was asked for"
+    assert not {"eps_lo", "eps_hi"} & set(first)
+    assert "certified" not in first["parameters"]["a_x"]
+    assert "certified" in second["parameters"]["a_x"]
+
+
+def test_legs_that_nobody_asked_about_are_named(run: Path) -> None:
+    """A leg that fails could be left out of a run, and what is left would look like the robot."""
+    sentence = "Not asked about, and not judged: leg 3, 4, 5, 6."
+    assert sentence in verify(run).output
+    assert command("report", run).exit_code == 0
+    assert sentence in (run / "report.html").read_text(encoding="utf-8")
+    exported = json.loads(command("export", run, "--format", "json").output)
+    assert exported["missing_legs"] == [3, 4, 5, 6]

@@ -6,50 +6,29 @@ import json
 import shutil
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
 from benchmarks.genuine_runs import RUNS
 from cpcal.checker import Refused, certificates_of
 from cpcal.checker.files import A_FILE
-from cpcal.cli import app
 from cpcal.files.folders import save_campaign_json
+from tests.cli.command import done, run
+from tests.remembered import verify_once
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("verify")
-    cpcal.save_campaign(cpcal.simulate(seed=4, joint_error=1.0, factor=0.0), folder / "campaign")
-    done = CliRunner().invoke(app, ["certify", str(folder / "campaign"), "-o", str(folder / "run"), "--legs", "2"])
-    assert done.exit_code == 0
-    return folder / "run"
-
-
-def test_a_fresh_run_is_proved(run):
-    leg = cpcal.load_result(run).legs[0]
-    assert leg.bracket.certificate == "leg2.cert.jsonl"
-    done = CliRunner().invoke(app, ["verify", str(run)])
-    assert done.exit_code == 0
-    assert "PROVED" in done.output
-    assert "REFUSED" not in done.output
-    one = CliRunner().invoke(
-        app, ["verify", str(run / leg.bracket.certificate), "--campaign", str(run.parent / "campaign")]
-    )
-    assert one.exit_code == 0
-
-
-def test_a_bound_that_is_not_proved_is_refused(run, tmp_path):
-    lines = (run / "leg2.cert.jsonl").read_text().splitlines()
+def test_a_bound_that_is_not_proved_is_refused(genuine, small, tmp_path):
+    lines = (genuine / "leg2.cert.jsonl").read_text().splitlines()
     claims = json.loads(lines[1])
     claims["epsilon"]["lo"] = claims["cap"]
     lines[1] = json.dumps(claims)
     forged = tmp_path / "forged.cert.jsonl"
     forged.write_text("\n".join(lines) + "\n")
-    shutil.copy(run / "campaign.json", tmp_path)
-    done = CliRunner().invoke(app, ["verify", str(forged), "--campaign", str(run.parent / "campaign")])
-    assert done.exit_code == 1
-    assert "REFUSED" in done.output
-    assert "still open below eps_lo" in done.output
+    shutil.copy(genuine / "campaign.json", tmp_path)
+    outcome = run("verify", forged, "--campaign", small)
+    assert outcome.exit_code == 1
+    assert "REFUSED" in outcome.output
+    assert "still open below eps_lo" in outcome.output
+    assert "PROVED" in done("verify", genuine / "leg2.cert.jsonl", "--campaign", small)
 
 
 def test_constraints_of_ones_own_need_no_campaign(tmp_path):
@@ -58,24 +37,15 @@ def test_constraints_of_ones_own_need_no_campaign(tmp_path):
     net.add(cpcal.norm(x - 3.0) <= t)
     net.add(cpcal.norm(x + 3.0) <= t)
     net.minimize(t, certificate=tmp_path / "own.cert.jsonl")
-    done = CliRunner().invoke(app, ["verify", str(tmp_path / "own.cert.jsonl")])
-    assert done.exit_code == 0
-    assert "No point of the box satisfies all 2 constraints with t < 4.24" in done.output
-    assert "Some point of the box satisfies all 2 constraints with t <= 4.24" in done.output
-
-
-def test_another_campaign_is_refused(run, tmp_path):
-    cpcal.save_campaign(cpcal.simulate(seed=5, joint_error=1.0, factor=0.0), tmp_path / "other")
-    done = CliRunner().invoke(app, ["verify", str(run), "--campaign", str(tmp_path / "other")])
-    assert done.exit_code == 1
-    assert "another one" in done.output
+    said = done("verify", tmp_path / "own.cert.jsonl")
+    assert "No point of the box satisfies all 2 constraints with t < 4.24" in said
+    assert "Some point of the box satisfies all 2 constraints with t <= 4.24" in said
 
 
 @pytest.mark.parametrize("what", ["nothing", "empty"])
 def test_nothing_to_check_is_unusable(tmp_path, what):
     (tmp_path / "empty").mkdir()
-    done = CliRunner().invoke(app, ["verify", str(tmp_path / what)])
-    assert done.exit_code == 2
+    assert run("verify", tmp_path / what).exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -94,43 +64,38 @@ def test_nothing_to_check_is_unusable(tmp_path, what):
     ],
     ids=" ".join,
 )
-def test_whatever_was_asked_an_honest_run_is_accepted(asked, tmp_path):
-    small = cpcal.simulate(seed=1, extremal=False, random_poses=12, joint_error=1.0, factor=0.0)
-    cpcal.save_campaign(small, tmp_path / "campaign")
-    words = ["certify", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--delta", "0.5"]
-    done = CliRunner().invoke(app, [*words, "--gap", "1e-2", *asked])
-    assert done.exit_code in (0, 1), done.output
-    checked = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
-    certified = cpcal.load_result(tmp_path / "run").legs[0].certified
+def test_whatever_was_asked_an_honest_run_is_accepted(asked, small, tmp_path, monkeypatch):
+    verify_once(monkeypatch)  # no process begins
+    outcome = run("certify", small, "-o", tmp_path, "--legs", "1", "--delta", "0.5", "--gap", "1e-2", *asked)
+    assert outcome.exit_code in (0, 1), outcome.output
+    checked = run("verify", tmp_path)
+    certified = cpcal.load_result(tmp_path).legs[0].certified
     assert checked.exit_code == (0 if certified else 2), checked.output
     assert "REFUSED" not in checked.output
-    assert CliRunner().invoke(app, ["report", str(tmp_path / "run")]).exit_code == 0
+    done("report", tmp_path)
 
 
-def test_a_refuted_tolerance_is_certified(run, tmp_path):
-    arguments = ["certify", str(run.parent / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--eps", "0.1"]
-    assert CliRunner().invoke(app, arguments).exit_code == 0
-    done = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(run.parent / "campaign")])
-    assert done.exit_code == 0
-    assert "|g| <= 0.1 mm for any readings" in done.output
+def test_a_refuted_tolerance_is_certified(small, tmp_path):
+    done("certify", small, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
+    assert "|g| <= 0.1 mm for any readings" in done("verify", tmp_path, "--campaign", small)
 
 
 def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch):
     """Each by itself costs less than half of what they may cost together."""
     RUNS["fits"](tmp_path)
-    run = tmp_path / "run"
-    among = certificates_of(run)
+    folder = tmp_path / "run"
+    among = certificates_of(folder)
     before = among.budget.left
     for name in among.names:
         among.accepted(name)
         assert before - among.budget.left >= A_FILE
     whole, legs = before - among.budget.left, among.campaign.legs
     monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: -(-whole // legs))
-    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 0
+    done("verify", folder)
     monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: whole // legs - 1)
-    done = CliRunner().invoke(app, ["verify", str(run)])
-    assert done.exit_code == 1
-    refused = [line for line in done.output.splitlines() if "takes more work than the" in line]
+    outcome = run("verify", folder)
+    assert outcome.exit_code == 1
+    refused = [line for line in outcome.output.splitlines() if "takes more work than the" in line]
     assert [line.split(":")[0] for line in refused] == [max(among.names)]
 
 
@@ -148,6 +113,6 @@ def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path
 def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
     RUNS["fits"](tmp_path)
     (tmp_path / "run" / "campaign.json").write_text("{}")
-    done = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
-    assert done.exit_code == 1
-    assert "run: REFUSED, campaign.json: it holds another key than" in done.output
+    outcome = run("verify", tmp_path / "run")
+    assert outcome.exit_code == 1
+    assert "run: REFUSED, campaign.json: it holds another key than" in outcome.output

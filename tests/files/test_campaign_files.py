@@ -65,7 +65,7 @@ def campaigns(draw):
     )
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(campaigns())
 def test_what_is_saved_is_loaded_bit_for_bit(tmp_path_factory, campaign):
     folder = tmp_path_factory.mktemp("round") / "campaign"

@@ -1,6 +1,5 @@
 """Ranges of parameters at a tolerance: they hold every point that reaches it, and a certificate says so."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -8,7 +7,9 @@ import pytest
 
 import cpcal
 from cpcal.checker import Refused, check_run
-from cpcal.questions.ranges import MARGIN
+from cpcal.questions.bracket import prepared_leg
+from cpcal.questions.question import Question
+from cpcal.questions.ranges import MARGIN, ranges_of
 from tests.changed import leg_with
 
 
@@ -21,8 +22,7 @@ def campaign():
 def run(campaign, tmp_path_factory):
     """The folder of a run with ranges, and its result."""
     folder = tmp_path_factory.mktemp("run")
-    found = cpcal.certify(campaign, legs=[2], certificates=folder)
-    found = cpcal.with_ranges(campaign, found, certificates=folder)
+    found = cpcal.certify(campaign, legs=[2], ranges=True, certificates=folder)
     cpcal.save_result(found, folder)
     return folder, found
 
@@ -68,8 +68,8 @@ def test_the_checker_ties_the_ranges_to_their_certificate(run, tmp_path):
 
 
 def test_ranges_without_a_certificate_are_nearly_as_wide(campaign, run):
-    plain = cpcal.certify(campaign, legs=[2], eps=run[1].legs[0].ranges.eps)
-    at = cpcal.with_ranges(campaign, plain).legs[0].ranges
+    plain = cpcal.certify(campaign, legs=[2], eps=run[1].legs[0].ranges.eps, ranges=True)
+    at = plain.legs[0].ranges
     assert at.certificate is None
     assert at.box == plain.legs[0].bracket.enclosure
     # contraction ends with a pass that gains less than a twentieth, and numbers in a certificate are short
@@ -77,10 +77,8 @@ def test_ranges_without_a_certificate_are_nearly_as_wide(campaign, run):
 
 
 def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
-    result = run[1]
-    lost = leg_with(result.legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
-    bare = dataclasses.replace(result, legs=(dataclasses.replace(lost, ranges=None),))
-    assert cpcal.with_ranges(campaign, bare).legs[0].ranges is None
+    lost = leg_with(run[1].legs[0], point=None, eps_hi=float("inf"), verdict=cpcal.Verdict.UNKNOWN)
+    assert ranges_of(prepared_leg(Question(campaign=campaign, options=run[1].options), 2), lost) == (None, False)
 
 
 def test_a_result_with_ranges_is_read_as_it_was_written(run):

@@ -6,7 +6,7 @@ import pytest
 import cpcal
 from cpcal.models import PLAIN
 from cpcal.questions import verdict_of
-from cpcal.questions.undetermined import determination
+from cpcal.questions.data_check import determination
 
 whole = cpcal.simulate(seed=1, joint_error=0.0, runs=40)
 

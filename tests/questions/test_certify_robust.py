@@ -12,8 +12,10 @@ import pytest
 import cpcal
 from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
+from cpcal.common.files import write_file
+from cpcal.questions import ask
 from cpcal.questions import outliers as robust
-from cpcal.questions.bracket import all_or_none
+from cpcal.questions.outliers import all_or_none
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -52,7 +54,7 @@ def asked_of(folder, **options):
 def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
     """A bad first guess is refuted at large errors too; the bound is what holds whichever measurement is wrong."""
     usual = asked_of(tmp_path / "usual")
-    monkeypatch.setattr(robust._Search, "guessed", lambda search, outliers: frozenset({0}))
+    monkeypatch.setattr(robust, "guessed", lambda question, leg, center: frozenset({0}))
     leg = asked_of(tmp_path / "other")
     levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.bracket.proofs]
     assert max(levels) > leg.bracket.hi > leg.bracket.lo == float(min(levels))
@@ -79,6 +81,20 @@ def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_proof_that_cannot_be_written_takes_the_others_with_it(tmp_path, monkeypatch):
+    def full(path, content):
+        if path.name.endswith(".001.cert.jsonl"):
+            raise InputError([])
+        return write_file(path, content)
+
+    monkeypatch.setattr(ask, "write_file", full)
+    leg = asked_of(tmp_path, delta=2.0)
+    assert (leg.bracket.proofs, leg.not_certified) == ((), "")
+    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.bracket.point_certificate]
+    (checked,) = check_run(tmp_path)
+    assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
+
+
 def test_the_bracket_is_that_of_the_best_choice_among_all():
     asked = campaign(12, (3,), error=0.3)
     (leg,) = cpcal.certify(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
@@ -103,7 +119,7 @@ def test_without_wrong_measurements_it_is_no_larger_than_the_plain_bracket():
 
 
 def test_workers_find_and_prove_the_same(tmp_path):
-    asked, options = campaign(12, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 8.0, "center": "nominal"}
+    asked, options = campaign(10, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 2.0, "center": "nominal"}
     cpcal.certify(asked, **options, certificates=tmp_path / "here")
     with ThreadPoolExecutor(2) as threads:
         cpcal.certify(asked, **options, certificates=tmp_path / "there", executor=threads)

@@ -16,6 +16,7 @@ from cpcal.checker import check
 from cpcal.checker.command import PROVED, REFUSED, main
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
+from cpcal.questions import model_of
 from cpcal.report import write_report
 from cpcal.report.comparison_page import comparison_sentences, comparison_table, write_comparison
 from cpcal.simulate import true_robot
@@ -44,7 +45,7 @@ def folder(tmp_path_factory):
 def found(exact, folder):
     cpcal.save_campaign(exact, folder / "campaign")
     models = ("plain", "gain", "lateral")
-    return cpcal.compare(exact, models, tolerance=TOLERANCE, legs=[1, 4], certificates=folder / "run")
+    return cpcal.compare(exact, models, tolerance=TOLERANCE, legs=[1, 4], delta=30.0, certificates=folder / "run")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,7 @@ def test_nested_models_never_have_a_larger_eps(request, kind):
 def test_all_models_are_asked_about_the_same_box(found):
     centers = {leg.bracket.center for result in found.values() for leg in result.legs}
     assert len(centers) == 2
-    assert {result.options.delta for result in found.values()} == {100.0}
+    assert {result.options.delta for result in found.values()} == {30.0}
     with pytest.raises(cpcal.InputError, match="not common to all models"):
         cpcal.compare(cpcal.simulate(seed=1), ["plain", "gain"], center="fit")
 
@@ -161,7 +162,7 @@ def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(found_uncertain, lo
 
 
 def test_a_result_with_a_model_comes_back_from_its_file(exact, tmp_path):
-    result = cpcal.with_ranges(exact, cpcal.certify(exact, legs=[1], model="gain", certificates=tmp_path))
+    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, certificates=tmp_path)
     cpcal.save_result(result, tmp_path)
     assert cpcal.load_result(tmp_path) == result
     assert result.legs[0].projections is not None
@@ -177,13 +178,12 @@ def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
     page = write_report(exact, foreign, tmp_path).read_text(encoding="utf-8")
     assert "The residuals of the proved point are not drawn: the leg model &#39;someone_elses&#39; is not known" in page
     with pytest.raises(cpcal.InputError, match="'someone_elses' is not known"):
-        cpcal.with_ranges(exact, foreign)
+        model_of(foreign)
 
 
 def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    result = cpcal.certify(exact, legs=[1], model=own)
-    drawn = cpcal.with_ranges(exact, result, model=own)
+    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True)
     assert drawn.legs[0].projections is not None
     page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
     assert "of the proved point are not drawn" not in page
@@ -244,7 +244,7 @@ def test_the_command(exact, tmp_path):
     assert outcome.exit_code == 0, outcome.output
     assert re.search(r"leg 1: plain 0\.\d+ fail, gain 0\.\d+ pass; next: accept gain", outcome.output)
     comparison = {model: cpcal.load_result(tmp_path / "run" / model) for model in ("plain", "gain")}
-    assert {result.campaign_sha256 for result in comparison.values()} == {campaign_sha256(exact)}
+    assert {result.campaign.sha256 for result in comparison.values()} == {campaign_sha256(exact)}
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
     for row in comparison_table(comparison).rows:
         assert all((cell if isinstance(cell, str) else cell.words) in page for cell in row)
@@ -265,4 +265,5 @@ def test_the_command(exact, tmp_path):
     bad = CliRunner().invoke(app, [*words, "--model", "plain,gian,plain"])
     assert bad.exit_code == 2
     assert "2 problems" in bad.output
-    assert CliRunner().invoke(app, [*words, "--model", "plain,gain", "--json"]).exit_code == 2
+    strange = CliRunner().invoke(app, [*words, "--model", "plain,gain", "--eps", "1"])
+    assert (strange.exit_code, "option --eps: has no meaning with several models" in strange.output) == (2, True)

@@ -69,3 +69,12 @@ def test_a_bracket_with_readings_closes_by_contraction_alone() -> None:
     """Boxes are not divided below the second-order effect of the readings: every small product counts there."""
     leg = cpcal.certify(cpcal.simulate(seed=7, joint_error=1.0), legs=[1]).legs[0]
     assert leg.bracket.hi - leg.bracket.lo < 1e-6 * leg.bracket.hi
+
+
+def test_where_one_eps_is_asked_about_no_bound_below_it_is_stated() -> None:
+    campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=16)
+    best = cpcal.certify(campaign, legs=[1]).legs[0].bracket
+    above = cpcal.certify(campaign, legs=[1], eps=1.2 * best.hi).legs[0].bracket
+    assert (above.verdict, above.lo) == (cpcal.Verdict.PROVED, 0.0)
+    below = cpcal.certify(campaign, legs=[1], eps=0.8 * best.lo).legs[0].bracket
+    assert (below.verdict, below.lo) == (cpcal.Verdict.REFUTED, 0.8 * best.lo)

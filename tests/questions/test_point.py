@@ -84,6 +84,16 @@ def test_results_verify_the_center_and_keep_it(tmp_path: Path) -> None:
     assert cpcal.load_result(tmp_path).legs[0].verified == verified
 
 
+def test_what_float64_cannot_decide_neither_holds_nor_fails() -> None:
+    """The point solves the one equation exactly, which outward rounding does not see."""
+    robot = cpcal.Robot("one leg", [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0])
+    pose = [[0.0, 0.0, 300.1]], [[0.6, 0.0, 0.0, 0.8]]
+    campaign = cpcal.Campaign.of(robot, *pose, [[300.1 - 300.0]], exact=True)
+    found = cpcal.certify_point(campaign, 1, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 300.0])
+    assert (found.holds, found.fails) == ((), ())
+    assert found.verified.verdict is cpcal.Verdict.UNKNOWN
+
+
 def test_unknown_is_neither() -> None:
     undecided = cpcal.VerifiedPoint(0.0, 3, 0, 5)
     assert undecided.verdict is cpcal.Verdict.UNKNOWN

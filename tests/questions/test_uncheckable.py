@@ -8,7 +8,7 @@ from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
 from cpcal.cli import app
 from cpcal.common.errors import InputError
-from cpcal.questions import Uncertified, save_result, with_ranges
+from cpcal.questions import Uncertified, save_result
 from cpcal.report import write_report
 from cpcal.solver.certificate import recording
 
@@ -53,8 +53,7 @@ def test_the_command_says_it_and_verify_says_what_to_do(campaign, tmp_path, monk
 
 def test_such_a_run_is_verified_as_not_certified(campaign, tmp_path, monkeypatch):
     limited(monkeypatch, LOW)
-    result = cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path)
-    result = with_ranges(campaign, result, certificates=tmp_path)
+    result = cpcal.certify(campaign, legs=[1], delta=0.5, ranges=True, certificates=tmp_path)
     assert result.legs[0].ranges.certificate is None
     save_result(result, tmp_path)
     (leg,) = check_run(tmp_path)

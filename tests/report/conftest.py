@@ -12,7 +12,7 @@ from cpcal.calibration import calibrate_study
 from cpcal.files import campaign_sha256
 from cpcal.models import PARAMETERS, Parameter
 from cpcal.questions import ModelNote, Projection, Projections
-from cpcal.questions.fits import CertifiedFits, VerifiedFit
+from cpcal.questions.points import CertifiedFits, VerifiedFit
 from cpcal.report import write_report
 from cpcal.report.comparison_page import write_comparison
 from cpcal.report.study_page import StudyFound, render_study

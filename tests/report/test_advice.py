@@ -7,8 +7,7 @@ import pytest
 
 import cpcal
 from cpcal.models import PLAIN
-from cpcal.report.advice import advise, fitted
-from cpcal.report.words import short_fit
+from cpcal.report.words import advise, fitted, short_fit
 from cpcal.robot import Campaign
 
 CAMPAIGN = cpcal.simulate(seed=7, joint_error=0.0, factor=0.0, noise=0.2)

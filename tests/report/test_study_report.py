@@ -52,10 +52,6 @@ def test_table_7_rounds_to_the_proved_side(page):
     assert "<td>∞</td>" in page  # the timeout method found no point for a leg
 
 
-def test_the_same_text_every_time(study, page):
-    assert render_study(study) == page
-
-
 def test_verdicts_are_told_as_they_are(page):
     assert "x_c is no solution for any leg verified" in page
     assert "x_c_sigma is a solution for 1 of 6 legs and refuted for 5" in page

@@ -63,7 +63,7 @@ def test_without_noise_only_rounding_is_left():
     """Of 16 bits, so that it shows the renderer's and the model's own errors; 8 bits leave 0.0006 pixels."""
     for blur in (0.5, 1.2):
         pixels, normalised = collected(
-            [errors(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene(blur, 0.0, bits=16), bright=True)]
+            [errors(plate(6.0, 40.0, True), DELTALAB_CAMERA, TILTED, Scene(blur, 0.0, bits=16), bright=True)]
         )
         assert np.abs(pixels).max() < 0.001
         assert (rms(normalised) < 1.15).all()

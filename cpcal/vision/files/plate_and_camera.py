@@ -14,7 +14,17 @@ import numpy as np
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
-from cpcal.files.settings import Table, TomlReader, matrix, provenance_lines, quoted, vector
+from cpcal.files.settings import (
+    KeyPath,
+    TomlReader,
+    array,
+    document,
+    one_of,
+    positive,
+    text,
+    truth,
+    whole,
+)
 from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
@@ -44,8 +54,6 @@ def _loaded(
 CAMERA_FORMAT = "cpcal-camera/1"
 YAML_SUFFIXES = (".yaml", ".yml")
 
-_KEYS = ("width", "height", "focal", "center", "distortion")
-_OPTIONAL = ("model",)
 _ONLY_BROWN = f"leave it out, or give a camera of the model {BROWN}"
 _NEGATIVE = 1e-9  # the least eigenvalue of a correlation matrix that rounding can make
 
@@ -125,62 +133,48 @@ def camera_bytes(record: CameraRecord | Camera) -> bytes:
     if isinstance(record, Camera):
         record = CameraRecord(record)
     camera = record.camera
-    lines = [f"format = {quoted(CAMERA_FORMAT)}", "", "[camera]"]
-    lines += [f"width = {int(camera.width)}", f"height = {int(camera.height)}"]
-    lines += [f"{name} = {vector(getattr(camera, name))}" for name in ("focal", "center", "distortion")]
-    if camera.model != BROWN:
-        lines.append(f"model = {quoted(camera.model)}")
-    if record.rms is not None or record.covariance is not None:
-        lines += ["", "[calibration]"]
-    if record.rms is not None:
-        lines.append(f"rms = {float(record.rms)!r}")
-    if record.covariance is not None:
-        lines.append(f"covariance = {matrix(record.covariance)}")
-    return ("\n".join([*lines, *provenance_lines(record.provenance)]) + "\n").encode()
+    keys = ("width", "height", "focal", "center", "distortion", *(["model"] if camera.model != BROWN else []))
+    sections = {
+        "camera": {key: getattr(camera, key) for key in keys},
+        "calibration": {"rms": record.rms, "covariance": record.covariance},
+    }
+    return document(CAMERA_FORMAT, sections, record.provenance)
 
 
 def _record(reader: TomlReader) -> CameraRecord | None:
     provenance = reader.provenance()
-    covariance, rms = _calibration(reader)
-    table = reader.required("camera", _KEYS, _OPTIONAL)
-    if table is None:
+    count, numbers = len(CAMERA_NUMBERS), ", ".join(CAMERA_NUMBERS)
+    asked = {"rms": array((), signed=False), "covariance": array((None, count), numbers)}
+    known = reader.section("calibration", {}, asked, needed=False) or {}
+    stated = reader.document.get("camera")
+    lens = stated.get("model", BROWN) if isinstance(stated, dict) else BROWN
+    names = LENSES.get(lens, ()) if isinstance(lens, str) else ()
+    sides = whole(1, PIXELS_MAX)
+    keys = {
+        "width": sides,
+        "height": sides,
+        "focal": array((2,), "fx and fy in pixels", signed=False),
+        "center": array((2,), "cx and cy in pixels"),
+        "distortion": array((len(names) or None,), ", ".join(names)),
+    }
+    found = reader.section("camera", keys, {"model": one_of(LENSES)})
+    if found is None:
         return None
-    sides = [reader.whole(("camera", key), table, 1, PIXELS_MAX) for key in ("width", "height")]
-    focal = reader.numbers(("camera", "focal"), table, 2, "fx and fy in pixels", signed=False)
-    center = reader.numbers(("camera", "center"), table, 2, "cx and cy in pixels", signed=True)
-    model = reader.text(("camera", "model"), {"model": BROWN, **table})
-    if model not in LENSES:
-        reader.wrong(("camera", "model"), f"model is {shown(model)}", f"give one of {', '.join(LENSES)}")
-        return None
-    names = LENSES[model]
-    distortion = reader.numbers(("camera", "distortion"), table, len(names), ", ".join(names), signed=True)
-    if 0.0 in focal:
+    covariance = known.get("covariance")
+    if covariance is not None:
+        for what, remedy in covariance_problems(covariance):
+            reader.wrong(("calibration", "covariance"), what, remedy)
+        if lens != BROWN:
+            what = f"covariance goes with a lens of the model {lens}"
+            reader.wrong(("calibration", "covariance"), what, _ONLY_BROWN)
+    if 0.0 in found["focal"]:
         reader.wrong(("camera", "focal"), "focal holds 0", "give positive numbers of pixels")
     if reader.problems.listed:
         return None
-    camera = Camera(sides[0], sides[1], np.array(focal), np.array(center), np.array(distortion), model)
+    camera = Camera(**found)
     for key, what, remedy in implausible(camera):
         reader.wrong(("camera", key), what, remedy)
-    if covariance is not None and model != BROWN:
-        what = f"covariance goes with a lens of the model {model}"
-        reader.wrong(("calibration", "covariance"), what, _ONLY_BROWN)
-    return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
-
-
-def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
-    table = reader.section("calibration")
-    if table is None:
-        return None, None
-    path, before = ("calibration",), len(reader.problems)
-    reader.known(path, table, ("rms", "covariance"))
-    rms = reader.number((*path, "rms"), "rms", table["rms"], signed=False) if "rms" in table else None
-    rows = reader.rows((*path, "covariance"), table, len(CAMERA_NUMBERS), ", ".join(CAMERA_NUMBERS))
-    if len(reader.problems) > before or "covariance" not in table:
-        return None, rms
-    covariance = np.array(rows, dtype=np.float64)
-    for what, remedy in covariance_problems(covariance):
-        reader.wrong((*path, "covariance"), what, remedy)
-    return covariance, rms
+    return None if reader.problems.listed else CameraRecord(camera, covariance, known.get("rms"), provenance)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -188,7 +182,6 @@ def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
 
 TARGET_FORMAT = "cpcal-target/1"
 
-_TARGET_KEYS = ("name", "bright", "radius", "lines", "dots")
 _MEASURED = ("scale", "scale_sigma", "dot_sigma")  # of the plate as it was printed
 
 
@@ -204,46 +197,45 @@ def save_target(target: Target, path: str | os.PathLike[str], provenance: dict[s
 
 def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> bytes:
     """The canonical target.toml; floats by repr, so that they are read back bit for bit."""
-    lines = [f"format = {quoted(TARGET_FORMAT)}", "", "[target]", f"name = {quoted(target.name)}"]
-    lines += [f"bright = {str(target.bright).lower()}", f"radius = {float(target.radius)!r}"]
-    lines += [f"{key} = {value!r}" for key in _MEASURED[1:] if (value := float(getattr(target, key)))]
-    lines += ["lines = [", *(f"    {list(line)}," for line in target.lines), "]"]
-    lines += [f"dots = {matrix(target.dots)}", *provenance_lines(provenance or {})]
-    return ("\n".join(lines) + "\n").encode()
+    keys = ("name", "bright", "radius", "scale_sigma", "dot_sigma", "lines", "dots")
+    stated = {key: getattr(target, key) or None for key in keys[3:5]}  # 0: nothing is stated
+    return document(TARGET_FORMAT, {"target": {key: getattr(target, key) for key in keys} | stated}, provenance or {})
 
 
 def _target(reader: TomlReader) -> Target | None:
-    problems = reader.problems
     reader.provenance()
-    table = reader.required("target", _TARGET_KEYS, _MEASURED)
-    if table is None:
+    keys = {
+        "name": text,
+        "bright": truth,
+        "radius": positive("mm"),
+        "lines": _lines,
+        "dots": array((None, 2), "x and y in mm"),
+    }
+    measured = [positive("true millimetres by stated ones"), *[array((), signed=False)] * 2]
+    found = reader.section("target", keys, dict(zip(_MEASURED, measured, strict=True)))
+    if found is None:
         return None
-    name, bright = reader.text(("target", "name"), table), reader.truth(("target", "bright"), table)
-    radius = reader.positive(("target", "radius"), table, "mm")
-    scale = reader.positive(("target", "scale"), table, "true millimetres by stated ones")
-    scale_sigma, dot_sigma = (
-        reader.number(("target", key), key, table[key], signed=False) if key in table else 0.0 for key in _MEASURED[1:]
-    )
-    before = len(problems)
-    dots = reader.rows(("target", "dots"), table, 2, "x and y in mm")
-    if "dots" not in table or len(problems) > before:
-        _lines(reader, table, None)
+    scale, lines, count = found.pop("scale", 1.0), found["lines"], len(found["dots"])
+    found |= {"dots": scale * found["dots"], "radius": scale * found["radius"]}
+    for i, row in enumerate(lines):
+        for number in row:
+            if not 0 <= number < count:
+                what = f"row {i} of lines names the dot {number}, which is not there"
+                reader.wrong(("target", "lines"), what, f"dots are numbered from 0 to {count - 1}")
+    if reader.problems.listed:
         return None
-    lines = _lines(reader, table, len(dots))
-    if problems.listed:
-        return None
-    places, radius = scale * np.array(dots), scale * radius
-    wrong = Target.problems_of(places, radius, lines) or wrong_deviations(scale_sigma, dot_sigma, radius)
+    radius = found["radius"]
+    of_scale, of_dots = (found.get(key, 0.0) for key in _MEASURED[1:])
+    wrong = Target.problems_of(found["dots"], radius, lines) or wrong_deviations(of_scale, of_dots, radius)
     for problem in wrong:
         key = problem.where.rpartition(" ")[2]  # radius, dots or lines
         what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
         reader.wrong(("target", key), what, problem.remedy)
-    return None if problems.listed else Target(name, places, radius, lines, bright, scale_sigma, dot_sigma)
+    return None if reader.problems.listed else Target(**found)
 
 
-def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:
-    """Rows of whole numbers; `dots`: how many there are, where that is known."""
-    path, value = ("target", "lines"), table.get("lines", [])
+def _lines(reader: TomlReader, path: KeyPath, value: object) -> tuple[tuple[int, ...], ...]:
+    """Rows of whole numbers."""
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
         reader.wrong(path, "lines is not a list of rows", "write lines = [[0, 1, 2, 3], ...], numbers of dots from 0")
         return ()
@@ -251,7 +243,4 @@ def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[in
         for number in row:
             if isinstance(number, bool) or not isinstance(number, int):
                 reader.wrong(path, f"row {i} of lines holds {shown(number)}", "give whole numbers, dots from 0")
-            elif not (number >= 0 and (dots is None or number < dots)):
-                remedy = "number dots from 0" if dots is None else f"dots are numbered from 0 to {dots - 1}"
-                reader.wrong(path, f"row {i} of lines names the dot {shown(number)}, which is not there", remedy)
     return tuple(tuple(row) for row in value)

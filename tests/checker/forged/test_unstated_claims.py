@@ -12,7 +12,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import check
-from cpcal.questions import save_result, with_ranges
+from cpcal.questions import save_result
 from tests.checker.forged.test_checker_run import refused, up
 
 Data = dict[str, Any]
@@ -23,8 +23,8 @@ def stating(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A leg with a certificate of each kind: of its bracket, of its ranges, of its support."""
     folder = tmp_path_factory.mktemp("stating")
     campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=1.0)
-    found = cpcal.certify(campaign, legs=[1], delta=2.0, support="irreducible", certificates=folder)
-    save_result(with_ranges(campaign, found, certificates=folder), folder)
+    asked = {"legs": [1], "delta": 2.0, "support": "irreducible", "ranges": True}
+    save_result(cpcal.certify(campaign, certificates=folder, **asked), folder)
     return folder
 
 

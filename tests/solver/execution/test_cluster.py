@@ -5,7 +5,10 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import dask
 import pytest
@@ -13,7 +16,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.solver.execution import outcomes
+from cpcal.solver.execution import executors, outcomes
 
 OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--support", "none", "--no-checker", "-q"]
 pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
@@ -115,6 +118,42 @@ def test_legs_have_the_same_certificates_and_a_worker_that_is_killed_changes_not
     assert len(certificates(tmp_path)) >= 3
 
 
+class Deserted(Executor):
+    """Of a Dask client that looks for its scheduler again once the first task is done."""
+
+    __module__ = "distributed.client"
+    _client = SimpleNamespace(status="running")
+
+    def submit(self, work, /, *given, **named):
+        future = Future()
+        if self._client.status == "running":
+            future.set_result(work(*given, **named))
+        self._client = SimpleNamespace(status="connecting")
+        return future
+
+
+def ends_with_what_is_proved(found, run, campaign, alone):
+    assert found.exit_code == 2, found.output
+    assert "the scheduler is gone" in found.stderr
+    assert "go on with: cpcal" in found.stderr
+    assert "Traceback" not in found.output
+    proved = cpcal.load_result(run)
+    assert proved.interrupted
+    assert 1 <= len(proved.legs) < 3
+    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 0
+    assert certified(run, campaign, "--resume").exit_code == alone[0]
+    assert certificates(run) == alone[1]
+
+
+def test_a_run_that_loses_its_scheduler_ends_with_what_is_proved(campaign, alone, tmp_path, monkeypatch):
+    client = SimpleNamespace(get_executor=lambda pure: Deserted(), ncores=dict)
+    monkeypatch.setattr(executors, "_cluster", lambda address: nullcontext(client))
+    monkeypatch.setattr(outcomes, "DESERTED", 0.3)
+    found = certified(tmp_path, campaign, "--scheduler", "tcp://127.0.0.1:1")
+    ends_with_what_is_proved(found, tmp_path, campaign, alone)
+
+
+@pytest.mark.nightly
 def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaign, alone, tmp_path, monkeypatch):
     monkeypatch.setattr(outcomes, "DESERTED", 3.0)
     address = cluster.complete(workers=1)
@@ -123,16 +162,7 @@ def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campa
         found = certified(tmp_path, campaign, "--scheduler", address)
     killed.join(10)
     assert cluster.scheduler.wait(10) < 0
-    assert found.exit_code == 2, found.output
-    assert "the scheduler is gone" in found.stderr
-    assert "go on with: cpcal" in found.stderr
-    assert "Traceback" not in found.output
-    proved = cpcal.load_result(tmp_path)
-    assert proved.interrupted
-    assert 1 <= len(proved.legs) < 3
-    assert CliRunner().invoke(app, ["verify", str(tmp_path)]).exit_code == 0
-    assert certified(tmp_path, campaign, "--resume").exit_code == alone[0]
-    assert certificates(tmp_path) == alone[1]
+    ends_with_what_is_proved(found, tmp_path, campaign, alone)
 
 
 def test_where_no_scheduler_answers_that_is_said(campaign, tmp_path):

@@ -85,7 +85,8 @@ def dies(parent, answer):
 def test_legs_that_a_killed_worker_did_not_check_are_checked_here(monkeypatch):
     checks = [partial(dies, os.getpid(), "here"), *(partial(pow, 3, n) for n in range(4))]
     monkeypatch.setattr(verify, "leg_checks", lambda run: checks)
-    assert verify.checked_legs(Path("run")) == ["here", 1, 3, 9, 27]
+    with verify.legs_beside(Path("run")) as legs:
+        assert legs() == ["here", 1, 3, 9, 27]
     monkeypatch.setattr(verify, "leg_checks", lambda run: [*checks, partial(int, "x")])
-    with pytest.raises(ValueError, match="invalid literal"):
-        verify.checked_legs(Path("run"))
+    with verify.legs_beside(Path("run")) as legs, pytest.raises(ValueError, match="invalid literal"):
+        legs()

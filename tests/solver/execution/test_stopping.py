@@ -13,7 +13,8 @@ import pytest
 import cpcal
 from cpcal.checker import check
 from cpcal.files.folders import save_campaign_json
-from cpcal.questions.ask import answered, question_of
+from cpcal.questions.ask import answered
+from cpcal.questions.question import question_of
 from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,

@@ -116,7 +116,7 @@ def batch(*strategies: st.SearchStrategy[Pair]) -> st.SearchStrategy[list[tuple[
 
 
 @pytest.mark.parametrize("name", BINARY)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=batch(ANY, ANY))
 def test_binary_contains_every_point_and_is_tight(engine: Arithmetic, name: str, data: list[tuple[Pair, Pair]]) -> None:
     ulps = 0 if name in EXACT else 1 if engine.name == "arb" else 3
@@ -131,7 +131,7 @@ def test_binary_contains_every_point_and_is_tight(engine: Arithmetic, name: str,
 
 
 @pytest.mark.parametrize("name", UNARY)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_unary_contains_every_point_and_is_tight(engine: Arithmetic, name: str, data: list[Pair]) -> None:
     for x, (lo, hi) in zip(data, results(getattr(engine, name)(array(data))), strict=True):
@@ -146,7 +146,7 @@ def test_unary_contains_every_point_and_is_tight(engine: Arithmetic, name: str, 
 
 
 @pytest.mark.parametrize("n", [-5, -2, -1, 0, 1, 2, 3, 4, 7, 10])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_power(engine: Arithmetic, n: int, data: list[Pair]) -> None:
     ulps = 1 if engine.name == "arb" else (3 if n >= 0 else 5) * abs(n)
@@ -162,7 +162,7 @@ def test_power(engine: Arithmetic, n: int, data: list[Pair]) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 17, 2000])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_root(engine: Arithmetic, n: int, data: list[Pair]) -> None:
     roots = np.array([in_arithmetic(engine.name).root(tuple(map(np.float64, x)), n) for x in data]).T
@@ -177,7 +177,7 @@ def test_root(engine: Arithmetic, n: int, data: list[Pair]) -> None:
         assert n % 2 or not lo < 0.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=batch(ANY, ANY))
 def test_zeros_stay_exact(engine: Arithmetic, data: list[tuple[Pair, Pair]]) -> None:
     x, zero = array([x for x, _ in data]), IntervalArray.point(np.zeros(len(data)))

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.kernel_soundness import KERNELS, swept
 from cpcal.solver import compiled
-from cpcal.solver.interval.kernels import factor
+from cpcal.solver.interval.kernels import div, factor, mul
 
 PLAIN = """
 import cpcal, numpy as np, sys
@@ -33,12 +33,28 @@ def test_three_thousand_operand_pairs_are_enclosed(name: str) -> None:
     assert compared > 600
 
 
+# all with ends from -2 to 2, so that zero is in them, at their ends, and on both sides
+SMALL = list(itertools.combinations_with_replacement(range(-2, 3), 2))
+
+
+def whole(*intervals: tuple[int, int]) -> itertools.product[tuple[int, ...]]:
+    """The points of whole numbers."""
+    return itertools.product(*(range(lo, hi + 1) for lo, hi in intervals))
+
+
+def test_no_product_or_quotient_of_small_whole_numbers_is_lost() -> None:
+    for x, y in itertools.product(SMALL, repeat=2):
+        bounds = (float(x[0]), float(x[1])), (float(y[0]), float(y[1]))
+        product, quotient = mul(*bounds), div(*bounds)
+        for a, b in whole(x, y):
+            assert product[0] <= a * b <= product[1], (x, y, a, b)
+            assert b == 0 or quotient[0] <= a / b <= quotient[1], (x, y, a, b)
+
+
 def test_no_factor_among_small_whole_numbers_is_lost() -> None:
-    """All intervals with ends from -2 to 2, so that zero is in them, at their ends, and on both sides."""
-    intervals = list(itertools.combinations_with_replacement(range(-2, 3), 2))
-    for z, y, x in itertools.product(intervals, repeat=3):
+    for z, y, x in itertools.product(SMALL, repeat=3):
         low, high = factor(*(tuple(map(float, bounds)) for bounds in (z, y, x)))
-        for a, b in itertools.product(range(x[0], x[1] + 1), range(y[0], y[1] + 1)):
+        for a, b in whole(x, y):
             assert low <= a <= high or not z[0] <= a * b <= z[1], (z, y, x, a, b)
 
 

@@ -26,7 +26,7 @@ from cpcal.solver.interval.arithmetic import check_rounding
 MAX = 1.7976931348623157e308
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(a=st.integers(-(2**110), 2**110), exponent=st.integers(-1200, 1100), wide=st.booleans())
 def test_floats_around_a_ball_are_the_nearest_enclosure(a: int, exponent: int, wide: bool) -> None:
     exact = Fraction(a) * Fraction(2) ** exponent
@@ -83,7 +83,7 @@ def test_engines_are_chosen_by_name() -> None:
 BOUND = st.sampled_from([0.0, 5e-324, 1.0, -1.0, MAX, -MAX, math.inf, -math.inf]) | st.floats(allow_nan=False)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(a=BOUND, b=BOUND)
 def test_mid_rad_and_mag_cover_the_interval(a: float, b: float) -> None:
     lo, hi = min(a, b), max(a, b)
@@ -103,7 +103,7 @@ def test_mid_rad_and_mag_cover_the_interval(a: float, b: float) -> None:
     assert np.isnan(x.rad[1])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(center=st.floats(allow_nan=False, allow_infinity=False), radius=st.floats(0.0, MAX))
 def test_around_contains_both_ends(center: float, radius: float) -> None:
     x = IntervalArray.around(center, radius)

@@ -71,7 +71,7 @@ def test_properties() -> None:
     assert Interval(-MAX, MAX).width == math.inf
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(x=INTERVALS, y=INTERVALS, z=INTERVALS, value=FLOATS)
 def test_set_algebra(x: Interval, y: Interval, z: Interval, value: float) -> None:
     assert x & y == y & x == x.intersect(y)
@@ -101,7 +101,7 @@ def test_empty_and_entire_are_neutral() -> None:
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(x=INTERVALS, y=INTERVALS)
 def test_operations_contain_the_exact_results(operation: object, x: Interval, y: Interval) -> None:
     result = operation(x, y)  # type: ignore[operator]
@@ -176,7 +176,7 @@ def test_text() -> None:
     assert str(Interval.empty()) == "[empty]"
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(x=BOUNDED)
 def test_mid_lies_inside_and_width_is_enough(x: Interval) -> None:
     assert x.mid in x

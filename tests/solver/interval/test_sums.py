@@ -42,7 +42,7 @@ def pair(x: IntervalArray, *index: int) -> Pair:
 
 
 @pytest.mark.parametrize("shape", [(1, 2), (2, 3), (9, 2), (67, 2)])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_sum_contains_the_exact_sum_and_is_tight(
     engine: Arithmetic, shape: tuple[int, int], data: st.DataObject
@@ -94,7 +94,7 @@ def test_sum_with_infinite_and_empty_terms(engine: Arithmetic, count: int) -> No
 
 
 @pytest.mark.parametrize(("m", "k", "n"), [(1, 1, 1), (2, 3, 2), (1, 6, 2), (3, 0, 2)])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_dot_contains_the_exact_product(engine: Arithmetic, m: int, k: int, n: int, data: st.DataObject) -> None:
     ends = data.draw(st.sampled_from([FINITE, MODERATE, st.floats(-1e-150, 1e-150)]))
@@ -133,7 +133,7 @@ def spread(value: float, other: float) -> Pair:
     return min(value, other), max(value, other)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(witnesses=st.lists(st.tuples(*[FINITE] * 5), min_size=1, max_size=6), point=st.booleans())
 def test_factor_never_loses_a_witness(
     engine: Arithmetic, witnesses: list[tuple[float, float, float, float, float]], point: bool

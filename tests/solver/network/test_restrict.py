@@ -42,7 +42,7 @@ def bodies(net: ConstraintNetwork, x: Expr, y: Expr, rng: np.random.Generator) -
     ]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), data=st.data())
 def test_elements_of_a_restricted_network_are_those_of_the_whole(seed: int, data: st.DataObject) -> None:
     rng = np.random.default_rng(seed)

@@ -212,7 +212,7 @@ def test_derivatives_at_many_points_are_those_at_each() -> None:
 # regions ----------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_difference_clusters_and_volume(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""One simulated robot for the room: its joint error is at most ERROR at every pose, so what is assumed holds."""
+"""One simulated robot for several folders: its joint error is at most ERROR at every pose, so what is assumed holds."""
 
 from __future__ import annotations
 

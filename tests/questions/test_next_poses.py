@@ -7,10 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cpcal.accuracy.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
 from cpcal.models.leg_set import SIZE
 from cpcal.models.platform import pose_bounds
+from cpcal.questions.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
 from cpcal.robot import central_pose
+from tests.models.known_robot import known
+
+__all__ = ["known"]
 
 
 def test_the_polytope_has_nearly_the_proved_ranges(known):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.accuracy.accuracy import certify_accuracy
 from cpcal.models import PARAMETERS
+from cpcal.questions.accuracy import certify_accuracy
 from cpcal.robot import ROBOTS
 from tests.report.made import made_leg, made_result
 

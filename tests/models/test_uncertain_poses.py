@@ -10,7 +10,7 @@ from cpcal.models.hand_eye import read_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer
 from cpcal.questions.hand_eye import certify_hand_eye
 from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
-from tests.handeye.conftest import unknowns_of
+from tests.models.conftest import unknowns_of
 
 MM, DEGREES = 0.1, 0.05
 SETUPS = ["eye-in-hand", "eye-to-hand"]

@@ -117,7 +117,7 @@ def test_boxes_of_forty_pixels_bound_a_pose() -> None:
     assert radii(found)[3:].max() < 3.0
 
 
-@pytest.mark.parametrize("count", [3, 4, 8])
+@pytest.mark.parametrize("count", [3, 8])
 def test_few_dots_and_other_lenses(count: int) -> None:
     rng = np.random.default_rng(count)
     wide = Camera(

@@ -229,7 +229,7 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     campaign = replace(exact, length=exact.length - 2e-5 * exact.length**2)
     result = cpcal.certify(campaign, legs=[1], model=cubic, certificates=tmp_path)
     leg = result.legs[0]
-    assert result.parameters[7:] == ("bend",)
+    assert result.model.parameters[7:] == ("bend",)
     assert leg.bracket.certificate == "leg1.cert.jsonl"
     from cpcal.checker import check
 
@@ -286,7 +286,7 @@ def test_the_table_model_of_a_campaign_comes_back_and_is_asked_for(exact, tmp_pa
     assert result.model.name == "gain"
     assert result.model.extra[0].half_width == 0.002
     assert abs(result.legs[0].bracket.enclosure["s"].hi) <= 0.002
-    assert cpcal.certify(again, legs=[1], model="plain").parameters == PLAIN.parameters
+    assert cpcal.certify(again, legs=[1], model="plain").model.parameters == PLAIN.parameters
     assert cpcal.certify(again, legs=[1], half_widths={"s": 0.0}).legs[0].bracket.point[7] == 0.0
     # another model's half-widths are its own
     assert cpcal.certify(again, legs=[1], model="lateral").model.extra[0].half_width == 900.0

@@ -12,18 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
-from cpcal.accuracy.findings import load_accuracy, save_accuracy
-from cpcal.accuracy.model_error import growth
 from cpcal.common.errors import InputError
+from cpcal.questions.accuracy import NamedPoses, certify_accuracy, load_accuracy, save_accuracy
+from cpcal.questions.next_poses import growth
 from cpcal.report.accuracy_page import assumption, degrees_up, sentences, write_accuracy
 from cpcal.robot import central_pose, forward_kinematics
-from tests.accuracy.conftest import ERROR
+from tests.models.known_robot import ERROR, known
+
+__all__ = ["known"]
 
 
 @pytest.fixture(scope="module")
 def result(known):
-    return cpcal.certify(known.campaign, delta=8.0, support="none", gap=1e-3)
+    return cpcal.certify(known.campaign, delta=8.0, support="none", gap=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction as F
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.findings import (
-    Accuracy,
-    AssumedError,
-    CellAccuracy,
-    CertifiedBox,
-    Estimated,
-    NextPose,
-    PoseAccuracy,
-    WorkspaceAccuracy,
-)
-from cpcal.accuracy.model_error import Growth, growth
-from cpcal.accuracy.next_poses import next_poses
 from cpcal.calibration import fit
 from cpcal.checker.platform import LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import CpcalError, InputError, Problem
@@ -32,17 +21,19 @@ from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
+from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.models import PLAIN, beyond_legs, fit_model
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
-from cpcal.models.platform import Covered, Workspace, cover
-from cpcal.questions import CampaignNote, Result
+from cpcal.models.platform import Workspace, cover
+from cpcal.questions.next_poses import NextPose, growth, leg_changes
+from cpcal.questions.next_poses import next_poses as chosen_next
+from cpcal.questions.result import CampaignNote, Result
 from cpcal.robot import (
     Campaign,
     Mechanisms,
     Pose,
     Robot,
     inverse_kinematics,
-    leg_vectors,
     normalised,
     pose_jacobian,
     quaternion_conjugate,
@@ -50,10 +41,190 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.robot.robot import joint_phases
 from cpcal.simulate.assembly import assembled_with
 from cpcal.simulate.campaigns import streams, true_robot
 from cpcal.solver.certificate.exact_network import free
+
+# ------------------------------------------------------------------------------------------------------------------
+# The answer as plain values: what is assumed, what is proved, what is estimated, apart.
+#
+# `AssumedError` is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither. Lengths in
+# mm, angles in rad.
+
+FORMAT = "cpcal-accuracy/5"
+ACCURACY_NAME = "accuracy.json"
+
+
+@dataclass(frozen=True)
+class AssumedError:
+    """ASSUMED: some parameters of the leg satisfy its equation to within `eps` at the calibration poses, each for some
+    reading in its set, and at every pose that is spoken of.
+
+    `stated`: the user gave eps; else it was suggested by `growth`: least errors, readings as they are, of so many
+    `poses`. `refuted_below`: proved, the campaign allows no smaller eps.
+    """
+
+    leg: int
+    eps: float
+    stated: bool
+    refuted_below: float
+    poses: tuple[int, ...]
+    growth: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class CertifiedBox:
+    """PROVED, by the `certificate`: all parameters (a, b, l) of the leg with a model error up to `eps` lie from `lo` to
+    `hi`, mm; both are empty where there are none."""
+
+    leg: int = field(metadata=checked("the certificate: each leg once"))
+    eps: float = field(metadata=checked("the cap of the certificate"))
+    lo: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
+    hi: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
+    certificate: str = field(metadata=checked("a file of the folder, which is accepted"))
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """Estimates for one pose, which prove nothing. `u_position`, `u_rotation`: expanded uncertainty with k = 2 of the
+    least-squares fit. `true_position`, `true_rotation`: the simulator's own error; None where the truth is not known.
+    """
+
+    u_position: float
+    u_rotation: float
+    true_position: float | None = None
+    true_rotation: float | None = None
+
+
+_AGAIN = "computed again from the claims of the certificates"
+
+
+@dataclass(frozen=True)
+class PoseAccuracy:
+    """One pose (P, R) that the controller commands.
+
+    PROVED under the assumption, where `proved`: every pose `within` the box that was asked for which the legs allow is
+    P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
+    `rotation_bound`; infinite where nothing is proved. `shares`: to first order, by how much what is not known of each
+    leg can move the platform. `beyond`: a leg's length at this pose lies outside of those that were measured.
+    """
+
+    name: str = field(metadata=INFORMED)
+    position: tuple[float, float, float] = field(metadata=checked("the form of this pose in each certificate"))
+    quaternion: tuple[float, float, float, float] = field(metadata=checked("the form in each certificate"))
+    proved: bool = field(metadata=checked("`lo` to `rotation_bound` are proved"))
+    lo: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
+    hi: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
+    position_bound: float = field(metadata=checked(_AGAIN, "proved"))
+    rotation_bound: float = field(metadata=checked(_AGAIN, "proved"))
+    shares: tuple[float, ...] = field(metadata=INFORMED)
+    beyond: bool = field(metadata=INFORMED)
+    estimated: Estimated = field(metadata=INFORMED)
+
+    @property
+    def rotation(self) -> tuple[float, float, float]:
+        """As a rotation vector."""
+        x, y, z = rotation_vector(np.array(self.quaternion)).tolist()
+        return x, y, z
+
+    @property
+    def violated(self) -> bool:
+        """Whether the simulator's truth lies outside of what is proved: then the assumption does not hold."""
+        e = self.estimated
+        if e.true_position is None or e.true_rotation is None or not self.proved:
+            return False
+        return e.true_position > self.position_bound or e.true_rotation > self.rotation_bound
+
+
+@dataclass(frozen=True)
+class CellAccuracy:
+    """All poses P, R(1, S) with (P, 2 S) between `lo` and `hi`. PROVED as in PoseAccuracy, where `proved`."""
+
+    lo: tuple[float, ...]
+    hi: tuple[float, ...]
+    proved: bool
+    position_bound: float
+    rotation_bound: float
+    shares: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class WorkspaceAccuracy:
+    """Cells that cover a workspace. `worst_pose` (6,) is one whose own bound is `worst_pose_bound`, the largest met;
+    `complete`: the bound of all cells is within the gap asked for of it."""
+
+    lo: tuple[float, ...]
+    hi: tuple[float, ...]
+    cells: tuple[CellAccuracy, ...]
+    worst_pose: tuple[float, ...]
+    worst_pose_bound: float
+    complete: bool
+
+    @property
+    def left_out(self) -> tuple[CellAccuracy, ...]:
+        """Cells of which nothing is proved."""
+        return tuple(cell for cell in self.cells if not cell.proved)
+
+    @property
+    def position_bound(self) -> float:
+        """PROVED under the assumption for every pose in the cells that are not left out."""
+        return max((cell.position_bound for cell in self.cells if cell.proved), default=math.inf)
+
+    @property
+    def rotation_bound(self) -> float:
+        """Likewise."""
+        return max((cell.rotation_bound for cell in self.cells if cell.proved), default=math.inf)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions.
+
+    The parameters that are spoken of lie within `delta` mm of the center of the run, the poses `within` so many mm and
+    rad (each component of a rotation vector) of those that are commanded."""
+
+    campaign: CampaignNote
+    version: str = field(metadata=INFORMED)
+    controller: str = field(metadata=INFORMED)
+    parameters: tuple[tuple[float, ...], ...] = field(metadata=checked("the forms of the certificates"))
+    delta: float = field(metadata=checked("the box of each certificate"))
+    within: tuple[float, float] = field(metadata=checked("what is computed again begins with it"))
+    assumed: tuple[AssumedError, ...] = field(metadata=INFORMED)
+    boxes: tuple[CertifiedBox, ...]  # around the sets of parameters
+    # legs for which the campaign refutes what is assumed: nothing else is said then
+    refuted: tuple[int, ...] = field(metadata=checked("the certificates that claim that there are no parameters"))
+    poses: tuple[PoseAccuracy, ...]
+    workspace: WorkspaceAccuracy | None = field(metadata=INFORMED)
+    next_poses: tuple[NextPose, ...] = field(metadata=INFORMED)
+    truth_known: bool = field(metadata=INFORMED)
+    seconds: float = field(metadata=INFORMED)
+
+    @property
+    def proved_poses(self) -> tuple[PoseAccuracy, ...]:
+        return tuple(pose for pose in self.poses if pose.proved)
+
+    @property
+    def worst_pose(self) -> PoseAccuracy | None:
+        """Of the poses, that with the largest proved bound."""
+        return max(self.proved_poses, key=lambda pose: pose.position_bound, default=None)
+
+    @property
+    def violated(self) -> tuple[PoseAccuracy, ...]:
+        return tuple(pose for pose in self.poses if pose.violated)
+
+
+def save_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
+    """Write `accuracy.json` into the folder, all or nothing; its path. Raises InputError."""
+    return save(found, Path(folder) / ACCURACY_NAME, FORMAT)
+
+
+def load_accuracy(folder: str | os.PathLike[str]) -> Accuracy:
+    """Read `accuracy.json` from the folder. Raises InputError."""
+    return load(Accuracy, Path(folder) / ACCURACY_NAME, FORMAT, remedy="run cpcal accuracy again")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The question.
 
 PREFIX = "set-"  # of the certificates' names
 WITHIN = 20.0, 0.1  # mm, rad: of the poses that are commanded; about others nothing is said
@@ -107,18 +278,25 @@ def certify_accuracy(
 
     Raises InputError for a run that this cannot be asked of: of another campaign or model, without all six legs.
     """
-    began = time.monotonic()
+    began, say = time.monotonic(), tell or (lambda _: None)
     problems = _problems(campaign, result, controller, model_error)
-    if problems:
-        raise InputError(problems)
-    say = tell or (lambda _: None)
     if poses is not None and len(poses.names) > MOST_POSES:
         what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
-        raise InputError([Problem("poses", what, "ask for some of them at a time")])
-    known = _controller(campaign, result, controller)
+        problems.append(Problem("poses", what, "ask for some of them at a time"))
+    if problems:
+        raise InputError(problems)
+    if controller == "nominal":
+        known = campaign.robot.parameters
+    elif controller == "fit":
+        known = np.stack([fit_model(campaign, leg) for leg in range(1, LEGS + 1)])
+    else:
+        known = np.array([leg.bracket.point for leg in result.legs])
     robot = Robot.from_parameters("controller", known)
     assumed = _assumed(campaign, result, validation, model_error, say)
-    commanded = [] if poses is None else list(map(_commanded, poses.poses.position, poses.poses.quaternion))
+    commanded = []
+    if poses is not None:
+        pairs = zip(poses.poses.position, poses.poses.quaternion, strict=True)
+        commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
     asked = [
         AskedSet(
             campaign,
@@ -131,30 +309,25 @@ def certify_accuracy(
         )
         for leg, error in zip(result.legs, assumed, strict=True)
     ]
-    enclosed: list[EnclosedLeg | None] = []
+    boxes, legs, refuted = [], list[EnclosedLeg](), []
     with tempfile.TemporaryDirectory() as draft:
-        folder = Path(draft if certificates is None else certificates)
         for which in asked:
             say(f"certificate of the set of leg {which.leg}")
-            enclosed.append(enclosed_leg(which, poses=commanded, certificate=folder / _certificate(which.leg)))
-    refuted = [which.leg for which, one in zip(asked, enclosed, strict=True) if one is None]
-    legs = [one for one in enclosed if one is not None]
+            name = f"{PREFIX}leg{which.leg}.cert.jsonl"
+            path = Path(draft if certificates is None else certificates) / name
+            one = enclosed_leg(which, poses=commanded, certificate=path)
+            legs += [] if one is None else [one]
+            refuted += [which.leg] if one is None else []
+            lo, hi = ((), ()) if one is None else (one.lo, one.hi)
+            boxes.append(CertifiedBox(which.leg, which.eps, tuple(map(float, lo)), tuple(map(float, hi)), name))
     wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
     sets = _certified_sets(asked, say) if wanted else []
     at: tuple[PoseAccuracy, ...] = ()
-    over = None
     if not refuted and poses is not None:
         say(f"{len(poses.names)} poses")
-        at = _at_poses(
-            campaign, robot, legs, assumed, poses, commanded, truth or (lambda r, p: true_poses(campaign, r, p))
-        )
-    if sets and workspace is not None:
-
-        def tell_cover(lo: float, hi: float) -> None:
-            least, most = bracket_text(lo, hi, 4)
-            say(f"the worst of the workspace is between {least} and {most} mm")
-
-        over = _over(workspace, cover(workspace, sets, gap=gap, most=cells, tell=tell_cover))
+        really = (truth or (lambda controlled, there: true_poses(campaign, controlled, there)))(robot, poses.poses)
+        at = _at_poses(campaign, robot, legs, assumed, poses, commanded, really)
+    over = _over(workspace, sets, gap, cells, say) if sets and workspace is not None else None
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,
@@ -163,15 +336,7 @@ def certify_accuracy(
         delta=result.options.delta,
         within=WITHIN,
         assumed=tuple(assumed),
-        boxes=tuple(
-            CertifiedBox(
-                error.leg,
-                error.eps,
-                *(((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))),
-                _certificate(error.leg),
-            )
-            for error, one in zip(assumed, enclosed, strict=True)
-        ),
+        boxes=tuple(boxes),
         refuted=tuple(refuted),
         poses=at,
         workspace=over,
@@ -179,10 +344,6 @@ def certify_accuracy(
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
-
-
-def _certificate(leg: int) -> str:
-    return f"{PREFIX}leg{leg}.cert.jsonl"
 
 
 def _certified_sets(asked: Sequence[AskedSet], say: Told) -> list[CertifiedSet]:
@@ -195,10 +356,6 @@ def _certified_sets(asked: Sequence[AskedSet], say: Told) -> list[CertifiedSet]:
             return []
         sets.append(found)
     return sets
-
-
-def _commanded(position: Floats, quaternion: Floats) -> Commanded:
-    return Commanded(_exact(position), _exact(quaternion))
 
 
 def _exact(values: Floats) -> tuple[F, ...]:
@@ -236,15 +393,6 @@ def _problems(
     return found
 
 
-def _controller(campaign: Campaign, result: Result, name: str) -> Floats:
-    """(n, 7) mm."""
-    if name == "nominal":
-        return campaign.robot.parameters
-    if name == "fit":
-        return np.stack([fit_model(campaign, leg) for leg in range(1, LEGS + 1)])
-    return np.array([leg.bracket.point for leg in result.legs])
-
-
 def _assumed(
     campaign: Campaign,
     result: Result,
@@ -257,7 +405,7 @@ def _assumed(
     out = []
     for k, leg in enumerate(result.legs):
         say(f"growth of the model error of leg {leg.leg}")
-        seen: Growth = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
+        seen = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
         eps = seen.suggested if stated is None else float(stated[k])
         lo = leg.bracket.lo if result.options.eps is None else 0.0
         out.append(AssumedError(leg.leg, eps, stated is not None, lo, seen.poses, seen.centered))
@@ -271,52 +419,42 @@ def _at_poses(
     assumed: Sequence[AssumedError],
     named: NamedPoses,
     commanded: Sequence[Commanded],
-    truth: Truth,
+    really: Pose | None,
 ) -> tuple[PoseAccuracy, ...]:
-    poses = named.poses
+    poses, length = named.poses, inverse_kinematics(robot, named.poses)
     known = [_exact(row) for row in robot.parameters]
-    reach, turn = map(F, WITHIN)
     u_position, u_rotation = expanded_uncertainty(campaign, poses)
-    really = truth(robot, poses)
-    true = None if really is None else distances(really, poses)
-    length = inverse_kinematics(robot, poses)
+    true = [(None, None)] * len(commanded)
+    if really is not None:
+        true = list(zip(*(of.tolist() for of in distances(really, poses)), strict=True))
     beyond = ((length < campaign.length.min(axis=0)) | (length > campaign.length.max(axis=0))).any(axis=1)
-    # of the leg's length, to first order
-    open_ = np.array(
-        [[float(one.forms[k][1] - one.forms[k][0]) for one in legs] for k in range(len(commanded))], np.float64
-    ).reshape(-1, LEGS)
-    for k, pose in enumerate(commanded):
-        open_[k] *= [0.5 * pose.millimetres(row) for row in known]
-    open_ += [error.eps for error in assumed]
-    shares = np.linalg.norm(np.linalg.pinv(pose_jacobian(robot, poses))[:, :3], axis=1) * open_
+    inverse = np.linalg.norm(np.linalg.pinv(pose_jacobian(robot, poses))[:, :3], axis=1)
     out = []
-    for k, name in enumerate(named.names):
+    for k, (name, pose) in enumerate(zip(named.names, commanded, strict=True)):
         at = [
             Leg(row, one.lo, one.hi, F(error.eps), one.forms[k])
             for row, one, error in zip(known, legs, assumed, strict=True)
         ]
-        bounds = pose_bounds(commanded[k], at, reach, turn / 2, free)
-        estimated = Estimated(
-            float(u_position[k]),
-            float(u_rotation[k]),
-            None if true is None else float(true[0][k]),
-            None if true is None else float(true[1][k]),
-        )
-        w, x, y, z = map(float, poses.quaternion[k])
+        bounds = pose_bounds(pose, at, F(WITHIN[0]), F(WITHIN[1]) / 2, free)
         lo, hi, *sizes = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
+        # what is not known of each leg's length, to first order
+        widths = [float(one.forms[k][1] - one.forms[k][0]) for one in legs]
+        open_ = [0.5 * w * pose.millimetres(row) + e.eps for w, row, e in zip(widths, known, assumed, strict=True)]
+        x, y, z = map(float, poses.position[k])
+        q0, q1, q2, q3 = map(float, poses.quaternion[k])
         out.append(
             PoseAccuracy(
                 name=name,
-                position=_three(poses.position[k]),
-                quaternion=(w, x, y, z),
+                position=(x, y, z),
+                quaternion=(q0, q1, q2, q3),
                 proved=bounds is not None,
                 lo=lo,
                 hi=hi,
                 position_bound=sizes[0],
                 rotation_bound=sizes[1],
-                shares=tuple(map(float, shares[k])),
+                shares=tuple(map(float, inverse[k] * np.array(open_, np.float64))),
                 beyond=bool(beyond[k]),
-                estimated=estimated,
+                estimated=Estimated(float(u_position[k]), float(u_rotation[k]), *true[k]),
             )
         )
     return tuple(out)
@@ -337,43 +475,24 @@ def _next(
         return ()
     poses = np.array(rows)
     there = Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:])))
-    return next_poses(campaign, sets, there, count)
+    return chosen_next(campaign, sets, there, count)
 
 
-def _over(workspace: Workspace, found: Covered) -> WorkspaceAccuracy:
+def _over(workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells: int, say: Told) -> WorkspaceAccuracy:
+    def tell(lo: float, hi: float) -> None:
+        least, most = bracket_text(lo, hi, 4)
+        say(f"the worst of the workspace is between {least} and {most} mm")
+
+    found = cover(workspace, sets, gap=gap, most=cells, tell=tell)
     factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    cells = tuple(
-        CellAccuracy(
-            tuple(map(float, factor * found.boxes.lo[k])),
-            tuple(map(float, factor * found.boxes.hi[k])),
-            bool(found.proved[k]),
-            float(found.position[k]),
-            float(found.rotation[k]),
-            tuple(map(float, found.share[k])),
-        )
-        for k in range(len(found.proved))
+    sides = ((factor * side).tolist() for side in (found.boxes.lo, found.boxes.hi))
+    values = (of.tolist() for of in (found.proved, found.position, found.rotation, found.share))
+    each = tuple(
+        CellAccuracy(tuple(lo), tuple(hi), proved, position, rotation, tuple(share))
+        for lo, hi, proved, position, rotation, share in zip(*sides, *values, strict=True)
     )
     at = tuple(map(float, factor * found.at))
-    return WorkspaceAccuracy(workspace.lo, workspace.hi, cells, at, found.at_position, found.complete)
-
-
-def _three(values: Floats) -> tuple[float, float, float]:
-    x, y, z = map(float, values)
-    return x, y, z
-
-
-def grid(workspace: Workspace, per_axis: int = 7, heights: int = 3) -> NamedPoses:
-    """Poses on `heights` slices of a workspace, `per_axis` squared on each, with its middle rotation."""
-    lo, hi = np.array(workspace.lo), np.array(workspace.hi)
-    middle = 0.5 * (lo + hi)
-    axes = [
-        np.linspace(lo[k], hi[k], n) if hi[k] > lo[k] else lo[k : k + 1]
-        for k, n in ((2, heights), (1, per_axis), (0, per_axis))
-    ]
-    z, y, x = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
-    quaternion = normalised(np.concatenate([[1.0], 0.5 * middle[3:]]))
-    names = tuple(f"g{k:03d}" for k in range(len(x)))
-    return NamedPoses(names, Pose(np.stack([x, y, z], axis=1), np.tile(quaternion, (len(x), 1))))
+    return WorkspaceAccuracy(workspace.lo, workspace.hi, each, at, found.at_position, found.complete)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -390,10 +509,7 @@ def expanded_uncertainty(campaign: Campaign, poses: Pose) -> tuple[Floats, Float
     """
     found = fit(campaign, covariance="residuals")
     robot = Robot.from_parameters(campaign.robot.name, found.parameters)
-    vector = leg_vectors(robot, poses)
-    unit = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-    back = np.einsum("kji,knj->kni", poses.rotation, unit)
-    form = np.concatenate([-unit, back, -np.ones((*unit.shape[:2], 1))], axis=-1)  # (K, n, 7)
+    form = leg_changes(robot, poses)
     inverse = np.linalg.pinv(pose_jacobian(robot, poses))  # (K, 6, n)
     count, legs = form.shape[:2]
     moves = (inverse[..., None] * form[:, None]).reshape(count, 6, 7 * legs)
@@ -417,7 +533,6 @@ def true_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | Non
         )
     except (KeyError, TypeError, ValueError, CpcalError):
         return None
-    assert np.array_equal(mechanisms.joint_phase, joint_phases(robot.legs, streams(int(options["seed"]))[1]))
     return assembled_with(robot, mechanisms, inverse_kinematics(controller, poses), poses)
 
 

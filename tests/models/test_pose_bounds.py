@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.accuracy.accuracy import distances, true_poses
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
 from cpcal.models.platform import ENGINE, Cells, Equations, cell_bounds, point, pose_bounds, proved_image, sizes
+from cpcal.questions.accuracy import distances, true_poses
 from cpcal.robot import (
     Pose,
     central_pose,

@@ -1,22 +1,20 @@
-"""Which poses to measure next: those where the certified sets leave a length open most. Floating point, first order.
+"""Poses that nobody measured: how large the model error is there, and which of them to measure next.
 
-Near the controller's parameters a leg's set is a polytope, one slab for each measurement. The pose whose own length
-ranges widest over it, in units of what a new measurement would leave open, is chosen; its slab is added (about the
-middle of the range, where the reading is expected), and so on. Beside it the greedy start of DETMAX: the pose that adds
-most to the determinant of the information. What is expected of both is the worst bound to first order.
+Estimates, in floating point. Nothing of it is proved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cpcal.accuracy.findings import NextPose
 from cpcal.common.values import Floats
-from cpcal.models import PLAIN, ModelResiduals, reading_sensitivities
+from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, reading_sensitivities
 from cpcal.models.leg_set import CertifiedSet
+from cpcal.questions.bracket import of_measurements
 from cpcal.robot import (
     Campaign,
     KinematicsError,
@@ -28,11 +26,119 @@ from cpcal.robot import (
     pose_jacobian,
     rotation_vector,
 )
+from cpcal.robot.campaign import ARRAYS
+from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.linear import Dense, LinearStatus
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.local import fit
+
+# ------------------------------------------------------------------------------------------------------------------
+# How large the model error of each leg is over the workspace.
+#
+# The certificate of accuracy ASSUMES one number a leg: some parameters satisfy the leg's equation to within eps at the
+# calibration poses and at every pose of the workspace. eps* of the calibration poses alone is too small for that: the
+# parameters were chosen for these poses. So the least error is computed for more and more of all poses known, drawn at
+# random, and its growth is carried on: see `Growth.suggested`.
+
+SHARES = (0.25, 0.5, 1.0)  # of the poses
+_DRAWS = 4  # of each share
+_FEWEST = 9  # poses: with fewer eight unknowns explain them whatever they are
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Least errors of one leg in mm, each the mean over draws of `poses` poses, the last of all of them.
+
+    `least`: with the readings in their sets that suit best. `centered`: with the readings as they are, so that the
+    noise counts as model error too.
+    """
+
+    leg: int
+    poses: tuple[int, ...]
+    least: tuple[float, ...]
+    centered: tuple[float, ...]
+
+    @property
+    def suggested(self) -> float:
+        """mm: the least error of the readings as they are with all poses, and twice what the last doubling added.
+
+        Readings as they are, for sets that are wide hide model errors of their own size.
+        """
+        added = self.centered[-1] - self.centered[-2] if len(self.centered) > 1 else self.centered[-1]
+        return self.centered[-1] + 2.0 * max(added, 0.0)
+
+
+def growth(campaigns: Sequence[Campaign], leg: int, *, center: Sequence[float], delta: float, seed: int = 1) -> Growth:
+    """Of the poses of several campaigns of one robot, all in the same frames: calibration and validation."""
+    whole = joined_campaign(campaigns)
+    count, rng = len(whole), np.random.default_rng(seed)
+    networks = [_network(part, leg, center, delta) for part in (whole, exactly(whole))]
+    sizes = sorted({min(max(round(share * count), _FEWEST), count) for share in SHARES})
+    found = np.empty((len(sizes), 2))
+    for k, size in enumerate(sizes):
+        rows = [sorted(rng.permutation(count)[:size].tolist()) for _ in range(1 if size == count else _DRAWS)]
+        for i, network in enumerate(networks):
+            found[k, i] = np.mean([_least(of_measurements(network, some), center)[1] for some in rows])
+    least, centered = found.T.tolist()
+    return Growth(leg, tuple(sizes), tuple(least), tuple(centered))
+
+
+def joined_campaign(campaigns: Sequence[Campaign]) -> Campaign:
+    """All measurements as one campaign, named by the number of their campaign and their own names."""
+    pose = [f"{k}.{name}" for k, c in enumerate(campaigns) for name in c.pose]
+    run = [name for c in campaigns for name in c.run]
+    arrays = [np.concatenate([getattr(c, name) for c in campaigns]) for name in ARRAYS]
+    first, *readings = campaigns[0].robot, *arrays[:3]
+    radii: dict[str, Any] = dict(zip(ARRAYS[3:], arrays[3:], strict=True))
+    return Campaign.of(first, *readings, pose=pose, run=run, **radii)
+
+
+def exactly(campaign: Campaign) -> Campaign:
+    """The same readings, without sets around them."""
+    c = campaign
+    return Campaign.of(c.robot, c.position, c.quaternion, c.length, pose=c.pose, run=c.run, exact=True)
+
+
+def chebyshev(campaign: Campaign, leg: int, start: Sequence[float], delta: float) -> tuple[Floats, float]:
+    """Parameters (7,) near `start` whose largest error over the campaign is (locally) least, and that error in mm.
+
+    The readings are those in their sets that suit best.
+    """
+    return _least(_network(campaign, leg, start, delta), start)
+
+
+def _network(campaign: Campaign, leg: int, center: Sequence[float], delta: float) -> ConstraintNetwork:
+    box = leg_box(np.asarray(center, np.float64), delta)
+    return leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, np.inf))
+
+
+def _least(network: ConstraintNetwork, start: Sequence[float]) -> tuple[Floats, float]:
+    point = fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
+    return point[:-1], max(float(point[-1]), 0.0)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Which poses to measure next: those where the certified sets leave a length open most. To first order.
+#
+# Near the controller's parameters a leg's set is a polytope, one slab for each measurement. The pose whose own length
+# ranges widest over it, in units of what a new measurement would leave open, is chosen; its slab is added (about the
+# middle of the range, where the reading is expected), and so on. Beside it the greedy start of DETMAX: the pose that
+# adds most to the determinant of the information. What is expected of both is the worst bound to first order.
 
 _CANDIDATES = 40
 _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
 CERTIFIED, DETERMINANT = "certified width", "DETMAX"
+
+
+@dataclass(frozen=True)
+class NextPose:
+    """A pose that would narrow what is not known most, and the worst bound expected then, mm: an estimate."""
+
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float]
+    by: str
+    expected: float
 
 
 @dataclass
@@ -63,12 +169,11 @@ class _Polytope:
 
     def with_slab(self, form: Floats, middle: float, room: float) -> _Polytope:
         """With one measurement more."""
-        return _Polytope(
-            np.concatenate([self.rows, (form @ self.to_x)[None]]),
-            np.append(self.middle, middle - form @ self.offset),
-            np.append(self.room, room),
-            self.to_x,
-            self.offset,
+        return replace(
+            self,
+            rows=np.concatenate([self.rows, (form @ self.to_x)[None]]),
+            middle=np.append(self.middle, middle - form @ self.offset),
+            room=np.append(self.room, room),
         )
 
 
@@ -90,7 +195,7 @@ def next_poses(
     candidates = Pose(found.pose.position[rows], found.pose.quaternion[rows])
     polytopes = [_polytope(campaign, one) for one in sets]
     rooms = np.array([np.median(p.room) for p in polytopes])
-    forms = _forms(robot, candidates)
+    forms = leg_changes(robot, candidates)
     out: list[NextPose] = []
     for by, order in (
         (CERTIFIED, _by_width(polytopes, forms, rooms, count)),
@@ -116,7 +221,7 @@ def _polytope(campaign: Campaign, one: CertifiedSet) -> _Polytope:
     return _Polytope(jacobian @ to_x, middle, np.maximum(room, 1e-9), to_x, offset)
 
 
-def _forms(robot: Robot, poses: Pose) -> Floats:
+def leg_changes(robot: Robot, poses: Pose) -> Floats:
     """(K, n, 7): how a leg's predicted reading changes with its parameters."""
     vector = leg_vectors(robot, poses)
     unit = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
@@ -158,7 +263,7 @@ def _added(polytopes: Sequence[_Polytope], form: Floats, rooms: Floats) -> list[
 
 def _expected(robot: Robot, polytopes: Sequence[_Polytope], sets: Sequence[CertifiedSet], worst: Pose) -> float:
     """The largest bound of the position over some poses, to first order, mm."""
-    forms, inverse = _forms(robot, worst), np.linalg.pinv(pose_jacobian(robot, worst))
+    forms, inverse = leg_changes(robot, worst), np.linalg.pinv(pose_jacobian(robot, worst))
     ranges = [p.ranges(forms[:, i]) for i, p in enumerate(polytopes)]
     middle = np.stack([r[0] for r in ranges], axis=1)
     half = np.stack([r[1] + one.eps for r, one in zip(ranges, sets, strict=True)], axis=1)

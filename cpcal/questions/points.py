@@ -1,0 +1,176 @@
+"""Given points of a leg, such as least-squares fits, measurement by measurement (the paper, section 5.1.2)."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.calibration import CalibrationRecord
+from cpcal.checker import Accepted
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
+from cpcal.files import campaign_sha256
+from cpcal.files.folders import keep_beside
+from cpcal.files.run_folder import FITTED, answers_into
+from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
+from cpcal.questions.question import chosen_model
+from cpcal.questions.result import VerifiedPoint
+from cpcal.robot import Campaign
+from cpcal.solver.certificate.float_rows import at_point, failing, holding
+from cpcal.solver.certificate.recording import Recording, claims_verified
+from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.optimize.witness import verify_point
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """What is proved of a point of one leg: `verified` counts, `holds` and `fails` name the measurements (pose/run)."""
+
+    leg: int
+    point: tuple[float, ...]
+    verified: VerifiedPoint
+    holds: tuple[str, ...]
+    fails: tuple[str, ...]
+
+
+def certify_point(
+    campaign: Campaign,
+    leg: int,
+    point: npt.ArrayLike,
+    *,
+    eps: float = 0.0,
+    arithmetic: str = "float64",
+    certificate: str | os.PathLike[str] | None = None,
+    model: str | LegModel | None = None,
+) -> PointResult:
+    """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
+
+    It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
+    both are proved. `model` is the leg model, as in `certify` (default: the campaign's, else plain); its extra
+    parameters follow l in the point. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat
+    is then left out. User-defined models have none.
+    Raises InputError.
+    """
+    x = np.asarray(point, np.float64)
+    corrected, wrong = chosen_model(campaign, model, None)
+    if not 1 <= leg <= campaign.legs:
+        wrong.append(Problem("leg", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}"))
+    if not (np.isfinite(eps) and eps >= 0.0):
+        wrong.append(Problem("eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"))
+    if not wrong and (x.shape != (len(corrected.parameters),) or not np.isfinite(x).all()):
+        what = f"a point of the {corrected.name} model is {len(corrected.parameters)} finite numbers"
+        wrong.append(Problem("point", what, f"give {', '.join(corrected.parameters)}"))
+    if certificate is not None and not built_in(corrected):
+        wrong.append(Problem("certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"))
+    if not wrong:
+        wrong += beyond_legs(campaign, leg, float(x[6]), eps, "eps")
+    if wrong:
+        raise InputError(wrong)
+    good, bad = verified_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)
+    if certificate is not None:
+        at_eps, statement = np.append(x, eps), leg_statement(campaign, leg, model=corrected.name)
+        problem, at = statement.problem, at_point(at_eps.tolist())
+        good = [k for k in good if holding(problem, at, k) is not None]
+        bad = [k for k in bad if failing(problem, at, k) is not None]
+        keep_beside(campaign, certificate)
+        with Recording(statement, Box((*corrected.parameters, "eps"), at_eps, at_eps)) as recording:
+            recording.write(certificate, claims_verified(at_eps, eps, good, bad))
+    ids = campaign.measurement_ids
+    counts = VerifiedPoint(eps, len(good), len(bad), len(campaign))
+    return PointResult(leg, tuple(map(float, x)), counts, tuple(ids[k] for k in good), tuple(ids[k] for k in bad))
+
+
+def verified_rows(
+    campaign: Campaign, leg: int, x: Floats, eps: float, engine: Arithmetic, model: LegModel = PLAIN
+) -> tuple[list[int], list[int]]:
+    """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
+    box = leg_box(x, 0.0, model).with_bounds(x, x)
+    network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=model)
+    found = verify_point(network, np.append(x, eps), engine)
+    return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# x_c and x_c_sigma as solutions: how many measurements refute each, leg by leg.
+#
+# A folder of fits holds campaign.json and a certificate for each leg of each fit. It states nothing else: what is known
+# of the fits is what the checker accepts.
+
+_FILE = re.compile(r"(x_c|x_c_sigma)\.leg([1-9][0-9]{0,3})\.cert\.jsonl")
+
+
+@dataclass(frozen=True)
+class VerifiedFit:
+    """The point of one leg of a fit at eps = 0, and what is proved of it."""
+
+    leg: int
+    point: tuple[float, ...]
+    verified: VerifiedPoint
+
+
+@dataclass(frozen=True)
+class CertifiedFits:
+    """Both fits of a campaign, legs in ascending order."""
+
+    campaign_sha256: str
+    x_c: tuple[VerifiedFit, ...]
+    x_c_sigma: tuple[VerifiedFit, ...]
+
+    @property
+    def both(self) -> tuple[tuple[str, tuple[VerifiedFit, ...]], ...]:
+        """With their names."""
+        return (("x_c", self.x_c), ("x_c_sigma", self.x_c_sigma))
+
+
+def certify_fits(
+    campaign: Campaign,
+    record: CalibrationRecord,
+    folder: str | os.PathLike[str],
+    *,
+    legs: Sequence[int] | None = None,
+) -> CertifiedFits:
+    """Verify both fits of the record by `certify_point` at eps = 0, with certificates in `folder`.
+
+    They are fits of the plain model. Raises InputError when the record is of another campaign, or the folder cannot be
+    written.
+    """
+    if record.campaign_sha256 != campaign_sha256(campaign):
+        raise InputError([Problem("calibration record", "is of another campaign", "calibrate again")])
+    found: dict[str, list[VerifiedFit]] = {"x_c": [], "x_c_sigma": []}
+    with answers_into(folder, FITTED, campaign) as draft:
+        for name, fits in found.items():
+            for leg in sorted(legs or range(1, campaign.legs + 1)):
+                path, values = draft / f"{name}.leg{leg}.cert.jsonl", getattr(record, name).values
+                point = certify_point(campaign, leg, values[leg - 1], certificate=path, model=PLAIN.name)
+                fits.append(VerifiedFit(leg, point.point, point.verified))
+    return CertifiedFits(record.campaign_sha256, tuple(found["x_c"]), tuple(found["x_c_sigma"]))
+
+
+def fits_of(folder: Path, accepted: Mapping[str, Accepted | str]) -> CertifiedFits:
+    """What the certificates of a folder prove, by their names; a text says why one is refused. Raises InputError."""
+    found: dict[str, dict[int, VerifiedFit]] = {"x_c": {}, "x_c_sigma": {}}
+    sha256 = ""
+    for name, one in accepted.items():
+        what, match = one if isinstance(one, str) else "", _FILE.fullmatch(name)
+        if isinstance(one, Accepted):
+            point, sha256 = one.claims.point, str(one.campaign)
+            if match is None or point is None or (one.leg, one.model) != (int(match[2]), PLAIN.name):
+                what = "it proves nothing of a fit that is called so"
+            elif len(one.chosen) < one.count:
+                what = "it leaves measurements out"
+            else:
+                *at, eps = map(float, point.at)
+                counts = VerifiedPoint(eps, len(point.holds), len(point.fails), one.count)
+                found[match[1]][int(match[2])] = VerifiedFit(int(match[2]), tuple(at), counts)
+        if what:
+            raise InputError([Problem(str(folder / name), f"is refused: {what}", "certify the fits again")])
+    if not found["x_c"] or found["x_c"].keys() != found["x_c_sigma"].keys():
+        raise InputError([Problem(str(folder), "lacks a certificate of a leg", "certify the fits again")])
+    both = {name: tuple(fits[leg] for leg in sorted(fits)) for name, fits in found.items()}
+    return CertifiedFits(sha256, **both)
