@@ -108,7 +108,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, what: str
 
 
 def test_hostile_files_are_refused(tmp_path: Path) -> None:
-    for text in ("", "- 1\n", "[" * 100_000, "a: " * 50, "\0"):
+    for text in ("", "- 1\n", "[" * 20_000, "a: " * 50, "\0"):
         refused(tmp_path / "camera.yaml", text)
 
 
