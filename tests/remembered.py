@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from hashlib import sha256
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cpcal.checker import Accepted, ExactCampaign, check, check_run
+from cpcal.checker import Accepted, ExactCampaign, LegCertificates, check
 from cpcal.cli import verify
 from cpcal.solver.execution.executors import executor_for
 
@@ -29,8 +28,18 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
             known[key] = check(path, *given, **options)
         return known[key]
 
-    for module in (check_run.__module__, verify.__name__):
-        monkeypatch.setattr(import_module(module), "check", once)
+    def proved(self: LegCertificates, name: Any) -> Accepted:
+        if not isinstance(name, str) or name not in self.names:
+            return honest(self, name)
+        of = self.folder / "campaign.json"
+        key = (self.folder / name).read_bytes(), of.read_bytes() if of.exists() else b""
+        if key not in known:
+            known[key] = honest(self, name)
+        return known[key]
+
+    honest = LegCertificates.proved
+    monkeypatch.setattr(LegCertificates, "proved", proved)
+    monkeypatch.setattr(verify, "check", once)
     monkeypatch.setattr(verify, "executor_for", lambda count: executor_for(1))
 
 

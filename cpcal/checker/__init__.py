@@ -10,7 +10,7 @@ from .leg import ExactCampaign
 from .readers import Refused, Unusable
 from .run import (
     RESULT_NAME,
-    Certificates,
+    LegCertificates,
     LegChecked,
     RobustChecked,
     certificates_of,
@@ -18,6 +18,6 @@ from .run import (
     leg_checks,
 )
 
-__all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Certificates", "Claims"]
+__all__ = ["FORMAT", "POSE_SET_SUFFIX", "RESULT_NAME", "WORK", "Accepted", "Claims", "LegCertificates"]
 __all__ += ["ExactCampaign", "LegChecked", "Point", "Refused", "RobustChecked", "Unusable"]
 __all__ += ["certificates_of", "check", "check_run", "leg_checks"]

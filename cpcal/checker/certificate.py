@@ -6,7 +6,7 @@ docs/certificate-format.md is the specification; Refused says what is wrong, and
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from hashlib import sha256
@@ -14,7 +14,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from .files import WORK, Budget, Lines, opened
+from .files import A_FILE, WORK, Budget, Lines, opened
 from .leg import EXTRA, ExactCampaign, beside, check_model, leg_problem
 from .polynomial import READINGS, Polynomial, Spend, constant, dyadics, unknown
 from .readers import (
@@ -36,8 +36,7 @@ from .readers import (
 )
 from .rule import Box, Constraint, Problem, Row, Rule, Unknowns, Weights, meeting
 
-# ------------------------------------------------------------------------------------------------------------------
-# What a certificate claims, and what of it was accepted: plain values.
+# what a certificate claims, and what of it was accepted --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,7 @@ class Accepted:
     forms: tuple[tuple[tuple[tuple[int, ...], F], ...], ...] = ()  # polynomials that are unknowns, of a leg
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# The first lines of a certificate: the problem that it speaks of, and its box.
+# its first lines: the problem that it speaks of, and its box ---------------------------------------------------------
 
 FORMAT = "cpcal-certificate/4"
 Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
@@ -244,7 +242,10 @@ def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, 
 
 
 class Certificates:
-    """Those of a folder, which may rest on one another: each is checked once, all of them within one budget."""
+    """Those of a folder, which may rest on one another: each is checked once, all of them within one budget.
+
+    `form(header, lines)` gives what a header says, and the problem and its box.
+    """
 
     most = 10_000
 
@@ -252,28 +253,33 @@ class Certificates:
         self.folder, self.budget = folder, budget
         self.known: dict[str, tuple[Accepted, list[Any]] | Refused] = {}
 
-    def formed(self, given: dict[str, Any]) -> tuple[list[Any], Problem, Box]:
-        """What a header says, and the problem and its box."""
+    def form(self, header: dict[str, Any], lines: Lines) -> tuple[list[Any], Problem, Box]:
         raise NotImplementedError
+
+    @property
+    def names(self) -> set[str]:
+        return {path.name for path in self.folder.glob("*.cert.jsonl")}
 
     def accepted(self, name: Any) -> tuple[Accepted, list[Any]]:
         """What a file proves, and its header. Raises Refused."""
-        file, header = text(name), list[Any]()
-        if not file.endswith(".cert.jsonl") or "\0" in file or Path(file).name != file:
+        file, said = text(name), list[Any]()
+        if file not in self.known and file not in self.names:
             raise Refused(f"names no certificate of its folder: {shown(file)}")
-
-        def formed(given: dict[str, Any]) -> tuple[Problem, Box]:
-            said, problem, root = self.formed(given)
-            header.extend(said)
-            return problem, root
-
         if file not in self.known:
             if len(self.known) == self.most:
                 raise Refused(f"it has more than {self.most} certificates", "limit")
             self.known[file] = Refused(f"names {shown(file)}, which rests on itself")
             try:
                 with opened(self.folder / file) as stream:
-                    self.known[file] = check_lines(Lines(stream, self.budget), formed), header
+                    lines = Lines(stream, self.budget)
+                    lines.spend(A_FILE)
+
+                    def formed(header: dict[str, Any]) -> tuple[Problem, Box]:
+                        found, problem, root = self.form(header, lines)
+                        said.extend(found)
+                        return problem, root
+
+                    self.known[file] = check_lines(lines, formed), said
             except (Refused, Unusable) as error:
                 code = error.code if isinstance(error, Refused) else "run"
                 self.known[file] = Refused(f"names {shown(file)}, which is refused: {error}", code, 0)
@@ -281,6 +287,11 @@ class Certificates:
         if isinstance(found, Refused):
             raise found
         return found
+
+    def names_all(self, named: Collection[str]) -> None:
+        """Raises Refused for a certificate in the folder that nothing names."""
+        if unnamed := self.names.difference(named):
+            raise Refused(f"does not name the certificate {shown(min(unnamed))}, which lies beside it")
 
 
 def _schema(problem: Problem) -> dict[str, Reader]:

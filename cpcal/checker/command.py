@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from .readers import Refused, Unusable
 from .run import RESULT_NAME, RobustChecked, check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
+_NOT_JUDGED, _COMPUTES = "Not judged here:", "`cpcal verify` computes that"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -22,19 +23,15 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("checker", description="Check the certificates of a run in exact arithmetic.")
     parser.add_argument("target", type=Path, help="the folder of a run, or a certificate (*.cert.jsonl)")
     parser.add_argument("--campaign", type=Path, help="the campaign.json that a certificate speaks of")
-    parser.add_argument("--work", type=int, help="what the check may cost, in tenths of a microsecond, about")
-    given = parser.parse_args(arguments)
+    parser.add_argument(
+        "--work", type=int, default=0, help="what the check may cost, in tenths of a microsecond, about"
+    )
+    given, good = parser.parse_args(arguments), True
     try:
-        if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
-            return _pose_sets(given.target, given.work or 0)
-        if (given.target / STUDY_NAME).is_file():
-            return _hand_eye(given.target, given.work or 0)
-        if (given.target / ACCURACY_NAME).is_file():
-            return _accuracy(given.target, given.work or 0)
-        if given.target.is_dir():
-            return _runs(given.target, given.work or 0)
-        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
-        return PROVED
+        for accepted, sentence in _statements(given.target, given.campaign, given.work or 0):
+            print(sentence)
+            good = good and accepted
+        return PROVED if good else REFUSED
     except Refused as reason:
         print(f"REFUSED: {reason}")
         return REFUSED
@@ -47,36 +44,50 @@ def main(arguments: Sequence[str]) -> int:
         return INTERNAL
 
 
-def _runs(folder: Path, work: int) -> int:
-    """A run, or the runs of several models or campaigns: all are looked at, and the worst decides."""
-    inner = sorted(path.parent for path in folder.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
-    if (folder / RESULT_NAME).exists() or not inner:
-        return _run(folder, work)
-    worst = PROVED
-    for run in inner:
-        print(f"{run.name}:")
-        try:
-            worst = max(worst, _run(run, work))
-        except Refused as reason:
-            print(f"REFUSED: {reason}")
-            worst = REFUSED
-    return worst
+def _statements(target: Path, campaign: Path | None, work: int) -> Iterator[tuple[bool, str]]:
+    """Sentences, and whether each is accepted; of the folder of several runs the worst decides."""
+    if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob("*" + POSE_SET_SUFFIX)):
+        from .sight import check_pose_set, check_pose_sets
+
+        for one in (
+            check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or WORK)]
+        ):
+            radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
+            said = f"REFUSED: {one.refused}" if one.refused else f"PROVED: {radii}, {one.digest[:16]}"
+            yield not one.refused, f"{one.name}: {said}"
+    elif (target / STUDY_NAME).is_file():
+        from .hand_eye import check_hand_eye
+
+        yield from check_hand_eye(target, work=work)
+        yield True, f"{_NOT_JUDGED} whether the centre of the box is the least-squares answer; {_COMPUTES}."
+    elif (target / ACCURACY_NAME).is_file():
+        from .platform import check_accuracy
+
+        yield from check_accuracy(target, work=work)
+    elif not target.is_dir():
+        yield True, f"PROVED: {stated(check(target, campaign, work=work or WORK))}"
+    else:
+        inner = sorted(path.parent for path in target.glob(f"[!.]*/{RESULT_NAME}"))  # no draft of a run that was killed
+        if (target / RESULT_NAME).exists() or not inner:
+            yield from _legs(target, work)
+            return
+        for run in inner:
+            yield True, f"{run.name}:"
+            try:
+                yield from _legs(run, work)
+            except Refused as reason:
+                yield False, f"REFUSED: {reason}"
 
 
-def _run(folder: Path, work: int) -> int:
-    legs = check_run(folder, work=work)
+def _legs(run: Path, work: int) -> Iterator[tuple[bool, str]]:
+    legs = check_run(run, work=work)
     for leg in legs:
         claims = _outliers(leg.robust) if leg.robust else "" if leg.accepted is None else stated(leg.accepted)
-        said = (
-            f"REFUSED: {leg.refused}" if leg.refused is not None else f"PROVED: {claims}" if claims else "not certified"
-        )
-        print(f"leg {leg.leg}: {said}")
-    print("Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.")
-    if any(leg.refused is not None for leg in legs):
-        return REFUSED
-    if not any(leg.accepted or (leg.robust and leg.robust.certified) for leg in legs):
+        said = f"PROVED: {claims}" if claims else "not certified"
+        yield leg.refused is None, f"leg {leg.leg}: {said if leg.refused is None else f'REFUSED: {leg.refused}'}"
+    yield True, f"{_NOT_JUDGED} whether the measurements determine the parameters; {_COMPUTES} again."
+    if not any(leg.refused is not None or leg.accepted or (leg.robust and leg.robust.certified) for leg in legs):
         raise Unusable("no leg of the run is certified")
-    return PROVED
 
 
 def _outliers(leg: RobustChecked) -> str:
@@ -84,34 +95,6 @@ def _outliers(leg: RobustChecked) -> str:
     found = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
     found += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
     return "; ".join([*found, f"at most {leg.outliers} wrong"]) if found else ""
-
-
-def _hand_eye(folder: Path, work: int) -> int:
-    from .hand_eye import check_hand_eye
-
-    found = check_hand_eye(folder, work=work)
-    for _, sentence in found:
-        print(sentence)
-    print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")
-    return PROVED if all(accepted for accepted, _ in found) else REFUSED
-
-
-def _accuracy(folder: Path, work: int) -> int:
-    from .platform import check_accuracy
-
-    for _, sentence in check_accuracy(folder, work=work):
-        print(sentence)
-    return PROVED
-
-
-def _pose_sets(target: Path, work: int) -> int:
-    from .sight import check_pose_set, check_pose_sets
-
-    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or WORK)]
-    for one in found:
-        radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
-        print(f"{one.name}: {f'REFUSED: {one.refused}' if one.refused else f'PROVED: {radii}, {one.digest[:16]}'}")
-    return REFUSED if any(one.refused for one in found) else PROVED
 
 
 def stated(accepted: Accepted) -> str:

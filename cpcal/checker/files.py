@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import codecs
-import hashlib
 import json
-import re
 import stat
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
@@ -20,6 +17,7 @@ POSE_SET_SUFFIX = ".pose.json"  # files of claims other than those of a run
 STUDY_NAME = "study.json"  # of hand-eye runs
 ACCURACY_NAME = "accuracy.json"
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
+_MOST_VALUES = 3_000_000  # of such a file: 200 MB
 
 
 def opened(path: Path) -> BinaryIO:
@@ -32,12 +30,12 @@ def opened(path: Path) -> BinaryIO:
         raise Unusable(f"{shown(path.name)} cannot be read: {error.strerror}") from None
 
 
-def content(path: Path) -> bytes:
+def content(path: Path, most: int = LARGEST_FILE) -> bytes:
     """The bytes of a file that is held in memory."""
     with opened(path) as stream:
-        found = stream.read(LARGEST_FILE + 1)
-    if len(found) > LARGEST_FILE:
-        raise Refused(f"it is larger than {LARGEST_FILE} bytes", "limit")
+        found = stream.read(most + 1)
+    if len(found) > most or sum(map(found.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+        raise Refused(f"it is larger than {most} bytes, or holds more than {_MOST_VALUES} values", "limit")
     return found
 
 
@@ -52,103 +50,15 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-_STRICT: dict[str, Any] = {"object_pairs_hook": _unique, "parse_constant": no_float}
-_NO_JSON = (ValueError, RecursionError, MemoryError)
-
-
 def parsed(text: bytes, floats: Callable[[str], Any] = no_float) -> dict[str, Any]:
     """The object of a JSON text: UTF-8, no key twice; `floats` makes its numbers with a point or an exponent."""
     try:
-        found = json.loads(text.decode("utf-8"), parse_float=floats, **_STRICT)
-    except _NO_JSON as error:
+        found = json.loads(text.decode(), parse_float=floats, parse_constant=no_float, object_pairs_hook=_unique)
+    except (ValueError, RecursionError, MemoryError) as error:
         raise Refused(f"is not JSON of this format: {shown(error)}") from None
     if not isinstance(found, dict):
         raise Refused("is not an object")
     return found
-
-
-class Members:
-    """A JSON object that is read as it comes: iteration gives its keys, none twice; then `value` or `elements` has what
-    stands there. No more than twice LONGEST_LINE of the file is held, which no value and no element may exceed."""
-
-    _decode = json.JSONDecoder(parse_float=no_float, **_STRICT).raw_decode
-    _space = re.compile(r"[ \t\n\r]*")
-
-    def __init__(self, stream: BinaryIO, most: int) -> None:
-        self.digest = hashlib.sha256()
-        self._stream, self._left, self._ended = stream, most, False
-        self._utf8 = codecs.getincrementaldecoder("utf-8")()
-        self._text, self._at = "", 0
-
-    def __iter__(self) -> Iterator[str]:
-        self._take("{")
-        known = set[str]()
-        while True:
-            key = self.value()
-            if not isinstance(key, str) or key in known:
-                raise Refused("a key is no text, or stands twice")
-            known.add(key)
-            self._take(":")
-            yield key
-            if self._take(",}") == "}":
-                break
-        if self._next():
-            raise Refused("something follows the object")
-
-    def elements(self) -> Iterator[Any]:
-        """Of the list that stands here."""
-        self._take("[")
-        if self._next() == "]":
-            self._take("]")
-            return
-        yield self.value()
-        while self._take(",]") == ",":
-            yield self.value()
-
-    def value(self) -> Any:
-        self._next()
-        self._fill(LONGEST_LINE)
-        try:
-            found, end = self._decode(self._text, self._at)
-        except _NO_JSON as error:
-            long = "" if self._ended else f", or a value takes more than {LONGEST_LINE} bytes"
-            raise Refused(f"is not JSON of this format: {shown(error)}{long}") from None
-        if end - self._at > LONGEST_LINE or (end == len(self._text) and not self._ended):
-            raise Refused(f"a value takes more than {LONGEST_LINE} bytes", "limit")
-        self._at = end
-        return found
-
-    def _take(self, signs: str) -> str:
-        """The next sign, one of these."""
-        sign = self._next()
-        if not sign or sign not in signs:
-            raise Refused(f"is not JSON of this format: one of {signs} is needed where {shown(sign)} stands")
-        self._at += 1
-        return sign
-
-    def _next(self) -> str:
-        """The next sign that is no white space, which is passed over; "" at the end."""
-        while True:
-            space = self._space.match(self._text, self._at)
-            self._at = self._at if space is None else space.end()
-            if self._at < len(self._text) or self._ended:
-                return self._text[self._at : self._at + 1]
-            self._fill(1)
-
-    def _fill(self, ahead: int) -> None:
-        """More than so many characters ahead, or all that there are."""
-        while len(self._text) - self._at <= ahead and not self._ended:
-            chunk = self._stream.read(LONGEST_LINE)
-            self._left -= len(chunk)
-            if self._left < 0:
-                raise Refused("the file is too large", "limit")
-            self.digest.update(chunk)
-            self._ended = not chunk
-            try:
-                self._text = self._text[self._at :] + self._utf8.decode(chunk, self._ended)
-            except UnicodeDecodeError as error:
-                raise Refused(f"is not UTF-8: {shown(error)}") from None
-            self._at = 0
 
 
 def leg_work(legs: int, measurements: int) -> int:

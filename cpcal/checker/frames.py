@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
 from itertools import product
+from typing import Any
 
-from .polynomial import Polynomial, Spend, dyadics, unknown
+from .polynomial import Polynomial, Spend, dyadics, rotation_rows, unknown
 from .readers import Refused
 from .rule import Box, Problem
 
@@ -59,19 +60,14 @@ class Study:
 
     def motion(self, k: int) -> tuple[list[list[int]], int]:
         """H of an image times the square of its quaternion, and that square: whole numbers."""
-        rows, norm = rotation(dyadics(self.poses[k][1]).values)
+        rows, norm = rotation(self.poses[k][1])
         return ([list(row) for row in zip(*rows, strict=True)] if self.in_hand else rows), norm
 
 
-def rotation(q: Sequence[int]) -> tuple[list[list[int]], int]:
-    """R(q) |q|^2 and |q|^2."""
-    w, x, y, z = q
-    rows = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-    return rows, w * w + x * x + y * y + z * z
+def rotation(q: Sequence[F | int]) -> tuple[list[list[int]], int]:
+    """R(q) |q|^2 and |q|^2, of a quaternion times some power of two."""
+    whole = dyadics(q).values
+    return rotation_rows(whole), sum(c * c for c in whole)
 
 
 def turn_equation(part: Sequence[int], k: int) -> Terms:
@@ -131,7 +127,7 @@ class Rows:
         if k not in self._motions:
             turn, norm = self.study.motion(k)
             place = self._places[k]
-            shift = [-_dot(row, place) for row in turn] if self.study.in_hand else [norm * v for v in place]
+            shift = [-dot(row, place) for row in turn] if self.study.in_hand else [norm * v for v in place]
             self._motions[k] = turn, norm, [s - norm * w for s, w in zip(shift, self._hand, strict=True)]
         return self._motions[k]
 
@@ -333,7 +329,7 @@ def polynomial(terms: Terms, spend: Spend) -> Polynomial:
     return Polynomial({sum(map(unknown, m)): c for m, c in terms.items()}, -bits, spend)
 
 
-def _dot(row: Sequence[int], vector: Sequence[int]) -> int:
+def dot(row: Iterable[Any], vector: Iterable[Any]) -> Any:
     return sum(a * b for a, b in zip(row, vector, strict=True))
 
 
@@ -352,7 +348,7 @@ def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Ve
     span = F(2) if angle is None else 2 * _sine_above(angle * _PI_ABOVE / 360)
     ends: list[Interval] = []
     for k in (0, 7):
-        rows, norm = rotation(dyadics(center[k + 3 : k + 7]).values)
+        rows, norm = rotation(center[k + 3 : k + 7])
         for value in (F(v, norm) for row in rows for v in row):
             ends.append((max(value - span, F(-1)), min(value + span, F(1))))
         ends += [(v - reach, v + reach) for v in center[k : k + 3]]
@@ -371,7 +367,7 @@ def holds(placed: Vector, center: Vector, reach: F, angle: F | None) -> bool:
     box = asked_box(center, reach, angle, origin, origin)
     at: list[F] = []
     for k in (0, 7):
-        rows, norm = rotation(dyadics(placed[k + 3 : k + 7]).values)
+        rows, norm = rotation(placed[k + 3 : k + 7])
         at += [*(F(v, norm) for row in rows for v in row), *placed[k : k + 3]]
     return all(lo <= v <= hi for lo, v, hi in zip(box.lo, at, box.hi, strict=False))
 

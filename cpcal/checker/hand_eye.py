@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .certificate import FORMAT, Accepted, Certificates
-from .files import STUDY_NAME, WORK, Budget, content, parsed
+from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
 from .frames import (
     AXES,
     R_F,
@@ -28,12 +28,12 @@ from .frames import (
     Rows,
     Study,
     asked_box,
+    dot,
     holds,
     rotation,
 )
 from .lens import Cameras
 from .lens import number as bound
-from .polynomial import dyadics
 from .readers import (
     Refused,
     Unusable,
@@ -42,6 +42,7 @@ from .readers import (
     ascending,
     choice,
     dyadic,
+    entry,
     finite,
     many,
     maybe,
@@ -52,7 +53,7 @@ from .readers import (
     whole,
 )
 from .rule import Box, Problem, meeting
-from .run import STRANGE, Json, compare, exact, names_all, reason_of, same
+from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
@@ -109,40 +110,29 @@ def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
 
 def _study(data: Json) -> Study:
     same("format", data["format"], STUDY_FORMAT)
-    camera, images, points = data["camera"], data["images"], data["points"]
-    if data["setup"] not in _SETUPS:
-        raise Refused(f"holds the setup {shown(data['setup'])}")
-    names, poses = _named(images, 0, 13), [list(map(exact, one[1:])) for one in images]
-    image = tuple(whole(len(images))(one[0]) for one in points)
-    numbers = [list(map(exact, one[2:])) for one in points]
-    if any(len(one) != 8 for one in numbers) or any(min(one[7:]) < 0 for one in [*poses, *(n[:8] for n in numbers)]):
-        raise Refused("holds a row of another length, or a negative half-width")
+    camera, setup = data["camera"], choice(*_SETUPS)(data["setup"])
+    names, *poses = zip(*many(entry(text, *[exact] * 13))(data["images"]), strict=True)
+    image, labels, *numbers = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
     focal, center, distortion = (tuple(map(exact, camera[key])) for key in ("focal", "center", "distortion"))
     if len(focal) != 2 or len(center) != 2 or min(focal) <= 0:
         raise Refused("holds no camera")
-    if not all(any(one[3:7]) for one in poses):
-        raise Refused("holds a quaternion that is no rotation")
+    if len(set(names)) < len(names) or len(set(zip(image, labels, strict=True))) < len(image):
+        raise Refused("holds an image, or a point of an image, twice")
+    if min(map(min, [*poses[7:], numbers[7]])) < 0 or not all(map(any, zip(*poses[3:7], strict=True))):
+        raise Refused("holds a negative half-width, or a quaternion that is no rotation")
+    rows, turns, widths, rays, points = (
+        tuple(zip(*part, strict=True)) for part in (poses[:3], poses[3:7], poses[7:], numbers[2:4], numbers[4:7])
+    )
     study = Study(
-        data["setup"] == _SETUPS[0], focal, center, names,
-        tuple((tuple(one[:3]), tuple(one[3:7])) for one in poses), tuple(tuple(one[7:]) for one in poses),
-        image, tuple(text(one[1]) for one in points), tuple(tuple(one[2:4]) for one in numbers),
-        tuple(tuple(one[4:7]) for one in numbers), tuple(one[7] for one in numbers),
+        setup == _SETUPS[0], focal, center, names, tuple(zip(rows, turns, strict=True)), widths,
+        image, labels, rays, points, numbers[7],
     )  # fmt: skip
-    if len(set(zip(study.image, study.names, strict=True))) < len(image):
-        raise Refused("holds a point of an image twice")
     if text(camera["model"]) == "brown":  # other lenses are no polynomials: see `undistorted` in _Run.box_said
-        _check_lens(study, [one[:2] for one in numbers], distortion)
+        _check_lens(study, list(zip(*numbers[:2], strict=True)), distortion)
     return study
 
 
-def _named(rows: list[Any], place: int, size: int) -> tuple[str, ...]:
-    names = tuple(text(array(one)[place]) for one in rows)
-    if len(set(names)) < len(names) or any(len(one) != size + 1 for one in rows):
-        raise Refused("holds a row of another length, or a name twice")
-    return names
-
-
-def _check_lens(study: Study, pixels: list[list[F]], distortion: Sequence[F]) -> None:
+def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequence[F]) -> None:
     """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
     k1, k2, p1, p2, k3 = distortion
     farthest = F(0)
@@ -172,33 +162,31 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
 
     `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
     """
-    (x_turn, x_norm), (f_turn, f_norm) = (rotation(dyadics(placed[k + 3 : k + 7]).values) for k in (0, 7))
+    (x_turn, x_norm), (f_turn, f_norm) = (rotation(placed[k + 3 : k + 7]) for k in (0, 7))
     x_place, f_place = placed[:3], placed[7:10]
     maps = []
-    for k in range(len(study.images)):
-        rows, norm = rotation(dyadics(study.poses[k][1]).values)
-        place = list(study.poses[k][0])
+    for k, (place, turned) in enumerate(study.poses):
+        rows, norm = rotation(turned)
         if readings:
-            more, scale = rotation(dyadics([F(1), *(v / 2 for v in readings[k][3:])]).values)
-            rows = [[sum(a * row[j] for a, row in zip(line, rows, strict=True)) for j in AXES] for line in more]
-            norm *= scale
+            more, scale = rotation([F(1), *(v / 2 for v in readings[k][3:])])
+            rows, norm = _product(more, rows), norm * scale
             place = [p + d for p, d in zip(place, readings[k][:3], strict=True)]
         if study.in_hand:  # H = (R, P)^-1
-            rows = [list(row) for row in zip(*rows, strict=True)]
-            moved = [f - p for f, p in zip(f_place, place, strict=True)]
-            offset = [F(0)] * 3
+            rows, moved = (
+                [list(row) for row in zip(*rows, strict=True)],
+                [f - p for f, p in zip(f_place, place, strict=True)],
+            )
+            place = (F(0),) * 3
         else:
-            moved, offset = list(f_place), place
-        y = [F(_times(row, moved)) / norm + o - t for row, o, t in zip(rows, offset, x_place, strict=True)]
-        back = [[x_turn[b][a] for b in AXES] for a in AXES]
-        whole_ = x_norm * norm * f_norm
-        inner = [[_times(row, [line[d] for line in f_turn]) for d in AXES] for row in rows]
-        turn = [[F(_times(row, [line[d] for line in inner]), whole_) for d in AXES] for row in back]
-        maps.append((turn, [F(_times(row, y)) / x_norm for row in back]))
+            moved = list(f_place)
+        y = [F(dot(row, moved)) / norm + o - t for row, o, t in zip(rows, place, x_place, strict=True)]
+        back = [list(row) for row in zip(*x_turn, strict=True)]
+        turn = [[F(v, x_norm * norm * f_norm) for v in row] for row in _product(back, _product(rows, f_turn))]
+        maps.append((turn, [F(dot(row, y)) / x_norm for row in back]))
     found: list[F | None] = []
     for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
         turn, shift = maps[image]
-        x = [_times(row, p) + t for row, t in zip(turn, shift, strict=True)]
+        x = [dot(row, p) + t for row, t in zip(turn, shift, strict=True)]
         if x[2] <= 0:
             found.append(None)
         else:
@@ -207,8 +195,8 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
     return found
 
 
-def _times(row: Sequence[Any], vector: Sequence[Any]) -> Any:
-    return sum(a * v for a, v in zip(row, vector, strict=True))
+def _product(one: Sequence[Sequence[int]], other: Sequence[Sequence[int]]) -> list[list[int]]:
+    return [[dot(row, column) for column in zip(*other, strict=True)] for row in one]
 
 
 def largest(excess: Iterable[F | None]) -> F | None:
@@ -233,7 +221,7 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
         low += [-up(-lo[i]) for i in shift]
         high += [up(hi[i]) for i in shift]
-        rows, norm = rotation(dyadics(about[place + 3 : place + 7]).values)
+        rows, norm = rotation(about[place + 3 : place + 7])
         product = [[_inner([(lo[i], hi[i]) for i in turn[3 * a : 3 * a + 3]], row, norm) for row in rows] for a in AXES]
         ends = ((end - (a == b) for end in product[a][b]) for a in AXES for b in AXES)
         k2 = sum((max(v * v for v in pair) for pair in ends), F(0)) / 8
@@ -269,9 +257,8 @@ class HandEyeCertificates(Certificates):
         super().__init__(folder, budget)
         self.study, self.digest = study, digest
 
-    def formed(self, given: Json) -> tuple[list[Any], Problem, Box]:
-        header = _HEADER(given)
-        _, digest, stage, images, eps, asked, after, poses = header
+    def form(self, given: Json, lines: Lines) -> tuple[list[Any], Problem, Box]:
+        header = _, digest, stage, images, eps, asked, after, poses = _HEADER(given)
         if digest != self.digest:
             raise Refused("the study is another one: its SHA-256 differs", "campaign")
         if not images or images[-1] >= len(self.study.images) or (stage == "image") != (len(images) == 1):
@@ -302,23 +289,12 @@ class HandEyeCertificates(Certificates):
         return Box(*accepted.claims.enclosure)
 
 
-def asked_of(asked: Json) -> list[F]:
-    """The center (14) of a result's box. Raises Refused."""
-    found = _placed(asked["center"])
-    reach, angle = exact(asked["reach"]), asked["angle"]
-    if not 0 < reach < 10**6 or (angle is not None and not 0 < exact(angle) <= 180):
-        raise Refused("states a box that is none")
-    return found
-
-
 def _placed(given: Json) -> list[F]:
-    found = [exact(v) for key, n in _PLACED for v in array(given[key], n)]
+    keys = (("camera_position", 3), ("camera_quaternion", 4), ("target_position", 3), ("target_quaternion", 4))
+    found = [exact(v) for key, n in keys for v in array(given[key], n)]
     if not any(found[3:7]) or not any(found[10:]):
         raise Refused("states a quaternion of no rotation")
     return found
-
-
-_PLACED = (("camera_position", 3), ("camera_quaternion", 4), ("target_position", 3), ("target_quaternion", 4))
 
 
 # runs ---------------------------------------------------------------------------------------------------------------
@@ -344,11 +320,13 @@ class _Run:
         given = content(folder / self.name)
         self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
         self.result = parsed(given, finite)
-        self.named: list[str] = []
         try:
             same("format", self.result["format"], self.format)
-            self.asked: Json = self.result["asked"]
-            self.center = asked_of(self.asked)
+            asked: Json = self.result["asked"]
+            self.center, self.reach = _placed(asked["center"]), exact(asked["reach"])
+            self.angle = None if asked["angle"] is None else exact(asked["angle"])
+            if not 0 < self.reach < 10**6 or not (self.angle is None or 0 < self.angle <= 180):
+                raise Refused("states a box that is none")
         except (Refused, *STRANGE) as error:
             raise Refused(f"{self.name} {reason_of(error)}", "run", 0) from None
 
@@ -367,16 +345,13 @@ class _Run:
 
     def files(self) -> str:
         """No certificate lies about that nothing rests on."""
-        names_all(self.certificates.folder, self.certificates.known)
+        self.certificates.names_all(self.certificates.known)
         return ""
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
         """A certificate about these images and the box that was asked for, at a tolerance."""
         accepted, header = self.certificates.accepted(name)
-        asked = [*_ASKED(header[5])[:3]]
-        angle = self.asked["angle"]
-        stated = [tuple(self.center), exact(self.asked["reach"]), None if angle is None else exact(angle)]
-        if asked != stated:
+        if _ASKED(header[5])[:3] != [tuple(self.center), self.reach, self.angle]:
             raise Refused(f"rests on {shown(name)}, which speaks of another box")
         if header[4] != eps:
             raise Refused(f"rests on {shown(name)}, which is at another tolerance")
@@ -414,19 +389,14 @@ class _Run:
             raise Refused("states a point that puts the target behind the camera")
         if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
-        angle = self.asked["angle"]
-        if not holds(point, self.center, exact(self.asked["reach"]), None if angle is None else exact(angle)):
+        if not holds(point, self.center, self.reach, self.angle):
             raise Refused("states a point that is not in the box")
         return up(worst)
 
     def box_said(self) -> str:
-        angle = self.asked["angle"]
-        turned = "any rotation" if angle is None else f"rotations within {_plain(angle)} degrees"
-        return f"box: {turned}, positions within {_plain(self.asked['reach'])} mm of its centre"
-
-
-def _plain(number: Any) -> str:
-    return repr(float(exact(number))).removesuffix(".0")
+        reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in (self.reach, self.angle))
+        turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
+        return f"box: {turned}, positions within {reach} mm of its centre"
 
 
 class _HandEye(_Run):

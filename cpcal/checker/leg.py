@@ -7,28 +7,37 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
+from hashlib import sha256
 from itertools import repeat
 from operator import add, mul
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from .files import Members, opened
-from .polynomial import FIELD, READINGS, Polynomial, Remainder, constant, dyadics, shortened, signed, unknown
+from .files import content, parsed
+from .polynomial import (
+    FIELD,
+    READINGS,
+    Polynomial,
+    Remainder,
+    constant,
+    dyadics,
+    rotation_rows,
+    shortened,
+    signed,
+    unknown,
+)
 from .readers import Refused, array, decimals, shown, text
 from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 
-# ------------------------------------------------------------------------------------------------------------------
-# A formula that is applied many times, traced once: its multiplications and additions of whole numbers, in order.
+# a formula, traced once ----------------------------------------------------------------------------------------------
 #
 # The rows of a leg have the same monomials for every measurement on every box; only their coefficients differ. So the
-# formula runs once on `Traced` polynomials, which look like `Polynomial` but know places instead of coefficients and
-# note
-# what becomes of these: `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial.
-# They are run for many measurements side by side: each v is a column, so that the loop over notes costs little.
+# formula runs once on `Traced` polynomials, which know places instead of coefficients and note what becomes of these:
+# `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial. They are run for many
+# measurements side by side: each v is a column, so that the loop over notes costs little.
 #
-# Each number is whole over a power of two, 2 ** units[kind] for a number of that kind; a coefficient that is a
-# product of
-# d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
+# Each number is whole over a power of two, 2 ** units[kind] for a number of that kind. A coefficient that is a product
+# of d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
 
 Degree = tuple[int, int]
 Column = int | list[int]  # of all measurements the same, or one for each
@@ -482,13 +491,13 @@ def _constraint(
     """See docs/certificate-format.md, "A leg as constraints", for every name here."""
     position, quaternion, reading, shortest = m
     a, b, offset, eps = x[:3], x[3:6], x[6], x[-1]
-    s, fixed = y[3:6], _rotation(quaternion)
+    s, fixed = y[3:6], rotation_rows(quaternion)
     turned, norm = _total([c * c for c in s]), _total([c * c for c in quaternion])
     kappa = norm * (one + turned)
     p = [position[i] + y[i] for i in _AXES]
     z = [p[i] - a[i] for i in _AXES]
     arm = [_dot(row, b) for row in fixed]
-    along = _dot(z, [_dot(row, arm) for row in _rotation([one, *s])])
+    along = _dot(z, [_dot(row, arm) for row in rotation_rows([one, *s])])
     square = _total([c * c for c in (*z, *b)])
     if model == "lateral":
         square = square - x[7]
@@ -528,20 +537,7 @@ def _cross(p: Sequence[Traced], q: Sequence[Traced]) -> list[Traced]:
     return [p[i - 2] * q[i - 1] - p[i - 1] * q[i - 2] for i in _AXES]
 
 
-def _rotation(h: Quaternion) -> list[list[Traced]]:
-    """|h|^2 R(h)."""
-    w, x, y, z = h
-    ww, xx, yy, zz = w * w, x * x, y * y, z * z
-    wx, wy, wz, xy, xz, yz = ((p * q).times(2) for p, q in ((w, x), (w, y), (w, z), (x, y), (x, z), (y, z)))
-    return [
-        [ww + xx - (yy + zz), xy - wz, xz + wy],
-        [xy + wz, ww + yy - (xx + zz), yz - wx],
-        [xz - wy, yz + wx, ww + zz - (xx + yy)],
-    ]
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Reads campaign.json: the exact numbers of a campaign that certificates speak of.
+# campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
@@ -561,32 +557,25 @@ class ExactCampaign:
         self._numbers = array_of("d")
         self._shortest: dict[int, F] = {}
         try:
-            with opened(path) as stream:
-                members = Members(stream, _LARGEST)
-                self._read(members)
+            given = content(path, _LARGEST)
+            self.sha256 = sha256(given).hexdigest()
+            self._read(parsed(given))
         except Refused as refused:
             raise Refused(f"{NAME}: {refused.reason}", "campaign", 0) from None
-        self.sha256 = members.digest.hexdigest()
 
-    def _read(self, members: Members) -> None:
-        keys = ["format", *_OTHERS, "measurements"]
-        for key in members:
-            if key not in keys:
-                raise Refused(f"it holds {shown(key)}, or lacks another key")
-            keys.remove(key)
-            if key == "measurements":
-                for cells in members.elements():
-                    self._add(array(cells))
-                continue
-            value = members.value()
-            if key == "format" and value != FORMAT:
-                raise Refused(f"its format is not {FORMAT}")
-            if _depth(value) > _DEEPEST:
-                raise Refused(f"its {key} is nested too deeply")
-            if key == "robot" and isinstance(value, dict):
-                self.robot = value.get("name")
-        if keys or not self.place:
-            raise Refused(f"it lacks {', '.join(keys) or 'measurements'}")
+    def _read(self, data: dict[str, Any]) -> None:
+        if data.keys() != {"format", *_OTHERS, "measurements"}:
+            raise Refused("it holds another key than " + ", ".join(["format", *_OTHERS, "measurements"]))
+        if data["format"] != FORMAT:
+            raise Refused(f"its format is not {FORMAT}")
+        if _depth([data[key] for key in _OTHERS]) > _DEEPEST + 1:
+            raise Refused("it is nested too deeply")
+        if isinstance(data["robot"], dict):
+            self.robot = data["robot"].get("name")
+        for cells in array(data["measurements"]):
+            self._add(array(cells))
+        if not self.place:
+            raise Refused("it lacks measurements")
 
     def _add(self, cells: list[Any]) -> None:
         self.legs = self.legs or (len(cells) - 15) // 2

@@ -15,8 +15,7 @@ from math import isqrt
 
 from .readers import Refused
 
-# ------------------------------------------------------------------------------------------------------------------
-# Intervals whose ends are whole multiples of 2^-160, rounded outward: bounds of what is no finite fraction.
+# intervals whose ends are whole multiples of 2^-160, rounded outward -------------------------------------------------
 
 _BITS = 160
 _ONE = 1 << _BITS

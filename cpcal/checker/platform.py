@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from .certificate import Accepted, Given, polynomial
 from .files import ACCURACY_NAME, content, leg_work, parsed
-from .frames import AXES, rotation
+from .frames import AXES, dot, rotation
 from .leg import NAME, ExactCampaign
 from .polynomial import Polynomial, Spend, combined, dyadics, least, signed, substituted, unknown
 from .readers import Refused, array, finite, up
@@ -31,11 +31,10 @@ from .rule import Box, Unknowns
 from .run import (
     INFORMATION,
     STRANGE,
-    Certificates,
     Json,
+    LegCertificates,
     compare,
     exact,
-    names_all,
     of_the_campaign,
     reason_of,
     same,
@@ -79,17 +78,17 @@ class Commanded:
 
     def __init__(self, position: Vector, quaternion: Vector) -> None:
         self.position = position
-        self.turn, self.norm = rotation(dyadics(quaternion).values)  # R |q|^2 and |q|^2
+        self.turn, self.norm = rotation(quaternion)  # R |q|^2 and |q|^2
 
     def turned(self, b: Vector) -> list[F]:
         """|q|^2 R b."""
-        return [_dot(row, b) for row in self.turn]
+        return [dot(row, b) for row in self.turn]
 
     def length(self, controller: Vector) -> F:
         """Of the controller's leg, at most 2^-40 mm too short."""
         arm = self.turned(controller[3:6])
         leg = [p - a + r / self.norm for p, a, r in zip(self.position, controller[:3], arm, strict=True)]
-        square = _dot(leg, leg)
+        square = dot(leg, leg)
         return F(isqrt((square * 4**_LENGTH_BITS).__floor__()), 2**_LENGTH_BITS)
 
     def scale(self, length: F) -> F:
@@ -106,7 +105,7 @@ class Commanded:
         n, length = self.norm, self.length(controller)
         scale = self.scale(length)
         rest = length - controller[6]  # what the controller reads
-        terms: dict[tuple[int, ...], F] = {(): n * (_dot(self.position, self.position) - rest * rest)}
+        terms: dict[tuple[int, ...], F] = {(): n * (dot(self.position, self.position) - rest * rest)}
         terms[6,], terms[6, 6] = -2 * n * rest, F(-n)
         for i in AXES:
             terms[i,], terms[i, i], terms[3 + i, 3 + i] = -2 * n * self.position[i], F(n), F(n)
@@ -156,7 +155,7 @@ class _Row:
         off = [(b - a) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
         self._norm, self._arm = n, pose.turned(middle[3:6])
         self._place = [p - a for p, a in zip(pose.position, middle[:3], strict=True)]
-        sizes = (off[:3], [_dot(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
+        sizes = (off[:3], [dot(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
         self._sizes = [_sizes(values) for values in sizes]
         scale, length = pose.scale(believed), believed - leg.controller[6]
         longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
@@ -238,7 +237,7 @@ def _longest(found: _Solved, rows: Sequence[_Row], box: Box, three: slice) -> F:
         sums = [[c + w * v for c, w in zip(one, weights, strict=True)] for one in sums for v in row.value]
     off = [(b - a) / 2 for a, b in rest]
     most = [max(-a, b) for a, b in zip(box.lo[three], box.hi[three], strict=True)]
-    return min(_root(max(_dot(one, one) for one in sums)) + _root(_dot(off, off)), _root(_dot(most, most)))
+    return min(_root(max(dot(one, one) for one in sums)) + _root(dot(off, off)), _root(dot(most, most)))
 
 
 def _slope(form: Polynomial, i: int) -> float:
@@ -273,10 +272,6 @@ def _root(square: F) -> F:
 def _cut(value: F) -> F:
     """Rounded down."""
     return F((value * 2**_BOX_BITS).__floor__(), 2**_BOX_BITS)
-
-
-def _dot(p: Iterable[F | int], q: Iterable[F]) -> F:
-    return sum((a * b for a, b in zip(p, q, strict=True)), F(0))
 
 
 def _sizes(values: Iterable[F]) -> list[float]:
@@ -323,11 +318,11 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
     poses = [Commanded(_list(one["position"], 3), _list(one["quaternion"], 4)) for one in result["poses"]]
     controller = [_list(row, 7) for row in array(result["parameters"], LEGS)]
     budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
-    certificates, enclosed = Certificates(folder, campaign, budget), list[Accepted]()
+    certificates, enclosed = LegCertificates(folder, campaign, budget), list[Accepted]()
     for leg, (row, box, error) in enumerate(
         zip(controller, array(result["boxes"], LEGS), array(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
     ):
-        accepted = certificates.accepted(box["certificate"])
+        accepted = certificates.proved(box["certificate"])
         # of a run without poses nothing is said of the forms
         forms = accepted.forms if result["refuted"] else [pose.form(row) for pose in poses]
         compare(_of_the_set(leg, box, accepted, exact(result["delta"]), count, forms))
@@ -335,7 +330,7 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
         yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
-    names_all(folder, [box["certificate"] for box in result["boxes"]])
+    certificates.names_all([box["certificate"] for box in result["boxes"]])
     none = [k for k, one in enumerate(enclosed, start=1) if one.claims.infeasible]
     same("refuted", result["refuted"], none)
     if none:

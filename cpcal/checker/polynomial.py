@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 from functools import lru_cache, reduce
 from operator import itemgetter, or_
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from .readers import Refused
 
@@ -154,6 +154,19 @@ def dyadics(values: Iterable[float | F]) -> Numbers:
     ratios = [value.as_integer_ratio() for value in values]
     power = max([below for _, below in ratios], default=1).bit_length() - 1
     return Numbers([(above << power) // below for above, below in ratios], power)
+
+
+def rotation_rows(h: Sequence[Any]) -> list[list[Any]]:
+    """|h|^2 R(h) of a quaternion, scalar first, whatever its numbers are."""
+    w, x, y, z = h
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    halves = (p * q for p, q in ((w, x), (w, y), (w, z), (x, y), (x, z), (y, z)))
+    wx, wy, wz, xy, xz, yz = (half + half for half in halves)
+    return [
+        [ww + xx - (yy + zz), xy - wz, xz + wy],
+        [xy + wz, ww + yy - (xx + zz), yz - wx],
+        [xz - wy, yz + wx, ww + zz - (xx + yy)],
+    ]
 
 
 class Kept(dict[int, Polynomial]):

@@ -9,8 +9,7 @@ from itertools import pairwise
 from math import inf, isfinite, nextafter
 from typing import Any
 
-# ------------------------------------------------------------------------------------------------------------------
-# Why nothing is proved.
+# why nothing is proved -----------------------------------------------------------------------------------------------
 
 
 class Refused(Exception):

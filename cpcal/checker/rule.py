@@ -28,8 +28,7 @@ from .polynomial import (
     unknown,
 )
 
-# ------------------------------------------------------------------------------------------------------------------
-# What a certificate is about: constraints with readings, and what they say in the coordinates of a box.
+# constraints with readings, and what they say in the coordinates of a box --------------------------------------------
 
 SIDES = ("upper", "lower", "sign", "body")
 _SIDE_BY_SIDE = 1024  # measurements

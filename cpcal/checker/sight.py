@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from .certificate import FORMAT, Certificates
-from .files import POSE_SET_SUFFIX, WORK, Budget, content, parsed
+from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
 from .frames import EQUATIONS, Terms, polynomial, turn_equation
 from .lens import (
     NEAREST,
@@ -364,17 +364,12 @@ class Rows:
         return False
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Checks pose sets: from boxes of pixels, camera and target to a box of poses.
+# pose sets: docs/certificate-format.md has the specification ---------------------------------------------------------
 #
 # A claim names certificates. A *first* one begins with all poses, and holds those that show all of its dots. A later
-# one
-# begins where others end, and holds all poses that show all dots of the claim but at most q of them; it leaves out dots
-# that no pose of the box where it begins shows, which are wrong for sure. Several first ones of different dots give a
-# box
-# together: no more than q of them have a wrong dot.
-#
-# docs/certificate-format.md, "Pose sets", is the specification.
+# one begins where others end, and holds all poses that show all dots of the claim but at most q of them; it leaves out
+# dots that no pose of the box where it begins shows: these are wrong for sure. Several first ones of different dots
+# give a box together: no more than q of them have a wrong dot.
 
 POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000
@@ -572,15 +567,8 @@ class PoseCertificates(Certificates):
             if not rows.fails(k):
                 raise Refused(f"it is not proved that dot {k} is wrong", "proof")
 
-    def formed(self, given: dict[str, Any]) -> tuple[list[Any], Problem, Box]:
-        header = _HEADER(given)
-        rows, wrong = self._rows(*header)
-        return header, replace(rows.problem(self.budget.spend), wrong=wrong, tag=rows.dot_of), rows.root
-
-    def _rows(
-        self, _: str, digest: str, dots: Sequence[int], outliers: int, wrong: Sequence[int], turn: Sequence[F],
-        after: Sequence[str],
-    ) -> tuple[Rows, int]:  # fmt: skip
+    def form(self, header: dict[str, Any], lines: Lines) -> tuple[list[Any], Problem, Box]:
+        said = _, digest, dots, outliers, wrong, turn, after = _HEADER(header)
         if digest != self.digest:
             raise Refused("the certificate is about other pixels, another camera or another target", "run")
         if not dots or dots[-1] >= len(self.sight.dots) or set(dots) & set(wrong):
@@ -590,11 +578,13 @@ class PoseCertificates(Certificates):
         if not after:
             if outliers or wrong:
                 raise Refused("a first certificate is of dots that are all right")
-            return rows_of(self.sight, dots, turn, None), 0
+            rows = rows_of(self.sight, dots, turn, None)
+            return said, rows.problem(self.budget.spend), rows.root
         about, box = self.joined(after)
         if box is None:
             raise Refused("it follows what leaves nothing")
         if outliers != self.outliers - len(wrong):
             raise Refused("it allows for another number of wrong dots than the claim")
         self.show_wrong(wrong, about, box)
-        return rows_of(self.sight, dots, turn, (about, box)), outliers
+        rows = rows_of(self.sight, dots, turn, (about, box))
+        return said, replace(rows.problem(self.budget.spend), wrong=outliers, tag=rows.dot_of), rows.root

@@ -163,7 +163,7 @@ def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
         among = certificates_of(folder)
     except Refused as reason:
         return {folder.name: str(reason)}
-    return {name: _accepted(folder / name, lambda path: among.accepted(path.name)) for name in sorted(among.names)}
+    return {name: _accepted(folder / name, lambda path: among.proved(path.name)) for name in sorted(among.names)}
 
 
 def _accepted(path: Path, check: Callable[[Path], Accepted]) -> Accepted | str:

@@ -115,4 +115,4 @@ def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
     (tmp_path / "run" / "campaign.json").write_text("{}")
     outcome = run("verify", tmp_path / "run")
     assert outcome.exit_code == 1
-    assert "run: REFUSED, campaign.json: is not JSON of this format" in outcome.output
+    assert "run: REFUSED, campaign.json: it holds another key than" in outcome.output

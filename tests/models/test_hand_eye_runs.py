@@ -282,7 +282,7 @@ NUMBERS = {
     "a certificate with a NUL": (put("lower", to="a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
     "that of the ranges": (put("lower", to="ranges.cert.jsonl"), "lower end", "at another tolerance"),
     "no certificate of the lower end": (put("lower", to=None), "lower end", "another eps_lo than is proved"),
-    "an absent certificate": (put("lower", to="some.cert.jsonl"), "lower end", "'some.cert.jsonl' cannot be read"),
+    "an absent certificate": (put("lower", to="some.cert.jsonl"), "lower end", "names no certificate"),
     "ranges that stop early": (
         put("ranges", "certificate", to="ranges-image-1.cert.jsonl"), "ranges", "claims no box of frames"),
     "no frames where there are some": (

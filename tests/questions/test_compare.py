@@ -129,7 +129,7 @@ def test_a_certificate_of_another_model_is_refused(found, folder, tmp_path, name
     outcome = CliRunner().invoke(app, ["verify", str(forged)])
     assert outcome.exit_code == 1
     # eight unknowns are two too many or one too few; an h in the place of s fails at the claims, by the point
-    assert f"REFUSED, line {2 if name == 'lateral' else 1}: " in outcome.output
+    assert f"which is refused: line {2 if name == 'lateral' else 1}: " in outcome.output
 
 
 def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):

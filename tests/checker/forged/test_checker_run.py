@@ -16,7 +16,8 @@ import pytest
 import cpcal
 from cpcal.checker import ExactCampaign, Refused, Unusable, check_run
 from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
-from cpcal.checker.run import _lowest, _of_the_leg
+from cpcal.checker.files import parsed
+from cpcal.checker.run import _Leg, certificates_of
 from cpcal.questions import save_result
 
 Data = dict[str, Any]
@@ -218,6 +219,7 @@ def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path
     rows = json.loads((honest / "campaign.json").read_text())["measurements"]
     shortest, offset = min(F(float(row[9])) - F(float(row[21])) for row in rows), accepted.hi[6]
     assert accepted.lo[6] < offset
+    certificates, result = certificates_of(honest), {"options": {"eps": None}}
     for cap, refuted in (
         (shortest + offset, True),
         (shortest + offset - F(1, 2**60), False),
@@ -225,7 +227,7 @@ def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path
         (shortest, shortest >= shortest + offset),
     ):
         claims = replace(accepted.claims, cap=cap, infeasible=True, point=None)
-        found = _lowest(campaign, 1, replace(accepted, claims=claims), None, None)
+        found = _Leg(certificates, campaign, result, {"leg": 1}).lowest(replace(accepted, claims=claims))
         assert found == (refuted, "inf" if refuted else accepted.claims.eps_lo)
 
 
@@ -280,13 +282,14 @@ def test_a_bracket_that_is_wider_than_the_gap_is_not_closed(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("side", ["lo", "hi"])
 def test_a_point_beyond_the_box_of_its_leg_is_none_of_it(run: Path, side: str) -> None:
-    data = json.loads((run / "result.json").read_text())
+    data = parsed((run / "result.json").read_bytes(), float)
     leg, campaign = data["legs"][0], ExactCampaign(run / "campaign.json")
     accepted = check_run(run)[0].accepted
     assert accepted is not None
     assert accepted.claims.point is not None
+    asked = _Leg(certificates_of(run), campaign, data, leg)
     for k in range(7):
         ends = list(getattr(accepted, side))
         ends[k] = accepted.claims.point.at[k] + (1 if side == "lo" else -1)
         beyond = replace(accepted, **{side: tuple(ends)})
-        assert {what: due for what, _, due in _of_the_leg(data, leg, campaign, beyond)}["eps_hi"] == "inf"
+        assert {what: due for what, _, due in asked.of_the_bracket(leg["bracket"], beyond)}["eps_hi"] == "inf"
