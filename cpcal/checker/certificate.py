@@ -468,7 +468,7 @@ class _Check:
                 raise Refused("the weights do not exclude the box", "proof")
             i, side, value = bound
             for weights in sets:
-                self.lines.spend(100)
+                self.lines.spend(300)
                 proved = rule.bound(i, side, weights)
                 if proved < value if side == "lo" else proved > value:
                     if self.problem.wrong and rule.excludes(weights):  # which proves any bound
