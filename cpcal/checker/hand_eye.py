@@ -57,7 +57,7 @@ from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
-_POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 4_000, 100_000  # of a run: more for each point beyond so many
+_POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
