@@ -309,7 +309,7 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
     name = next(name for name in largest if largest[name] <= _NEARLY * best)
     sentence = (
         f"Use model “{name}”: its least-squares fit leaves {about(largest[name])} mm at most, this one's "
-        f"{about(own.largest)} mm. `cpcal certify --model A,B` proves which models hold."
+        f"{about(own.largest)} mm. cpcal certify --model A,B proves which models hold."
     )
     return f"model “{name}”", sentence
 
