@@ -374,8 +374,8 @@ class Rows:
 POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000
 _MOST_CERTIFICATES = 64
-# 133 dots take 7,000,000 units, 8,000,000 with 3 that may be wrong
-_IMAGES, _IMAGE_WORK = 5, 15_000_000  # of a folder: more for each image beyond so many
+# 133 dots take 7,000,000 units; with an uncertain camera and plate 20,000,000, and 42,000,000 if two may be wrong
+_IMAGE_WORK = 45_000_000  # of a folder: more for each image beyond the first
 _FIELD_WORK, _LENS_WORK = 4_000_000, 600_000  # of a camera's field, and more for each number of t
 _FAILING_WORK = 60_000  # of a dot that is shown to be wrong
 
@@ -428,7 +428,7 @@ def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work or WORK + _IMAGE_WORK * max(0, len(claims) - _IMAGES))
+    budget = Budget(work or WORK + _IMAGE_WORK * (len(claims) - 1))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
