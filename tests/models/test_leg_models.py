@@ -295,7 +295,7 @@ def test_the_table_model_of_a_campaign_comes_back_and_is_asked_for(exact, tmp_pa
 @pytest.mark.parametrize(
     ("table", "count", "said"),
     [
-        ("[model]\n", 1, "[model] has no name"),
+        ("[model]\n", 1, "the key 'name' is missing in [model]"),
         ("[model]\nname = 3\nwidth = 4\n", 2, "unknown key 'width'"),
         ('[model]\nname = "two words"\nhalf_widths = 3\n', 2, "half_widths is not a table"),
         ('[model]\nname = "gain"\nhalf_widths = { s = -1, "t u" = "x", v = inf }\n', 4, "negative number -1"),
