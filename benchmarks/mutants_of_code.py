@@ -200,12 +200,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     mutants = [m for m in read() if asked.area in (None, m.area) and asked.only in m.false]
     errors = misplaced(mutants)
+    if errors or not mutants:
+        print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
+        return 2
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         original = copy_of(HERE, Path(folder) / "tree")
-        if errors or not mutants:
-            print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
-            return 2
         failing = unchanged_failures(mutants, original, asked.seconds, asked.processes)
         errors += failing.values()
         mutants = [mutant for mutant in mutants if mutant.tests not in failing]
