@@ -43,6 +43,7 @@ LONG = [
     "models/test_pose_certificate.py",
     "benchmarks/test_runs.py",
     "test_commands.py",
+    "models/test_robot_study.py",
     "models/test_uncertain_poses.py",
     "solver/network/test_forms.py",
     "checker/forged/test_fuzz.py",
@@ -63,7 +64,6 @@ LONG = [
     "cli/test_tampering.py",
     "cli/test_process.py",
     "models/test_pose_set.py",
-    "vision/test_calibrated_poses.py",
     "models/test_pose_set_robust.py",
     "solver/test_minimum_checkpoint.py",
 ]
