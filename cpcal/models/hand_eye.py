@@ -26,7 +26,7 @@ from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, frozen_array
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
-from cpcal.files.tables import Table, csv_table, json_object, read_table, small_file
+from cpcal.files.tables import Table, csv_table, json_object, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.kinematics import normalised
 from cpcal.vision.camera import Camera
@@ -287,10 +287,7 @@ def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
-    content = small_file(folder / HANDEYE_NAME, problems, _ABSENT)
-    if content is None:
-        return None, None
-    reader = TomlReader.of(content, str(folder / HANDEYE_NAME), HANDEYE_FORMAT, ("study", "provenance"), problems)
+    reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     if reader is None:
         return None, None
     reader.provenance()
@@ -365,15 +362,16 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     wide = bool(study.half_width.any())
     parts = [study.pixels, study.points, *([study.half_width[:, None]] if wide else [])]
     points = np.concatenate(parts, axis=1).tolist()
-    named = [(study.images[k], name) for k, name in zip(study.image, study.names, strict=True)]
+    rows = zip(study.image, study.names, points, strict=True)
+    named = ([study.images[k], name, *numbers] for k, name, numbers in rows)
     return {
         HANDEYE_NAME: settings,
         CAMERA_NAME: camera_bytes(study.camera),
         POSES_NAME: csv_table(
             [*POSE_COLUMNS, *POSE_WIDTHS] if moved else POSE_COLUMNS,
-            zip(((name,) for name in study.images), poses, strict=True),
+            ([name, *row] for name, row in zip(study.images, poses, strict=True)),
         ),
-        POINTS_NAME: csv_table([*POINT_COLUMNS, "du"] if wide else POINT_COLUMNS, zip(named, points, strict=True)),
+        POINTS_NAME: csv_table([*POINT_COLUMNS, "du"] if wide else POINT_COLUMNS, named),
     }
 
 

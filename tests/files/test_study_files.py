@@ -141,7 +141,7 @@ def test_an_interrupted_overwrite_leaves_a_folder_that_is_refused(tmp_path, monk
     [
         ('format = "cpcal-study/1"\n', "", None, "'format' is missing", 'format = "cpcal-study/1"'),
         ("cpcal-study/1", "cpcal-campaign/1", 1, "the format is 'cpcal-campaign/1'", "cpcal-study/1"),
-        ("[provenance]", "[uncertainty]", 7, "unknown key 'uncertainty'", "format, robot, provenance, truth"),
+        ("[provenance]", "[uncertainty]", 7, "unknown key 'uncertainty'", "format, robot, truth, provenance"),
         ("\noffset =", "\nofset =", 6, "unknown key 'ofset' in [robot]", "offset"),
         ("seed = 3", "seed = -3", 10, "seed is -3", "from 0"),
         ("seed = 3", "seed = 3.5", 10, "seed is 3.5", "whole"),
