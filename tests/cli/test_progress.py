@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 
-from cpcal.cli.terminal import Line, SearchProgress, count_progress, leg_progress, line
 from rich.console import Console
 
 import cpcal
+from cpcal.cli.terminal import Line, SearchProgress, count_progress, leg_progress, line
 from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
