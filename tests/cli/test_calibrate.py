@@ -41,8 +41,8 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
     record = load_record(tmp_path / "c")
     doubts = [kind for kind in KINDS if record.repeats.tests.found(kind)]
     assert doubts
-    said = (record.budget.sentences[0], record.diagnosis.sentence)
-    for sentence in (*map(record.repeats.tests.sentence, doubts), *said):
+    others = (record.budget.sentences[0], record.diagnosis.sentence)
+    for sentence in (*map(record.repeats.tests.sentence, doubts), *others):
         assert sentence in lines
     assert "U (k = 2)" in said
 

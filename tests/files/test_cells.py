@@ -13,7 +13,7 @@ from cpcal.files.tables import csv_table, guarded, unguarded
 from cpcal.robot import DELTALAB, Campaign
 
 RUN = "=+-@\uff1d\uff0b\uff0d\uff20"
-NAMES = ["=cmd|'calc'!A0", "+1", "-1", "@SUM(A1)", "'=a", "''+b", "'plain", "a=b", "\uff1dx"]
+NAMES = ["=cmd|'calc'!A0", "+1", "-1", "@SUM(A1)", "'=a", "''+b", "'plain", "a=b", "\uff1dx", 'a,"b', "a b", "#", "'"]
 
 
 @given(st.text(alphabet="'=+-@ab \uff1d", max_size=6) | st.text(max_size=6))
