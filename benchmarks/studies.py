@@ -153,6 +153,7 @@ def hand_eye(asked: argparse.Namespace) -> None:
         back = case.truth.e_rotation.T
         parts = back.ravel(), -back @ case.truth.e_translation, case.truth.f_rotation.ravel(), case.truth.f_translation
         x = np.concatenate(parts)
+        assert found.ranges is not None
         inside = bool(((np.array(found.ranges.lo) <= x) & (x <= np.array(found.ranges.hi))).all())
         width = np.array(found.ranges.high) - np.array(found.ranges.low)
         rows.append([inside, found.complete, accepted, spent, checked, size, width[:3].max(), width[3:6].max()])
