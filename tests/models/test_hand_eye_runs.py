@@ -339,8 +339,7 @@ WRONG = {
     "one group twice": (put("lower", to=lambda one: [one[0], one[0]]), "lower end", SPOILED),
     "a stranger in a group": (put("lower", 0, "images", 0, to="image099"), "lower end", "is not in list|kind|tuple"),
     "an image less in a group": (without_one("lower", 0, "images"), "lower end", "about other images"),
-    "the certificate of another group": (
-        lower_by("lower-2-links.cert.jsonl"), "lower end", "about other images"),
+    "the certificate of another group": (lower_by("lower-2-links.cert.jsonl"), "lower end", "about other images"),
     "another image blamed": (blamed("image001"), "wrong images", "that is not left out"),
     "one blamed twice": (put("blamed", to=lambda one: [*one, *one]), "wrong images", "that is not left out, or twice"),
     "one reason too few": (without_one("blamed", 0, 1), "wrong images", SPOILED),
@@ -352,8 +351,9 @@ WRONG = {
     "images without a point of the support": (without_one("support"), "lower end", "another support"),
     "a better image that is left out": (
         put("classical", "images", 4, "largest", to=DOWN), "least squares", "another error in an image"),
-    "ranges that nobody proved": (put("ranges", to={"certificate": "lower-1.cert.jsonl", "lo": [], "hi": [], "low": [], "high": []}),
-        "ranges", "at another tolerance"),
+    "ranges that nobody proved": (
+        put("ranges", to={"certificate": "lower-1.cert.jsonl"} | dict.fromkeys(("lo", "hi", "low", "high"), [])), "ranges",
+        "at another tolerance"),
     "a centre elsewhere": (put("asked", "center", "target_position", 0, to=plus(300.0)), "centre", "not the least-sq"),
     "a wider search": (put("asked", "reach", to=60.0), "lower end", BOX),
     "any rotation": (put("asked", "angle", to=None), "wrong images", BOX),
