@@ -352,8 +352,8 @@ WRONG = {
     "a better image that is left out": (
         put("classical", "images", 4, "largest", to=DOWN), "least squares", "another error in an image"),
     "ranges that nobody proved": (
-        put("ranges", to={"certificate": "lower-1.cert.jsonl"} | dict.fromkeys(("lo", "hi", "low", "high"), [])), "ranges",
-        "at another tolerance"),
+        put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "lo": [], "hi": [], "low": [], "high": []}),
+        "ranges", "at another tolerance"),
     "a centre elsewhere": (put("asked", "center", "target_position", 0, to=plus(300.0)), "centre", "not the least-sq"),
     "a wider search": (put("asked", "reach", to=60.0), "lower end", BOX),
     "any rotation": (put("asked", "angle", to=None), "wrong images", BOX),
