@@ -46,7 +46,7 @@ from cpcal.questions.hand_eye import (
     load_hand_eye_result,
     save_hand_eye_result,
 )
-from cpcal.questions.next_images import next_poses
+from cpcal.questions.next_measurement import next_images
 from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
@@ -214,7 +214,7 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
 
 
 def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:
-    found = next_poses(study, load_hand_poses(poses), count, **asked)
+    found = next_images(study, load_hand_poses(poses), count, **asked)
     rows = []
     for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
         widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
