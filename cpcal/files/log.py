@@ -28,7 +28,7 @@ from cpcal.files.settings import Settings
 from cpcal.files.tables import small_file
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import mapped, table_arguments, unit_factor
-from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, is_length
+from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of
 
 LOG_MAX = 2**27  # bytes
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
@@ -205,7 +205,7 @@ def campaign_of_log(
 
 def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
     texts = number_texts(log, place, target, problems)
-    if is_length(target):
+    if "mm" in units_of(target):
         size = LENGTHS[source.unit or "mm"]
         return np.array([float(Decimal(text) * size) for text in texts])
     return unit_factor(target, source, form) * np.array([float(text) for text in texts])

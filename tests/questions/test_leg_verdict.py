@@ -6,11 +6,11 @@ from decimal import Decimal
 from fractions import Fraction
 
 import pytest
-from cpcal.cli.certify import STYLES
 from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
+from cpcal.cli.certify import STYLES
 from cpcal.questions import (
     CampaignNote,
     Determination,
