@@ -11,11 +11,12 @@ the ranges of a hand-eye run hold, in exact arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 
-from cpcal.checker.frames import R_F, R_X, T_F, T_X, Interval
+from cpcal.checker.bounds import between, matrix
+from cpcal.checker.frames import R_F, R_X, T_F, T_X
+from cpcal.checker.polynomial import applied, plus
 from cpcal.common.errors import InputError, Problem
 from cpcal.questions import Result
 from cpcal.questions.hand_eye import HandEyeResult
@@ -56,13 +57,16 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> tuple[LegInFrames, ...
         problems.append(Problem("legs", f"{without} have no ranges", "certify again, with --tolerance"))
     if problems:
         raise InputError(problems)
-    unknowns = [(F(a), F(b)) for a, b in zip(frames.ranges.lo, frames.ranges.hi, strict=True)]
+    unknowns = [between(F(a), F(b)) for a, b in zip(frames.ranges.lo, frames.ranges.hi, strict=True)]
     found = []
     for leg in run.legs:
         ranges = leg.ranges
         assert ranges is not None
-        box = [(F(a), F(b)) for a, b in zip(ranges.box.lo.tolist(), ranges.box.hi.tolist(), strict=True)]
-        ends = [*_moved(unknowns, R_X, T_X, box[:3]), *_moved(unknowns, R_F, T_F, box[3:6])]
+        box = [between(F(a), F(b)) for a, b in zip(ranges.box.lo.tolist(), ranges.box.hi.tolist(), strict=True)]
+        ends = []
+        for turn, shift, at in ((R_X, T_X, box[:3]), (R_F, T_F, box[3:6])):  # R x + t
+            moved = applied(matrix([unknowns[i] for i in turn]), at)
+            ends += [one.ends for one in plus(moved, [unknowns[i] for i in shift])]
         found.append(
             LegInFrames(
                 leg=leg.leg,
@@ -74,17 +78,3 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> tuple[LegInFrames, ...
             )
         )
     return tuple(found)
-
-
-def _moved(unknowns: list[Interval], turn: Sequence[int], shift: Sequence[int], at: list[Interval]) -> list[Interval]:
-    """R x + t over boxes of R, t and x."""
-    found = []
-    for a in range(3):
-        ends = [_product(unknowns[turn[3 * a + b]], at[b]) for b in range(3)] + [unknowns[shift[a]]]
-        found.append((sum((low for low, _ in ends), F(0)), sum((high for _, high in ends), F(0))))
-    return found
-
-
-def _product(one: Interval, other: Interval) -> Interval:
-    corners = [p * q for p in one for q in other]
-    return min(corners), max(corners)

@@ -331,7 +331,7 @@ SPOILED = "so many wrong ones could spoil"
 WRONG = {
     "a larger lower end": (put("eps_lo", to=UP), "lower end", "at another tolerance"),
     "no lower end": (put("eps_lo", to=0.0), "lower end", "at another tolerance"),
-    "no groups": (put("groups", to=[]), "lower end", SPOILED),
+    "no groups": (put("groups", to=[]), "lower end", "another eps_lo than is proved"),
     "a group less": (without_one("groups"), "lower end", SPOILED),
     "more wrong images": (put("outliers", to=2), "lower end", SPOILED),
     "no wrong images": (put("outliers", to=0), "lower end", "'0' is no whole number"),
