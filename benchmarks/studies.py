@@ -37,9 +37,8 @@ from cpcal.models import fit_model
 from cpcal.models.hand_eye import SETUPS, simulate_hand_eye, study_json
 from cpcal.models.leg_set import AskedSet, certified_set
 from cpcal.models.platform import pose_bounds
-from cpcal.questions.accuracy import distances
+from cpcal.questions.accuracy import distances, error_network, exactly, joined_campaign, least_error
 from cpcal.questions.hand_eye import Within, certify_hand_eye, save_hand_eye_result, verify_hand_eye
-from cpcal.questions.next_poses import chebyshev, exactly, joined_campaign
 from cpcal.questions.points import verified_rows
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
@@ -115,7 +114,8 @@ def _true_error(campaign: cpcal.Campaign, others: cpcal.Campaign, leg: int) -> f
     """mm: with it some parameters satisfy the leg's equation at all poses of `others` and, for readings in their sets,
     of the campaign."""
     start = fit_model(campaign, leg)
-    x, error = chebyshev(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
+    network = error_network(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
+    x, error = least_error(network, start.tolist())
     engine = get_arithmetic("float64")
     while verified_rows(campaign, leg, x, error, engine)[1] or verified_rows(others, leg, x, error, engine)[1]:
         error = 1.0001 * error + 1e-7
@@ -153,6 +153,7 @@ def hand_eye(asked: argparse.Namespace) -> None:
         back = case.truth.e_rotation.T
         parts = back.ravel(), -back @ case.truth.e_translation, case.truth.f_rotation.ravel(), case.truth.f_translation
         x = np.concatenate(parts)
+        assert found.ranges is not None
         inside = bool(((np.array(found.ranges.lo) <= x) & (x <= np.array(found.ranges.hi))).all())
         width = np.array(found.ranges.high) - np.array(found.ranges.low)
         rows.append([inside, found.complete, accepted, spent, checked, size, width[:3].max(), width[3:6].max()])

@@ -7,7 +7,7 @@ the certificate that it names ended, and may use the poses that those of images 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction as F
 from hashlib import sha256
 from math import inf, nextafter, pi
@@ -52,8 +52,7 @@ STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
-WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/5"
 UNKNOWNS = 24  # of a result: R and t of both frames
 BEYOND = F(1.1)  # of eps_hi: the tolerance of ranges that nobody asked for
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
@@ -178,7 +177,7 @@ def _turn(q: Sequence[F]) -> Sequence[Sequence[F]]:
 def largest(excess: Iterable[F | None]) -> F | None:
     """The largest of them, from 0; None where some point is not in front of the camera."""
     found = list(excess)
-    return None if None in found else max((one for one in found if one is not None), default=F(0))
+    return None if None in found else max([F(0), *(one for one in found if one is not None)])
 
 
 def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
@@ -270,44 +269,48 @@ def check_hand_eye(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
 
     `work`: what the check of all certificates may cost; 0 for what such a study needs.
     """
-    return (_Wrong if (folder / WRONG_NAME).is_file() else _Run)(folder, work).statements()
+    run, found = _Run(folder, work), []
+    for one in (run.box, run.ranges, run.lower_end, run.upper_end, run.least_squares, run.wrong_images, run.files):
+        try:
+            sentence = one()
+            found += [(True, sentence)] if sentence else []
+        except (Unusable, Refused, *STRANGE) as error:
+            found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, it {reason_of(error)}"))
+    return found
 
 
 class _Run:
-    """What is stated of all images beside the certificates that it names."""
-
-    name, format = HAND_EYE_NAME, HAND_EYE_FORMAT
+    """A study, a box, and what is stated of the images that are not left out, from certificates or at given frames."""
 
     def __init__(self, folder: Path, work: int) -> None:
         self.study, digest, budget = read_study(folder / STUDY_NAME, work)
-        given = content(folder / self.name)
+        given = content(folder / HAND_EYE_NAME)
         self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
         self.result = parsed(given, finite)
-        with reading(self.name):
-            same("format", self.result["format"], self.format)
+        with reading(HAND_EYE_NAME):
+            same("format", self.result["format"], HAND_EYE_FORMAT)
             asked: Json = self.result["asked"]
             self.center, self.reach = _placed(asked["center"]), exact(asked["reach"])
             self.angle = None if asked["angle"] is None else exact(asked["angle"])
             if not 0 < self.reach < 10**6 or not (self.angle is None or 0 < self.angle <= 180):
                 raise Refused("states a box that is none")
 
-    def checks(self) -> tuple[Callable[[], str], ...]:
-        return self.box, self.ranges, self.lower_end, self.upper_end, self.least_squares
+    def outliers(self) -> int:
+        return int(whole(len(self.study.images))(self.result["outliers"]))
 
-    def statements(self) -> list[tuple[bool, str]]:
-        found = []
-        for one in (*self.checks(), self.files):
-            try:
-                sentence = one()
-                found += [(True, sentence)] if sentence else []
-            except (Unusable, Refused, *STRANGE) as error:
-                found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, it {reason_of(error)}"))
-        return found
+    def kept(self) -> list[int]:
+        """The images that the point explains."""
+        left, images = array(self.result["left_out"]), self.study.images
+        if not len(left) == len(set(left)) == self.outliers() or not set(left) < set(images):
+            raise Refused("leaves out other images than may be")
+        return [k for k, name in enumerate(images) if name not in left]
 
-    def files(self) -> str:
-        """No certificate lies about that nothing rests on."""
-        self.certificates.names_all(self.certificates.known)
-        return ""
+    def tolerance(self) -> F:
+        """That of ranges, of verdicts on images, and at which images are wrong."""
+        eps, asked = exact(self.result["eps"]), self.result["tolerance"]
+        if eps != (F(float(BEYOND) * float(exact(self.result["eps_hi"]))) if asked is None else exact(asked)):
+            raise Refused("is at another tolerance than was asked for")
+        return eps
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
         """A certificate about these images and the box that was asked for, at a tolerance."""
@@ -321,175 +324,125 @@ class _Run:
         return accepted
 
     def refuted(self, groups: Any, eps: F, beside: str | None = None) -> list[Accepted]:
-        """The proofs that, whichever images but the one `beside` are wrong, no frames explain all others."""
-        names, family, found = self.study.images, [], []
+        """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""
+        family, claims = [], []
         for group in array(groups):
+            numbers = [self.study.images.index(name) for name in array(group["images"])]
             if beside is not None and beside not in group["images"]:
                 raise Refused("has a group without the image that it names")
-            found.append(
-                self.accepted(group["certificate"], eps, [names.index(name) for name in array(group["images"])])
-            )
-            if not found[-1].claims.infeasible:
+            claims.append(self.accepted(group["certificate"], eps, numbers))
+            if not claims[-1].claims.infeasible:
                 raise Refused("rests on a certificate that does not claim that there are no frames")
             family.append(frozenset(name for name in group["images"] if name != beside))
         if not family or meeting(family, self.outliers(), self.certificates.budget.spend):
             raise Refused("has groups of images that so many wrong ones could spoil")
-        return found
+        return claims
 
-    def outliers(self) -> int:
-        return 0
-
-    def fitted(self) -> Sequence[int]:
-        """The images that the point explains."""
-        return range(len(self.study.images))
-
-    def errors(self, placed: Sequence[F], given: Any, images: Sequence[int]) -> list[F]:
-        """By image, the largest error at frames and readings. Raises Refused for readings beyond their half-widths."""
-        study, every = self.study, [[F(0)] * 6 for _ in self.study.images]
+    def excess(self, placed: Sequence[F], given: Any) -> list[F | None]:
+        """The errors of all points at frames and the readings that are stated with them."""
         readings = [[exact(v) for v in array(one, 6)] for one in array(given)]
-        if readings and not study.uncertain:
+        if readings and not self.study.uncertain:
             raise Refused("states readings of poses that are exact")
-        if len(readings) != len(images) * study.uncertain:
+        if self.study.uncertain and len(readings) != len(self.study.images):
             raise Refused("states readings that are not those of the study's poses")
-        for k, one in zip(images, readings, strict=False):
-            if any(abs(v) > width for v, width in zip(one, study.widths[k], strict=True)):
+        for one, widths in zip(readings, self.study.widths, strict=False):
+            if any(abs(v) > width for v, width in zip(one, widths, strict=True)):
                 raise Refused("states a reading of a pose that is beyond its half-width")
-            every[k] = one
-        by_image = [list[F | None]() for _ in study.images]
-        for image, excess in zip(study.image, errors(study, placed, every if study.uncertain else ()), strict=True):
-            by_image[image].append(excess)
-        found = []
-        for k in images:
-            worst = largest(by_image[k])
-            if worst is None:
-                raise Refused(f"puts points of {shown(study.images[k])} behind the camera")
-            found.append(worst)
-        return found
+        return errors(self.study, placed, readings)
 
-    # the statements
+    def largest(self, excess: Sequence[F | None], images: Iterable[int]) -> F | None:
+        chosen = set(images)
+        return largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
+
+    # statements
+
+    def files(self) -> str:
+        """No certificate lies about that nothing rests on."""
+        self.certificates.names_all(self.certificates.known)
+        return ""
 
     def box(self) -> str:
-        study, result = self.study, self.result
-        setup = _SETUPS[0] if study.in_hand else _SETUPS[1]
-        stated = result["images"], result["points"], result["setup"]
-        compare(("study", a, b) for a, b in zip(stated, (len(study.images), len(study.image), setup), strict=True))
-        return self.box_said()
-
-    def box_said(self) -> str:
+        study, result, kept = self.study, self.result, self.kept()
+        proved = [len(study.images), len(study.image), _SETUPS[0] if study.in_hand else _SETUPS[1]]
+        compare(("study", result[key], b) for key, b in zip(("images", "points", "setup"), proved, strict=True))
         reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in (self.reach, self.angle))
         turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
-        return f"box: {turned}, positions within {reach} mm of its centre"
+        without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
+        return f"box: {turned}, positions within {reach} mm of its centre{without}"
 
     def ranges(self) -> str:
-        result, ranges = self.result, self.result["ranges"]
-        tolerance, eps = result["tolerance"], exact(ranges["eps"])
-        if eps != (F(float(BEYOND) * float(exact(result["eps_hi"]))) if tolerance is None else exact(tolerance)):
-            raise Refused("states ranges at another tolerance")
-        accepted = self.accepted(ranges["certificate"], eps, self.fitted())
+        ranges, eps = self.result["ranges"], self.tolerance()
+        if ranges is None:
+            return ""
+        accepted = self.accepted(ranges["certificate"], eps, self.kept())
         claims, sides = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")]
-        steps = f"({accepted.steps} steps)"
+        what = f"every pixel{self.others()} to {float(eps)!r} px ({accepted.steps} steps)"
         if claims.infeasible:
             compare(("ranges", side, []) for side in sides)
-            return f"ranges: PROVED, no frames explain every pixel to {float(eps)!r} px {steps}"
+            return f"ranges: PROVED, no frames explain {what}"
         if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
             raise Refused("rests on a certificate that claims no box of frames")
         lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
-        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
-        for what, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
-            same(what, [exact(v) for v in array(side)], [F(v) for v in proved])
-        return f"ranges: PROVED for all frames that explain every pixel to {float(eps)!r} px {steps}"
-
-    def groups(self) -> list[Json]:
-        """Of images that no frames explain together."""
-        lower = self.result["lower"]
-        return [] if lower is None else [{"images": list(self.study.images), "certificate": lower}]
+        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(self.result["point"]))]
+        for name, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
+            same(name, [exact(v) for v in array(side)], [F(v) for v in proved])
+        return f"ranges: PROVED for all frames that explain {what}"
 
     def lower_end(self) -> str:
-        groups, eps = self.groups(), exact(self.result["eps_lo"])
-        if not groups:
-            same("eps_lo", eps, 0)
-        beside = self.beside(self.refuted(groups, eps) if groups else [])
-        proved = f"lower end: PROVED, {self.explained()} to {float(eps)!r} px ({beside})"
-        return proved if groups else "lower end: NOT CERTIFIED, eps >= 0"
-
-    def explained(self) -> str:
-        return "no frames explain every pixel"
-
-    def beside(self, proofs: Sequence[Accepted]) -> str:
-        """The points that a proof rests on are stated, and of how many steps it is."""
-        study, last = self.study, [row for proof in proofs for row in proof.last]
-        points = dict.fromkeys(k for side, k, _ in last if side[0] in "uv")
-        same("support", self.result["support"], [[study.images[study.image[k]], study.names[k]] for k in points])
-        return f"{sum(proof.steps for proof in proofs)} steps"
+        result, study, count = self.result, self.study, self.outliers()
+        eps, groups = exact(result["eps_lo"]), result["lower"]
+        if not array(groups):
+            compare([("eps_lo", eps, 0), ("support", result["support"], [])])
+            return "lower end: NOT CERTIFIED, eps >= 0"
+        claims = self.refuted(groups, eps)
+        points = dict.fromkeys(k for one in claims for side, k, _ in one.last if side[0] in "uv")
+        same("support", result["support"], [[study.images[study.image[k]], study.names[k]] for k in points])
+        wrong = f"whichever {count} images are wrong, no frames explain all others" if count else ""
+        steps = f"{sum(one.steps for one in claims)} steps" + (f", {len(groups)} groups" if count else "")
+        return f"lower end: PROVED, {wrong or 'no frames explain every pixel'} to {float(eps)!r} px ({steps})"
 
     def upper_end(self) -> str:
+        """eps_hi, computed again at the point."""
         point = _placed(self.result["point"])
-        eps = up(max(self.errors(point, self.result["readings"], self.fitted())))
-        if exact(self.result["eps_hi"]) != F(eps):
+        worst = self.largest(self.excess(point, self.result["readings"]), self.kept())
+        if worst is None:
+            raise Refused("states a point that puts the target behind the camera")
+        if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
         if not holds(point, self.center, self.reach, self.angle):
             raise Refused("states a point that is not in the box")
-        return self.upper_said(eps)
-
-    def upper_said(self, eps: float) -> str:
-        return f"upper end: PROVED, the point explains every pixel to {eps!r} px"
+        return f"upper end: PROVED, the point explains every pixel{self.others()} to {up(worst)!r} px"
 
     def least_squares(self) -> str:
-        study, said, eps = self.study, self.result["classical"], exact(self.result["ranges"]["eps"])
-        found = self.errors(self.center, said["readings"], self.fitted())
-        same("number of images", len(said["images"]), len(found))
-        for name, verdict, one in zip(study.images, said["images"], found, strict=True):
+        said, eps, kept = self.result["classical"], self.tolerance(), set(self.kept())
+        excess, each = self.excess(self.center, said["readings"]), []
+        same("number of images", len(said["images"]), len(self.study.images))
+        for k, (name, verdict) in enumerate(zip(self.study.images, said["images"], strict=True)):
+            one = self.largest(excess, [k])
+            if one is None and k in kept:
+                raise Refused(f"puts points of {shown(name)} behind the camera")
+            stated, ok = verdict["largest"], one is not None and one <= eps
             compare([
-                ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(up(one))),
-                ("verdict on an image", verdict["ok"], one <= eps),
+                ("image", verdict["image"], name), ("verdict on an image", verdict["ok"], ok),
+                ("error in an image", None if stated is None else exact(stated), None if one is None else F(up(one))),
             ])  # fmt: skip
-        same("largest error", exact(said["largest"]), F(up(max(found))))
-        failing = sum(one > eps for one in found)
-        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(study.images)} images"
-
-
-class _Wrong(_Run):
-    """What is stated where some images may be wrong."""
-
-    name, format = WRONG_NAME, WRONG_FORMAT
-
-    def checks(self) -> tuple[Callable[[], str], ...]:
-        return self.box, self.lower_end, self.upper_end, self.wrong_images
-
-    def outliers(self) -> int:
-        return int(whole(len(self.study.images), 1)(self.result["outliers"]))
-
-    def fitted(self) -> Sequence[int]:
-        left, images = array(self.result["left_out"]), self.study.images
-        if not len(left) == len(set(left)) == self.outliers() or not set(left) < set(images):
-            raise Refused("leaves out other images than may be")
-        return [k for k, name in enumerate(images) if name not in left]
-
-    def box(self) -> str:
-        self.fitted()
-        return f"{self.box_said()}, without {', '.join(self.result['left_out'])}"
-
-    def groups(self) -> list[Json]:
-        return array(self.result["groups"])
-
-    def explained(self) -> str:
-        return f"whichever {self.outliers()} images are wrong, no frames explain all others"
-
-    def beside(self, proofs: Sequence[Accepted]) -> str:
-        return f"{len(proofs)} groups"
-
-    def upper_said(self, eps: float) -> str:
-        return f"upper end: PROVED, all but {', '.join(self.result['left_out'])} are explained to {eps!r} px"
+            each.append((k in kept, one, ok))
+        worst = max((one for fitted, one, _ in each if fitted and one is not None), default=F(0))
+        same("largest error", exact(said["largest"]), F(up(worst)))
+        failing = sum(not ok for *_, ok in each)
+        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(each)} images"
 
     def wrong_images(self) -> str:
-        blamed, tolerance = array(self.result["blamed"]), self.result.get("tolerance")
+        blamed, count = array(self.result["blamed"]), self.outliers()
         named = [image for image, _ in blamed]
         if not blamed:
-            same("tolerance", tolerance, None)
-            return "wrong images: none is named"
+            return "wrong images: none is named" if count else ""
+        eps = self.tolerance()
         if len(set(named)) < len(named) or not set(named) <= set(self.result["left_out"]):
             raise Refused("names an image that is not left out, or twice")
         for image, reasons in blamed:
-            self.refuted(reasons, exact(tolerance), image)
-        at = float(exact(tolerance))
-        return f"wrong images: PROVED if at most {self.outliers()} are, at {at!r} px: {', '.join(named)}"
+            self.refuted(reasons, eps, image)
+        return f"wrong images: PROVED if at most {count} are, at {float(eps)!r} px: {', '.join(named)}"
+
+    def others(self) -> str:
+        return f" but those of {', '.join(self.result['left_out'])}" if self.result["left_out"] else ""

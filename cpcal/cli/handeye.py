@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
 from cpcal.files import load_study
-from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG
+from cpcal.files.run_folder import HANDEYE
 from cpcal.models.hand_eye import (
     HandEyeStudy,
     Setup,
@@ -39,17 +38,16 @@ from cpcal.models.hand_eye_sources import (
 from cpcal.questions import load_result
 from cpcal.questions.hand_eye import (
     GAP,
+    JOINTS,
     HandEyeResult,
     Within,
     certify_hand_eye,
-    find_wrong_images,
+    legs_in_frames,
     load_hand_eye_result,
     save_hand_eye_result,
-    save_wrong_images,
 )
-from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
-from cpcal.questions.next_images import next_poses
-from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye, write_wrong_images, wrong_sentences
+from cpcal.questions.next_measurement import next_images
+from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -150,10 +148,8 @@ def certify(
     run: Annotated[
         Path | None, output("DIR", "Folder for the run; replaced there.", show_default="required, but with --next")
     ] = None,
-    tolerance: Annotated[
-        float | None, option("PX", "Largest error allowed.", show_default="ranges at 1.1 eps*")
-    ] = None,
-    wrong: Annotated[int | None, option("Q", "So many images may be wrong, nobody knows which.", min=0)] = None,
+    tolerance: Annotated[float | None, option("PX", "Largest error allowed.", show_default="1.1 eps*")] = None,
+    wrong: Annotated[int, option("Q", "So many images may be wrong, nobody knows which.", min=0)] = 0,
     count: Annotated[
         int | None, option("N", "Certify nothing; choose N of --poses that shrink the ranges most.", "--next")
     ] = None,
@@ -180,39 +176,29 @@ def certify(
         raise InputError([Problem("options", "--next and --poses go together", "give both, or none")])
     if count is None and run is None:
         raise InputError([Problem("option --output", "is missing", "name a folder for the run")])
-    if wrong is not None and (gap != GAP or time_limit is not None):
+    if wrong and (gap != GAP or time_limit is not None):
         raise InputError([Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")])
     study = _chosen(load_hand_eye(folder), images)
     asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}
     if count is not None and poses is not None:
         return _next(study, poses, count, asked, talk)
     assert run is not None
-    asked["within"] = Within.parsed(within)
+    asked |= {"outliers": wrong, "within": Within.parsed(within), "gap": gap}
+    asked["time_limit"] = np.inf if time_limit is None else time_limit
 
-    limit = np.inf if time_limit is None else time_limit
-
-    def find(draft: Path) -> Any:
+    def find(draft: Path) -> HandEyeResult:
         (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
-        if wrong is None:
-            return certify_hand_eye(study, certificates=draft, gap=gap, time_limit=limit, **asked)
-        return find_wrong_images(study, wrong, draft, **asked)
+        return certify_hand_eye(study, certificates=draft, **asked)
 
     def show(found: HandEyeResult) -> None:
         talk.say(*sentences(found))
-        if not found.ranges.empty:
+        if found.ranges is not None and not found.ranges.empty:
             sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
             rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]
             talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
 
-    if wrong is None:
-        found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
-        good = found.complete if found.tolerance is None else found.passes
-    else:
-        page = partial(write_wrong_images, study)
-        some = answer(
-            run, HANDEYE_WRONG, find, save_wrong_images, page, lambda found: talk.say(*wrong_sentences(found)), talk
-        )
-        good = some.eps_lo > 0.0
+    found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
+    good = found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes
     return Status.ANSWERED if good else Status.UNKNOWN
 
 
@@ -228,7 +214,7 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
 
 
 def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:
-    found = next_poses(study, load_hand_poses(poses), count, **asked)
+    found = next_images(study, load_hand_poses(poses), count, **asked)
     rows = []
     for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
         widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
@@ -258,17 +244,17 @@ def legs(
     The campaign must be in the frames of camera and target, as `cpcal calibrate` makes it: eps* of a leg then needs no
     frames. Proved, if `cpcal verify` accepts both runs; the camera is taken as exact.
     """
-    known = load_hand_eye_result(frames)
-    found = legs_in_frames(load_result(run), known)
-    rows = []
-    for leg in found:
-        low, high = bracket_text(leg.eps_lo, leg.eps_hi)
-        for k, (name, a, b) in enumerate(zip(JOINTS, leg.low, leg.high, strict=True)):
+    result, known = load_result(run), load_hand_eye_result(frames)
+    joints, rows = legs_in_frames(result, known), []
+    for leg in result.legs:
+        low, high = bracket_text(leg.bracket.lo, leg.bracket.hi)
+        for k, (name, a, b) in enumerate(zip(JOINTS, *joints[leg.leg], strict=True)):
             first = ("", "") if k else (str(leg.leg), f"[{low}, {high}]")
             rows.append((*first, name, rounded_down(a, 3), rounded_up(b, 3), at_most(b - a, 3)))
     talk.table(("leg", "eps* [mm]", "joint", "at least", "at most", "width"), rows, left=(2,))
+    tolerances = sorted({at_least(leg.ranges.eps, 4) for leg in result.legs if leg.ranges is not None})
     talk.say(
-        f"For every pair of frames that explains the pixels to {at_least(known.ranges.eps, 4)} px, and all parameters "
-        f"of a leg at its tolerance ({', '.join(sorted({at_least(leg.eps, 4) for leg in found}))} mm). Base in the "
-        "drawing's base frame, mobile in its mobile frame."
+        f"For every pair of frames that explains the pixels to {at_least(known.eps, 4)} px, and all parameters of a "
+        f"leg at its tolerance ({', '.join(tolerances)} mm). Base in the drawing's base frame, mobile in its mobile "
+        "frame."
     )

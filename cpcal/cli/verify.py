@@ -24,7 +24,7 @@ from cpcal.checker import (
 from cpcal.cli.options import OriginalCampaign, Status, Talk, argument, option, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
-from cpcal.files.run_folder import ACCURACY, HANDEYE, HANDEYE_WRONG, RUN, unfinished
+from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
 Statement = tuple[bool, str]  # whether it is accepted, and a sentence
@@ -194,7 +194,7 @@ def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, st
 # ------------------------------------------------------------------------------------------------------------------
 # Whatever a folder holds, or one file of it: statements. What other verbs write is loaded where it is found.
 
-_KINDS = (RUN, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
+_KINDS = (RUN, ACCURACY, HANDEYE)  # of folders with certificates
 
 
 class NothingCertifiedError(InputError):
@@ -229,7 +229,7 @@ def _of_folder(folder: Path) -> Iterator[Statement]:
     try:
         if len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
-        if heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
+        if heads == [HANDEYE.head]:
             from cpcal.questions.hand_eye import verify_hand_eye
 
             yield from verify_hand_eye(folder)
@@ -271,7 +271,7 @@ def _there(folder: Path) -> None:
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
-    if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
+    if (target / HANDEYE.head).exists():
         from cpcal.models.hand_eye import load_hand_eye, load_study_json
 
         if load_study_json(target) != load_hand_eye(campaign):

@@ -48,7 +48,6 @@ RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("campaign.json")  # certificates alone
 HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))
-HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"study\.json",))
 POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 
@@ -97,8 +96,7 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
         raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
-    answered = any((folder / head).exists() for head in (HANDEYE.head, HANDEYE_WRONG.head))
-    if (folder / "handeye.toml").exists() and not answered:
+    if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
         raise InputError([Problem(str(folder), "is the folder of a hand-eye study", "choose another folder")])
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:

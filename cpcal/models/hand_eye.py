@@ -388,14 +388,10 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
         poses = np.array([row[1:] for row in images], dtype=np.float64).reshape(-1, 13)
         numbers = np.array([row[2:] for row in points], dtype=np.float64).reshape(-1, 8)
         width, height = camera["size"]
+        focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
         return HandEyeStudy(
             setup=data["setup"],
-            camera=Camera(
-                width,
-                height,
-                *(np.array(camera[key], np.float64) for key in ("focal", "center", "distortion")),
-                model=camera["model"],
-            ),
+            camera=Camera(width, height, focal, center, distortion, camera["model"]),
             images=tuple(row[0] for row in images),
             poses=Pose(poses[:, :3], poses[:, 3:7]),
             image=np.array([row[0] for row in points], dtype=np.intp),
