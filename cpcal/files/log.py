@@ -27,7 +27,7 @@ from cpcal.common.values import Floats
 from cpcal.files.tables import small_file
 from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
 from cpcal.robot.campaign import mapped, table_arguments, unit_factor
-from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, is_length
+from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of
 
 LOG_MAX = 2**27  # bytes
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
@@ -209,7 +209,7 @@ def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
 
 def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
     texts = number_texts(log, place, target, problems)
-    if is_length(target):
+    if "mm" in units_of(target):
         size = LENGTHS[source.unit or "mm"]
         return np.array([float(Decimal(text) * size) for text in texts])
     return unit_factor(target, source, form) * np.array([float(text) for text in texts])

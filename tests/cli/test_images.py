@@ -60,7 +60,10 @@ def demo(tmp_path_factory):
 def shots(demo, tmp_path_factory):
     """What an engineer brings home: the demo's images, target, camera and leg readings."""
     folder = tmp_path_factory.mktemp("shots")
-    for name in ("target.toml", "camera.toml", "study.toml", "calibration-readings.csv", "validation-readings.csv"):
+    for name in (
+        "target.toml", "camera.toml", "study.toml", "calibration-readings.csv", "validation-readings.csv",
+        "poses-calibration.csv.journal",
+    ):  # fmt: skip
         shutil.copyfile(demo[0] / name, folder / name)
     (folder / "images").symlink_to(demo[0] / "images")
     return folder
