@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -21,11 +22,12 @@ from cpcal.cli.options import (
     option,
     options,
     output,
+    refuse,
     refuse_options,
     warn,
 )
 from cpcal.cli.terminal import Talk, answer, counted, leg_progress, line, record
-from cpcal.common.errors import CpcalError, InputError, OutputError, Problem, printable, unusable
+from cpcal.common.errors import CpcalError, InputError, OutputError, printable, unusable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
@@ -246,65 +248,63 @@ def status_of(result: Result) -> Status:
 
 
 class CampaignTask(NamedTuple):
-    """A campaign to be certified; a pure value. `run`: its folder, where a worker can write into it."""
+    """What is asked of a campaign; a pure value. `run`: its folder, where a worker can write into it."""
 
     name: str
-    campaign: Campaign
+    question: Question
     run: Path | None
 
 
-@dataclass(frozen=True)
-class CampaignWork:
-    """What is asked of each campaign; with `resume` legs, and a search, go on from where a stopped run was."""
+def _certified(task: CampaignTask, how: Mapping[str, Any]) -> tuple[Result, dict[str, bytes]]:
+    """What is found; and the files of the run, where they are not in its folder yet.
 
-    given: Mapping[str, Any]
-    checker: bool
-    resume: bool = False
-
-    def __call__(self, task: CampaignTask) -> tuple[Result, dict[str, bytes]]:
-        """What is found; and the files of the run, where they are not in its folder yet.
-
-        Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into.
-        """
-        question = question_of(task.campaign, **self.given)
-        how: dict[str, Any] = {"talk": Talk(quiet=True), "checker": self.checker, "resume": self.resume}
-        with linear_algebra_on_one_thread():
-            if task.run is not None:
-                return certified_into(task.run, question, **how), {}
-            with scratch_folder() as folder:
-                result = certified_into(folder, question, **how)
-                return result, {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    Raises InputError for a campaign whose folder another run writes into.
+    """
+    with linear_algebra_on_one_thread():
+        if task.run is not None:
+            return certified_into(task.run, task.question, **how), {}
+        with scratch_folder() as folder:
+            result = certified_into(folder, task.question, **how)
+            return result, {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, talk: Talk) -> Status:
+def _certified_all(
+    folders: Sequence[Path], runs: Path, given: Mapping[str, Any], how: Mapping[str, Any], place: Place, talk: Talk
+) -> Status:
     """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
 
-    One that cannot be used stops no other. Where the work resumes those that are answered already stay as they are.
-    Raises InputError for two campaigns of one name, and while another run writes into `runs`.
+    One that cannot be used stops no other. With `how["resume"]` those that are answered already stay as they are, and
+    the others go on from where a stopped run was. Raises InputError for two campaigns of one name, and while another
+    run writes into `runs`.
     """
     names = [folder.resolve().name for folder in folders]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        remedy = "give their folders different names, or certify them into different folders"
-        raise InputError([Problem(name, "is the name of two campaigns", remedy) for name in twice])
+    remedy = "give their folders different names, or certify them into different folders"
+    twice = sorted({name for name in names if names.count(name) > 1})
+    refuse(*((True, name, "is the name of two campaigns", remedy) for name in twice))
     rows, failed, began = list[CampaignRow](), list[str](), time.monotonic()
     near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
+
+    def fail(name: str, error: Exception) -> None:
+        lines = error.problems if isinstance(error, InputError) else [error]
+        failed.append(f"{name}: {'; '.join(map(str, lines[:3]))}")
+        record("failed", campaign=name, kind=type(error).__name__, message=str(error))
+        warn(failed[-1])
 
     def tasks() -> Iterator[CampaignTask]:
         for name, folder in zip(names, folders, strict=True):
             try:
-                campaign = load_campaign(folder)
-                earlier = _earlier(runs / name, campaign, work.given) if work.resume else None
+                question = question_of(load_campaign(folder), **given)
             except InputError as error:
-                _fail(failed, name, error)
+                fail(name, error)
                 continue
-            if earlier is None:
-                yield CampaignTask(name, campaign, runs / name if near else None)
-            else:
+            if how["resume"] and (earlier := _earlier(runs / name, question)) is not None:
                 rows.append(row_of(name, earlier))
+            else:
+                yield CampaignTask(name, question, runs / name if near else None)
 
     with locked(runs), counted("campaigns", talk.console()) as progress:
         try:
-            for outcome in outcomes(*place, work, tasks()):
+            for outcome in outcomes(*place, partial(_certified, how=how), tasks()):
                 name = outcome.task.name
                 try:
                     result, files = outcome.value
@@ -313,7 +313,7 @@ def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, plac
                             for file, content in files.items():
                                 (draft / file).write_bytes(content)
                 except (CpcalError, OSError) as error:
-                    _fail(failed, name, error)
+                    fail(name, error)
                 else:
                     rows.append(row_of(name, result))
                     worst, done, of = rows[-1].worst, len(rows) + len(failed), len(folders)
@@ -335,12 +335,11 @@ def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, plac
     return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN
 
 
-def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result | None:
+def _earlier(run: Path, question: Question) -> Result | None:
     """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended.
 
     Of a user-defined model nothing is kept: its equations may be others by now, and no result holds them.
     """
-    question = question_of(campaign, **given)
     if not built_in(question.model):
         return None
     try:
@@ -348,15 +347,8 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
     except InputError:
         return None
     known = (found.options, found.version, found.campaign.sha256)
-    same = known == (question.options, __version__, campaign_sha256(campaign))
+    same = known == (question.options, __version__, campaign_sha256(question.campaign))
     return found if same and not found.interrupted else None
-
-
-def _fail(failed: list[str], name: str, error: Exception) -> None:
-    lines = error.problems if isinstance(error, InputError) else [error]
-    failed.append(f"{name}: {'; '.join(map(str, lines[:3]))}")
-    record("failed", campaign=name, kind=type(error).__name__, message=str(error))
-    warn(failed[-1])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -446,7 +438,8 @@ def certify(
         if options.outliers or len(models) > 1:
             raise unusable("options", "--outliers and several models ask about one campaign", "name one")
         with where.place() as place:
-            return _certified_all(campaigns, run, CampaignWork(given, checker, where.resume), place, talk)
+            how = {"talk": Talk(quiet=True), "checker": checker, "resume": where.resume}
+            return _certified_all(campaigns, run, given, how, place, talk)
     (campaign,) = campaigns
     if len(models) > 1:
         options.refuse(_NOT_WITH_MODELS, "with several models")

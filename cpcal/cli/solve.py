@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from cpcal.cli.options import Status, Where, argument, check_writable, option, output
+from cpcal.cli.options import Status, Where, argument, check_writable, option, output, refuse
 from cpcal.cli.terminal import SearchProgress, Talk, line, record
-from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
+from cpcal.common.errors import ClashError, CpcalError, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
 from cpcal.models import leg, leg_model
@@ -43,13 +43,11 @@ def solve(
 
     While it works OUTPUT.checkpoint says where it stands, and --resume goes on from there.
     """
-    problems = []
-    if file.suffix not in (".json", ".sol"):
-        problems.append(Problem(str(file), "is neither a .json nor a .sol file", "name it so"))
-    if picture is not None and picture.suffix != ".svg":
-        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
-    if problems:
-        raise InputError(problems)
+    drawn = picture is None or picture.suffix == ".svg"
+    refuse(
+        (file.suffix not in (".json", ".sol"), str(file), "is neither a .json nor a .sol file", "name it so"),
+        (not drawn, str(picture), "is no .svg file", "name it so"),
+    )
     for path in (file, certificate, picture):
         if path is not None:
             check_writable(path.absolute().parent)
@@ -72,7 +70,10 @@ def solve(
         reason = asked()
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     try:
-        _write(found, file, picture)
+        names, rows = problem.network.names, len(problem.network.constraints)
+        write_file(file, sol_bytes(found, rows) if file.suffix == ".sol" else found.to_json())
+        if picture is not None and found.paving is not None and found.paving.solutions:
+            paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).save(picture)
     finally:  # a full disk costs the files, not the answer
         _show(found, file, talk)
     if checkpoint.exists():
@@ -82,15 +83,6 @@ def solve(
     if reason is not None and found.verdict is Verdict.UNKNOWN:
         return Status(reason)
     return Status.UNKNOWN if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED) else Status.ANSWERED
-
-
-def _write(found: Answer, output: Path, picture: Path | None) -> None:
-    """Raises InputError."""
-    network = found.problem.network
-    rows, names = len(network.constraints), network.names
-    write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
-    if picture is not None and found.paving is not None and found.paving.solutions:
-        paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).save(picture)
 
 
 def _show(found: Answer, output: Path, talk: Talk) -> None:

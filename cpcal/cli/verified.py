@@ -17,10 +17,11 @@ from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
 from cpcal.common.errors import InputError, PluginError, Problem, Problems, unusable
+from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
-from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
+from cpcal.files.tables import JSON_MAX, json_object, unguarded
 from cpcal.models import leg_model
 from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
 from cpcal.questions.accuracy import load_accuracy

@@ -129,21 +129,19 @@ def legs_beside(run: Path) -> Iterator[Callable[[], list[LegChecked]]]:
 
     It raises Refused and Unusable.
     """
+    checks: list[Callable[[], LegChecked]] = []
+    why = None
     try:
         checks = leg_checks(run)
     except (Refused, Unusable) as reason:
         why = reason
-
-        def refuse() -> list[LegChecked]:
-            raise why
-
-        yield refuse
-        return
     count = min(len(checks), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
-    with executor_for(count) as (executor, _):
+    with executor_for(count or 1) as (executor, _):
         begun = [executor.submit(_done, checks[k::count]) for k in range(count)]
 
         def answers() -> list[LegChecked]:
+            if why is not None:
+                raise why
             found: list[LegChecked | None] = [None] * len(checks)
             for k, future in enumerate(begun):
                 with suppress(BrokenExecutor):
@@ -194,8 +192,6 @@ def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, st
 # ------------------------------------------------------------------------------------------------------------------
 # Whatever a folder holds, or one file of it: statements. What other verbs write is loaded where it is found.
 
-_KINDS = (RUN, ACCURACY, HANDEYE)  # of folders with certificates
-
 
 class NothingCertifiedError(InputError):
     """All that a run states is accepted, and none of it is certified."""
@@ -203,15 +199,44 @@ class NothingCertifiedError(InputError):
 
 def statements(target: Path, sources: Sequence[Path] = ()) -> Iterator[Statement]:
     """What is accepted of a folder or a certificate, and what is refused. Raises InputError where there is nothing."""
+    heads = [kind.head for kind in (RUN, ACCURACY, HANDEYE) if (target / kind.head).exists()]
     try:
-        if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
+        if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob(f"*{POSE_SET_SUFFIX}")):
             from cpcal.cli.verified import of_pose_sets
 
             yield from of_pose_sets(target, sources)
-        elif target.is_dir():
-            yield from _of_folder(target)
-        else:
+        elif len(heads) > 1:
+            raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
+        elif heads == [HANDEYE.head]:
+            from cpcal.questions.hand_eye import verify_hand_eye
+
+            yield from verify_hand_eye(target)
+        elif heads == [ACCURACY.head]:
+            from cpcal.cli.verified import of_accuracy
+
+            yield from of_accuracy(target)
+        elif heads == [RUN.head]:
+            with legs_beside(target) as legs:
+                from cpcal.cli.verified import of_run  # while the legs are being checked
+
+                yield from of_run(target, legs)
+        elif runs_in(target):
+            from cpcal.cli.verified import of_runs
+
+            yield from of_runs(target)
+        elif not target.is_dir():
             yield from told(target.name, _accepted(target, check))
+        elif unfinished(target):
+            what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
+            raise unusable(str(target), what, "wait for it, or run certify again")
+        elif not any(target.glob("*.cert.jsonl")):
+            raise Unusable(f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)")
+        else:
+            for name, accepted in checked_certificates(target).items():
+                yield from told(name, accepted)
+    except Refused as reason:
+        name = heads[0] if len(heads) == 1 else target.name
+        yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
     except Unusable as reason:
         raise _nothing(target, reason) from None
 
@@ -224,49 +249,9 @@ def refusals(folder: Path) -> list[str]:
     return refused
 
 
-def _of_folder(folder: Path) -> Iterator[Statement]:
-    heads = [kind.head for kind in _KINDS if (folder / kind.head).exists()]
-    try:
-        if len(heads) > 1:
-            raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
-        if heads == [HANDEYE.head]:
-            from cpcal.questions.hand_eye import verify_hand_eye
-
-            yield from verify_hand_eye(folder)
-        elif heads == [ACCURACY.head]:
-            from cpcal.cli.verified import of_accuracy
-
-            yield from of_accuracy(folder)
-        elif heads == [RUN.head]:
-            with legs_beside(folder) as legs:
-                from cpcal.cli.verified import of_run  # while the legs are being checked
-
-                yield from of_run(folder, legs)
-        elif runs_in(folder):
-            from cpcal.cli.verified import of_runs
-
-            yield from of_runs(folder)
-        else:
-            _there(folder)
-            for name, accepted in checked_certificates(folder).items():
-                yield from told(name, accepted)
-    except Refused as reason:
-        name = heads[0] if len(heads) == 1 else folder.name
-        yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
-
-
 def runs_in(folder: Path) -> list[Path]:
     """The runs of many campaigns, or of one in several models; no draft of a run that was killed."""
     return sorted(path.parent for path in folder.glob(f"[!.]*/{RUN.head}"))
-
-
-def _there(folder: Path) -> None:
-    """Raises InputError where a folder without result.json has nothing to check."""
-    if unfinished(folder):
-        what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
-        raise unusable(str(folder), what, "wait for it, or run certify again")
-    if not any(folder.glob("*.cert.jsonl")):
-        raise _nothing(folder, f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)")
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:

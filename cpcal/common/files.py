@@ -6,6 +6,7 @@ planted under that name is harmless.
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import re
@@ -19,7 +20,7 @@ from shutil import rmtree
 from tempfile import gettempdir, mkdtemp
 from typing import BinaryIO
 
-from cpcal.common.errors import InputError, OutputError, Problem
+from cpcal.common.errors import InputError, OutputError, Problem, Problems
 
 DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _CHOOSE = "choose a place that can be written to"
@@ -112,6 +113,49 @@ def _check_regular(target: Path) -> None:
         return
     if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode)):
         raise OSError(0, "it is there, and no regular file")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Files from outside: none can hang the program or fill the memory; pipes and devices are refused before they are read.
+
+SETTINGS_MAX = 2**20  # bytes of a TOML file; a sensible one is hundreds of times smaller
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """The file, open to be read. Raises OSError, also for a pipe, which would hang, or a device, which never ends.
+
+    The open file is checked, so that nothing can take its place between.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "its name holds a NUL")
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(code, os.strerror(code) if code == errno.EISDIR else "it is no regular file")
+    return os.fdopen(descriptor, "rb")
+
+
+def small_file(path: Path, problems: Problems, absent: str, *, most: int = SETTINGS_MAX) -> bytes | None:
+    """The bytes of a file, or None and a problem; `absent` is the remedy when there is no such file."""
+    try:
+        with open_regular(path) as file:
+            content = file.read(most + 1)
+    except OSError as error:
+        problems.add(unreadable(path, error, absent))
+        return None
+    if len(content) > most:
+        problems.add(Problem(str(path), f"is larger than {most:,} bytes", "is this the right file?"))
+        return None
+    return content
+
+
+def unreadable(path: Path, error: OSError, absent: str) -> Problem:
+    """What to say of a file that could not be opened."""
+    if isinstance(error, FileNotFoundError):
+        return Problem(str(path), "does not exist", absent)
+    return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 
 What is read is checked: every field there, none besides, each of its type; what the types cannot say, a class says in
 its `__post_init__` by ValueError or InputError. A field's name in the file is its own, or `metadata["json"]`.
-JSON has no NaN and no infinities: they are the strings "nan", "inf" and "-inf". A box is {"names", "lo", "hi"}, an
-empty one has null for its bounds.
+JSON has no NaN and no infinities: they are the strings "nan", "inf" and "-inf". A class that is no dataclass says
+what it is in a file: its keys and their types (`JSON`), `as_json` and `from_json`.
 
 A field of a file that `cpcal verify` reads says in its `metadata` how it is checked: `checked(...)`, or `INFORMED`, and
 then it stands under the key "information" of its object. What is checked by a certificate or other proofs stands there
@@ -25,7 +25,6 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.files import write_file
 from cpcal.files.tables import json_object
-from cpcal.solver.interval import Box
 
 T = TypeVar("T")
 
@@ -77,9 +76,8 @@ def encoded(value: Any) -> Any:
         beside = {part.key: found for part, found in parts if part.is_beside(proved)}
         others = {part.key: found for part, found in parts if not part.is_beside(proved)}
         return beside | ({INFORMATION: others} if any(part.may_inform for part in layout) else {})
-    if isinstance(value, Box):
-        lo, hi = (None if value.is_empty else encoded(side.tolist()) for side in (value.lo, value.hi))
-        return {"names": list(value.names), "lo": lo, "hi": hi}
+    if hasattr(value, "as_json"):
+        return encoded(value.as_json())
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
@@ -106,8 +104,12 @@ def decoded(kind: Any, value: Any, where: str = "it") -> Any:
         return _tuple(parts, value, where)
     if origin is not None and issubclass(origin, Mapping):
         return {key: decoded(parts[1], part, f"{where}.{shown(key)}") for key, part in _object(value, where).items()}
-    if kind is Box:
-        return _box(value, where)
+    if hasattr(kind, "from_json"):
+        found = _object(value, where)
+        if found.keys() != kind.JSON.keys():
+            raise ValueError(f"{where} is no {kind.__name__}: {', '.join(kind.JSON)}")
+        given = {key: decoded(of, found[key], f"{where}.{key}") for key, of in kind.JSON.items()}
+        return kind.from_json(where, **given)
     if isinstance(kind, type) and issubclass(kind, Enum):
         if value not in [member.value for member in kind]:
             raise ValueError(f"{where} is none of {', '.join(str(member.value) for member in kind)}")
@@ -210,19 +212,6 @@ def _tuple(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
     if all(type(part) is of and of in _WORDS for of, part in zip(kinds, value, strict=True)):
         return tuple(value)
     return tuple(decoded(of, part, f"{where}[{k}]") for k, (of, part) in enumerate(zip(kinds, value, strict=True)))
-
-
-def _box(value: Any, where: str) -> Box:
-    found = _object(value, where)
-    if found.keys() != {"names", "lo", "hi"}:
-        raise ValueError(f"{where} is no box: names, lo, hi")
-    names = decoded(tuple[str, ...], found["names"], f"{where}.names")
-    if found["lo"] is None and found["hi"] is None:
-        return Box.empty(names)
-    lo, hi = (decoded(tuple[float, ...], found[side], f"{where}.{side}") for side in ("lo", "hi"))
-    if not len(names) == len(lo) == len(hi) or not all(a <= b for a, b in zip(lo, hi, strict=True)):
-        raise ValueError(f"{where} is no box: lo and hi do not match, or cross")
-    return Box(names, lo, hi)
 
 
 def _plain(kind: Any, value: Any, where: str) -> Any:

@@ -22,10 +22,9 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import TEXT_MAX
+from cpcal.common.files import TEXT_MAX, small_file
 from cpcal.common.values import Floats
 from cpcal.files.settings import Settings
-from cpcal.files.tables import small_file
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import mapped, table_arguments, unit_factor
 from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of

@@ -13,9 +13,9 @@ from typing import Any, Self
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, write_folder
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
 from cpcal.common.values import Floats
-from cpcal.files.tables import csv_table, small_file, toml_document
+from cpcal.files.tables import csv_table, toml_document
 from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,

@@ -7,13 +7,11 @@ read back without. A name that has apostrophes there of its own gets one more, s
 from __future__ import annotations
 
 import csv
-import errno
 import io
 import json
 import math
 import os
 import re
-import stat
 import tomllib
 import warnings
 from array import array
@@ -27,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier
+from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, open_regular, small_file, unreadable
 from cpcal.robot import Pose
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
@@ -70,7 +68,6 @@ def _cell(value: str | float | None) -> str:
 # Every reader goes through here, so that no file can hang the program, fill the memory or raise what nobody expects:
 # pipes and devices are refused before they are read, sizes and nesting are bounded.
 
-SETTINGS_MAX = 2**20  # bytes of a TOML file; a sensible one is hundreds of times smaller
 JSON_MAX = 2**27  # bytes of a JSON file
 DEPTH_MAX = 30  # of nested lists and tables
 
@@ -78,43 +75,6 @@ _BREAKS = re.compile(r"""[][{}=,"']""")
 _DOTS_MAX = 1_000  # in a key: tomllib's time grows with its square
 _DIGITS_MAX = 300  # of a whole number in JSON: one that is a float, too
 _SURROGATE = re.compile(r"\\u[dD][89abABcdefCDEF]")
-
-
-def open_regular(path: Path) -> BinaryIO:
-    """The file, open to be read. Raises OSError, also for a pipe, which would hang, or a device, which never ends.
-
-    The open file is checked, so that nothing can take its place between.
-    """
-    if "\0" in str(path):
-        raise OSError(errno.EINVAL, "its name holds a NUL")
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    mode = os.fstat(descriptor).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(descriptor)
-        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-        raise OSError(code, os.strerror(code) if code == errno.EISDIR else "it is no regular file")
-    return os.fdopen(descriptor, "rb")
-
-
-def small_file(path: Path, problems: Problems, absent: str, *, most: int = SETTINGS_MAX) -> bytes | None:
-    """The bytes of a file, or None and a problem; `absent` is the remedy when there is no such file."""
-    try:
-        with open_regular(path) as file:
-            content = file.read(most + 1)
-    except OSError as error:
-        problems.add(unreadable(path, error, absent))
-        return None
-    if len(content) > most:
-        problems.add(Problem(str(path), f"is larger than {most:,} bytes", "is this the right file?"))
-        return None
-    return content
-
-
-def unreadable(path: Path, error: OSError, absent: str) -> Problem:
-    """What to say of a file that could not be opened."""
-    if isinstance(error, FileNotFoundError):
-        return Problem(str(path), "does not exist", absent)
-    return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
 
 
 def toml_document(content: bytes, where: str, problems: Problems, start: str) -> dict[str, object] | None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.files import small_file
 from cpcal.common.values import Floats, Indices
-from cpcal.files.tables import small_file
 from cpcal.models.hand_eye import HandEyeStudy, Setup
 from cpcal.robot import (
     Pose,

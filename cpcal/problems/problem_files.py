@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cpcal.common.errors import InputError, Problems
 from cpcal.common.errors import Problem as Wrong
-from cpcal.files.tables import small_file
+from cpcal.common.files import small_file
 from cpcal.problems.minibex import read_minibex
 from cpcal.problems.nl import read_nl
 from cpcal.problems.problem import StatedProblem

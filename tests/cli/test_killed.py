@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -16,7 +15,7 @@ import pytest
 import cpcal
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import LOCK_NAME
-from tests.cli.command import done, refused
+from tests.cli.command import done
 from tests.cli.command import run as command
 
 OPTIONS = ("--legs", "1,2", "--delta", "0.5", "--gap", "1e-2", "--support", "none")
@@ -131,18 +130,3 @@ def test_the_dead_hold_no_lock_and_leave_no_mixture(campaigns: list[Path], tmp_p
     certified(campaigns[1], run)
     assert digest(run) == campaign_sha256(cpcal.load_campaign(campaigns[1]))
     assert not [p for p in run.iterdir() if p.name.startswith(".") and p.name != LOCK_NAME]
-
-
-def test_a_link_in_a_drafts_place_is_not_followed(
-    campaigns: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Even one who guesses the draft's name cannot have a file outside overwritten."""
-    run, outside = tmp_path / "run", tmp_path / "outside"
-    run.mkdir()
-    outside.mkdir()
-    (outside / "result.json").write_text("precious", encoding="utf-8")
-    os.symlink(outside, run / f".{'0' * 24}.draft")
-    monkeypatch.setattr("cpcal.files.run_folder.draft_name", lambda *_: f".{'0' * 24}.draft")
-    refused("certify", campaigns[0], "-o", run, *OPTIONS)
-    assert [p.name for p in outside.iterdir()] == ["result.json"]
-    assert (outside / "result.json").read_text(encoding="utf-8") == "precious"

@@ -45,18 +45,15 @@ def test_the_campaign_is_found_from_within_the_run(copy, monkeypatch):
     assert (copy / "run" / "other" / "page.html").is_file()
 
 
-def test_campaign_and_file_of_ones_choice(copy, tmp_path):
+def test_campaign_and_file_of_ones_choice_or_the_campaign_that_the_run_holds(copy, tmp_path):
     (copy / "campaign").rename(copy / "elsewhere")
-    before = (copy / "run" / "report.html").read_bytes()
-    (copy / "run" / "report.html").unlink()
-    done("report", copy / "run", "--campaign", copy / "elsewhere", "-o", tmp_path / "new" / "page.html")
-    assert (tmp_path / "new" / "page.html").read_bytes() == before
-    assert not (copy / "run" / "report.html").exists()
-
-
-def test_without_a_campaign(copy):
-    shutil.rmtree(copy / "campaign")
-    done("report", copy / "run")  # the run holds it
+    page, new = copy / "run" / "report.html", tmp_path / "new" / "page.html"
+    before = page.read_bytes()
+    page.unlink()
+    done("report", copy / "run", "--campaign", copy / "elsewhere", "-o", new)
+    assert new.read_bytes() == before
+    assert not page.exists()
+    done("report", copy / "run")
     (copy / "run" / "campaign.json").unlink()
     assert "campaign.json" in refused("report", copy / "run")
 

@@ -12,6 +12,7 @@ from benchmarks.genuine_runs import RUNS
 from cpcal.checker import Refused, certificates_of
 from cpcal.checker.files import A_FILE
 from cpcal.files.folders import save_campaign_json
+from cpcal.simulate import simulate
 from tests.cli.command import done, run
 from tests.remembered import verify_once
 
@@ -112,3 +113,43 @@ def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
     RUNS["fits"](tmp_path)
     (tmp_path / "run" / "campaign.json").write_text("{}")
     assert "run: REFUSED, campaign.json: it holds another key than" in done("verify", tmp_path / "run", status=1)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal certify --outliers`.
+
+
+@pytest.fixture(scope="module")
+def robust(tmp_path_factory):
+    good = simulate(seed=1, extremal=False, random_poses=14, factor=0.0, noise=0.02, joint_error=0.05)
+    length = good.length.copy()
+    length[5, 0] += 2.0
+    where = tmp_path_factory.mktemp("robust")
+    made = cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
+    cpcal.save_campaign(made, where / "campaign")
+    said = done("certify", where / "campaign", "-o", where / "out", "--outliers", "1", "--legs", "1")
+    assert "r005/1" in said
+    return where / "out"
+
+
+def test_what_was_written_is_proved_again(robust):
+    said = done("verify", robust)
+    assert "leg 1, at most 1 wrong: PROVED, eps >= 0.0" in said  # not the 2 mm of the wrong one
+    assert "leaving out r005/1" in said
+
+
+def test_the_page_names_what_is_left_out(robust):
+    page = (robust / "report.html").read_text(encoding="utf-8")
+    done("report", robust)
+    assert (robust / "report.html").read_text(encoding="utf-8") == page
+    assert "r005/1" in page
+    assert "Whichever 1 measurements of a leg are wrong" in page
+
+
+def test_a_bound_that_says_more_is_refused(robust):
+    path = robust / "result.json"
+    text = path.read_text()
+    value = json.loads(text)
+    value["legs"][0]["bracket"]["lo"] *= 1.01
+    path.write_text(json.dumps(value))
+    assert "REFUSED" in done("verify", robust, status=1)

@@ -95,7 +95,7 @@ def test_an_empty_box_and_what_is_no_number(tmp_path):
         ("widths", {"a": "b"}, "widths.'a' is no number"),
         ("widths", [], "widths is no object"),
         ("box", {"names": ["x"], "lo": [1.0], "hi": [0.0]}, "no box"),
-        ("box", {"names": ["x"], "lo": [1.0], "hi": None}, "no list"),
+        ("box", {"names": ["x"], "lo": [1.0], "hi": None}, "no box"),
         ("box", {"names": ["x"], "lo": ["nan"], "hi": [1.0]}, "no box"),
         ("box", {"names": ["x", "x"], "lo": [0.0, 0.0], "hi": [1.0, 1.0]}, "lacks or garbles"),
         ("box", None, "no object"),

@@ -1,52 +1,18 @@
-"""Folders of answers: never a mixture, never two writers, never a file that somebody else wrote."""
+"""Folders of answers: never two writers, never a file of somebody else; tests/cli/test_killed.py: never a mixture."""
 
 from __future__ import annotations
 
 import os
 import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from cpcal import InputError
-from cpcal.files.run_folder import LOCK_NAME, RUN, answers_into, check_replaceable, unfinished
+from cpcal.files.run_folder import LOCK_NAME, RUN, answers_into, check_replaceable
 
 NAMES = ("campaign.json", "leg1.cert.jsonl", "leg2.cert.jsonl", "report.html", "result.json")
 PAGE = '<!doctype html>\n<meta name="generator" content="cpcal">'
-
-# dies by SIGKILL at the moment named: inside the block, or when the n-th file is removed or moved
-_KILLED = """
-import os, signal, sys
-from pathlib import Path
-import cpcal.files.run_folder as run_folder
-from tests.files.test_run_folder import fill
-
-folder, moment = Path(sys.argv[1]), sys.argv[2]
-left = [int(moment.split()[1]) if " " in moment else -1]
-
-def dies(name):
-    real = getattr(Path, name)
-    def act(self, *given, **named):
-        if placing and moment.startswith(name):
-            if left[0] == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-            left[0] -= 1
-        return real(self, *given, **named)
-    return act
-
-placing = []
-for name in ("unlink", "replace"):
-    setattr(Path, name, dies(name))
-real = run_folder.put_in_place
-run_folder.put_in_place = lambda *given, **named: (placing.append(1), real(*given, **named))
-with run_folder.answers_into(folder, run_folder.RUN) as draft:
-    fill(draft, "new")
-    if moment == "inside":
-        os.kill(os.getpid(), signal.SIGKILL)
-"""
 
 
 def fill(folder: Path, word: str) -> None:
@@ -59,27 +25,6 @@ def words(folder: Path) -> dict[str, str]:
     """What each file is of; hidden ones left out."""
     texts = {path.name: path.read_text() for path in folder.iterdir() if not path.name.startswith(".")}
     return {name: "new" if "new" in text else "old" for name, text in texts.items()}
-
-
-@pytest.mark.parametrize(
-    "moment", ["inside", "unlink 0", "unlink 2", "unlink 4", "replace 0", "replace 2", "replace 4"]
-)
-def test_a_kill_leaves_the_old_answers_or_none(tmp_path: Path, moment: str) -> None:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    fill(folder, "old")
-    command = [sys.executable, "-c", _KILLED, str(folder), moment]
-    done = subprocess.run(command, check=False, cwd=Path(__file__).parents[2], capture_output=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    found = words(folder)
-    whole = found == dict.fromkeys(NAMES, "old")
-    assert whole or "result.json" not in found
-    assert whole == (moment in ("inside", "unlink 0"))
-    assert unfinished(folder)  # so that verify says what happened
-    with answers_into(folder, RUN) as draft:  # the dead hold no lock
-        fill(draft, "new")
-    assert words(folder) == dict.fromkeys(NAMES, "new")
-    assert sorted(os.listdir(folder)) == sorted(NAMES)
 
 
 def test_answers_come_all_at_once(tmp_path: Path) -> None:
@@ -135,6 +80,20 @@ def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"), answers_into(tmp_path, RUN):
         pass
     assert os.listdir(tmp_path) == [LOCK_NAME]
+
+
+def test_a_link_in_a_drafts_place_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even one who guesses the draft's name cannot have a file outside overwritten."""
+    run, outside = tmp_path / "run", tmp_path / "outside"
+    for folder in (run, outside):
+        folder.mkdir()
+    fill(outside, "precious")
+    os.symlink(outside, run / ".guessed.draft")
+    monkeypatch.setattr("cpcal.files.run_folder.draft_name", lambda: ".guessed.draft")
+    with pytest.raises(InputError, match="cannot be written"), answers_into(run, RUN) as draft:
+        fill(draft, "new")
+    assert words(outside) == dict.fromkeys(NAMES, "old")
+    assert not words(run)
 
 
 def test_a_campaign_is_no_place_for_answers(tmp_path: Path) -> None:

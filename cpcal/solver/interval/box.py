@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn, Protocol, overload
+from operator import le
+from typing import Any, ClassVar, NoReturn, Protocol, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -100,6 +101,28 @@ class Box:
             raise ModelError("a box without variables is never empty: it has one point")
         nan = np.full(len(names), np.nan)
         return cls(names, nan, nan)
+
+    # In a file; an empty one has no bounds.
+    JSON: ClassVar[Mapping[str, Any]] = {
+        "names": tuple[str, ...],
+        "lo": tuple[float, ...] | None,
+        "hi": tuple[float, ...] | None,
+    }
+
+    def as_json(self) -> dict[str, Any]:
+        lo, hi = (None if self.is_empty else side.tolist() for side in (self.lo, self.hi))
+        return {"names": self.names, "lo": lo, "hi": hi}
+
+    @classmethod
+    def from_json(
+        cls, where: str, names: tuple[str, ...], lo: tuple[float, ...] | None, hi: tuple[float, ...] | None
+    ) -> Box:
+        """Raises ValueError, which says `where`, and ModelError."""
+        if lo is None and hi is None:
+            return cls.empty(names)
+        if lo is None or hi is None or not len(names) == len(lo) == len(hi) or not all(map(le, lo, hi)):
+            raise ValueError(f"{where} is no box: lo and hi do not match, or cross")
+        return cls(names, lo, hi)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a Box is immutable: use replace() or with_bounds(), not {name} = ...")

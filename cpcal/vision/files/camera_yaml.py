@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 
 from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.files import small_file
 from cpcal.common.values import Floats
-from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, LENSES, PIXELS_MAX, Camera, implausible
 
 STYLES = ("opencv", "ros")
