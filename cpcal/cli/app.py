@@ -143,7 +143,7 @@ VERBS = {
     ),
     "calibrate": Verb("calibrate", "calibrate", "calibrate study -o calibrated"),
     "certify": Verb("certify", "certify", "certify campaign -o run --tolerance 0.5", _CERTIFIED),
-    "accuracy": Verb("accuracy", "accuracy", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
+    "accuracy": Verb("report", "accuracy", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
     "verify": Verb("verify", "verify", "verify run", ("every certificate proved", "one refused")),
     "report": Verb("report", "report", "report run"),
     "export": Verb("report", "export", "export run --format toml -o parameters.toml"),

@@ -27,7 +27,7 @@ from cpcal.cli.options import (
     warn,
 )
 from cpcal.cli.terminal import Talk, answer, counted, leg_progress, line, record
-from cpcal.common.errors import CpcalError, InputError, OutputError, printable, unusable
+from cpcal.common.errors import CpcalError, InputError, OutputError, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
@@ -433,42 +433,36 @@ def certify(
 
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
-    models, checker, given = names_of(options.model or ""), not options.no_checker, options.given()
-    if len(campaigns) > 1:
-        if options.outliers or len(models) > 1:
-            raise unusable("options", "--outliers and several models ask about one campaign", "name one")
+    models, given = names_of(options.model or ""), options.given()
+    how: dict[str, Any] = {"talk": talk, "checker": not options.no_checker, "resume": where.resume}
+    hushed, many = how | {"talk": replace(talk, quiet=True)}, len(campaigns) > 1
+    alone = many and (options.outliers or len(models) > 1)
+    refuse((alone, "options", "--outliers and several models ask about one campaign", "name one"))
+    if many:
         with where.place() as place:
-            how = {"talk": Talk(quiet=True), "checker": checker, "resume": where.resume}
-            return _certified_all(campaigns, run, given, how, place, talk)
-    (campaign,) = campaigns
+            return _certified_all(campaigns, run, given, hushed, place, talk)
     if len(models) > 1:
         options.refuse(_NOT_WITH_MODELS, "with several models")
-        del given["model"], given["ranges"]
-        given = {name: value for name, value in given.items() if name not in (*_NOT_WITH_MODELS, "half_widths")}
-        return _models_compared(warned(load_campaign(campaign)), run, models, given, checker, where, talk)
-    if options.outliers:
+        of_one = ("model", "ranges", "half_widths", *_NOT_WITH_MODELS)
+        given = {name: value for name, value in given.items() if name not in of_one}
+    elif options.outliers:
         options.refuse(_NOT_WITH_OUTLIERS, "with --outliers")
+    campaign = warned(load_campaign(campaigns[0]))
     with where.place() as place:
-        question = question_of(warned(load_campaign(campaign)), **given)
-        return status_of(certified_into(run, question, talk=talk, place=place, checker=checker, resume=where.resume))
+        if len(models) > 1:
+            return _models_compared(comparison(campaign, models, **given), run, given["tolerance"], hushed, place, talk)
+        return status_of(certified_into(run, question_of(campaign, **given), place=place, **how))
 
 
 def _models_compared(
-    campaign: Campaign,
-    runs: Path,
-    models: tuple[str, ...],
-    given: dict[str, Any],
-    checker: bool,
-    where: Where,
-    talk: Talk,
+    questions: Sequence[Question], runs: Path, tolerance: float | None, how: Mapping[str, Any], place: Place, talk: Talk
 ) -> Status:
     """A run of each model in a folder of its own, and a page that compares them.
 
     Without a tolerance every bracket is an answer; with one, each leg needs a model that passes.
     """
-    questions, found = comparison(campaign, models, **given), dict[str, Result]()
-    how: dict[str, Any] = {"checker": checker, "resume": where.resume, "talk": replace(talk, quiet=True)}
-    with locked(runs), where.place() as place:
+    found: dict[str, Result] = {}
+    with locked(runs):
         for question in questions:
             name = question.model.name
             try:
@@ -489,7 +483,7 @@ def _models_compared(
         talk.say(f"Page: {page}")
         if stopped:
             return Status(asked() or Reason.INTERRUPTED)
-    if given["tolerance"] is None:
+    if tolerance is None:
         return Status.ANSWERED
     legs = {leg.leg for result in found.values() for leg in result.legs}
     return Status.ANSWERED if all(passing(found, leg) for leg in legs) else Status.UNKNOWN

@@ -1,4 +1,4 @@
-"""`cpcal report` and `cpcal export`: a run that is checked again becomes a page, or parameters for a controller."""
+"""`cpcal report`, `export`, `accuracy`: a run that is checked again becomes a page, parameters, or bounds of poses."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ from cpcal.cli.options import (
     TIMEOUT,
     Status,
     argument,
+    numbers_of,
     option,
     output,
 )
-from cpcal.cli.terminal import Talk
+from cpcal.cli.terminal import Talk, answer
 from cpcal.cli.verify import check_all, checked_certificates, refusals
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.files.run_folder import HANDEYE, REPORT_NAME
+from cpcal.files.run_folder import ACCURACY, HANDEYE, REPORT_NAME
+from cpcal.files.tables import load_poses
 from cpcal.questions import Result, load_result
 from cpcal.questions.hand_eye import load_hand_eye_result
 from cpcal.questions.points import fits_of
@@ -177,3 +179,71 @@ def _chosen(asked: str | None, file: Path | None, known: Mapping[str, T]) -> T:
         remedy = f"call the file *{_SUFFIXES[name][0]}, or leave --format out"
         raise unusable("option --output", f"is {file}, and the format {name}", remedy)
     return known[name]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal accuracy`: how far from where its controller says the platform can be.
+
+
+def accuracy(
+    run: Path = argument("RUN", "Folder that certify wrote, with all six legs."),
+    folder: Path = output(
+        "DIR", "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there."
+    ),
+    workspace: str | None = option(
+        None, "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).", "BOX"
+    ),
+    poses: Path | None = option(None, "Poses: pose,x,y,z,qw,qx,qy,qz.", "CSV"),
+    count: int = option(4, "Poses to measure next, by each of two rules.", "N", "--next", min=0),
+    model_error: str | None = option(
+        None, "ASSUMED model error everywhere: one number, or one a leg.", "MM", show_default="suggested"
+    ),
+    controller: Literal["nominal", "fit", "proved"] = option("fit", "Whose parameters the controller has."),
+    validation: Path | None = option(None, "More poses to judge the model error by, same frames.", "CAMPAIGN"),
+    gap: float = option(0.2, "Relative width at which the worst of the workspace is settled."),
+    cells: int = option(600, "Of the workspace, at most."),
+    *,
+    talk: Talk,
+) -> Status:
+    """How far off can the platform of a certified RUN be, at given poses or anywhere in a workspace?
+
+    Bounds are proved under one assumption, which is printed first: how large the model error is at poses that nobody
+    measured. It also says which poses to measure next: those where the certified sets leave most open (estimates).
+    """
+    from cpcal.models.platform import Workspace  # the other verbs here start sooner without
+    from cpcal.questions import accuracy as questions
+    from cpcal.report.accuracy_page import assumption, sentences, write_accuracy
+
+    if workspace is None and poses is None:
+        raise unusable("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")
+    space = None if workspace is None else Workspace.parsed(workspace)
+    named = None if poses is None else questions.NamedPoses(*load_poses(poses))
+    error = numbers_of(model_error, float, "mm: give one, or one for each leg: 0.2,0.3,...", "--model-error")
+    campaign, result = load_campaign_json(run), load_result(run)
+    known = None if validation is None else load_campaign(validation)
+
+    def find(draft: Path) -> questions.Accuracy:
+        if refused := refusals(run):
+            raise unusable(str(run), f"is refused: {refused[0]}", "certify again")
+        return questions.certify_accuracy(
+            campaign,
+            result,
+            poses=named,
+            workspace=space,
+            model_error=error[0] if error is not None and len(error) == 1 else error,
+            controller=controller,
+            validation=known,
+            gap=gap,
+            cells=cells,
+            next_poses=count,
+            certificates=draft,
+            tell=talk.progress(),
+        )
+
+    def show(found: questions.Accuracy) -> None:
+        talk.say(assumption(found), *sentences(found))
+
+    found = answer(folder, ACCURACY, find, questions.save_accuracy, write_accuracy, show, talk, campaign)
+    over = found.workspace
+    lost = found.refuted or any(not pose.proved for pose in found.poses) or (over is not None and over.left_out)
+    return Status.UNKNOWN if lost else Status.ANSWERED
