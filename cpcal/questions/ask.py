@@ -48,10 +48,17 @@ from cpcal.questions.result import (
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import Found
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import Here, Place, Processes, executor_for
-from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.executors import (
+    Here,
+    LostWorkerError,
+    Place,
+    Processes,
+    TaskOutcome,
+    executor_for,
+    linear_algebra_on_one_thread,
+    outcomes,
+)
 from cpcal.solver.execution.stopping import Stopped, asked, heard, within_memory
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.local import Known
 from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, irreducible

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -19,8 +18,7 @@ from cpcal.common.values import Floats
 from cpcal.solver.accounts import ContractorUse, Found, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, shrunk
-from cpcal.solver.execution.executors import Place
-from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.execution.stopping import Stopped, asked
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
@@ -41,30 +39,14 @@ from cpcal.solver.search import (
     divided,
     light,
 )
-from cpcal.solver.search.search import Line, Standing, bounds_of, box_of
+from cpcal.solver.search.search import Branch, Line, Row, Standing, rows_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next.
 
-Row = tuple[int, int]  # constraint, element
-
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
 _THIN = 1e-12  # a width below this share of the domain's does not count
-
-
-@dataclass(frozen=True)
-class Branch:
-    """What decisions about a node depend on, besides its box.
-
-    found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
-    fresh  no fit has begun here since the last division
-    rows   of the step on the way here that raised the objective last
-    """
-
-    found: Box
-    fresh: bool
-    rows: frozenset[Row] = frozenset()
 
 
 class Bounding:
@@ -83,12 +65,12 @@ class Bounding:
         place: Place | None = None,
     ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
-        self._place = place  # where rounds of several nodes are decided; None: here
-        self._travels: Shared[Bounding] | None = None
+        self._elsewhere: Shared[Bounding] | None = None  # and none in what travels
+        if place is not None:
+            self._elsewhere = Shared(self, place)
 
     def __call__(self, node: Node) -> Decision:
-        (decision,) = self.all([node])
-        return decision
+        return self.all([node])[0]
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
         """The decisions of a round, each from the incumbent as it is at its beginning, so that their order, and where
@@ -98,42 +80,35 @@ class Bounding:
         """
         before = self._incumbent.state
         if len(nodes) == 1:
-            made = [self._with_first_piece(nodes[0], before, alone=True)]
-        elif self._place is None:
+            known = self._incumbent.at(before)
+            made = [(self._decision(nodes[0], known), known.state)]
+        elif self._elsewhere is None:
             made = self.decided(nodes, before)
         else:
-            made = self._shared().in_parts(self._place, _decided, nodes, before)
-        for _, known in made:
-            self._incumbent.learn(known, before)
+            made = self._elsewhere.in_parts(_decided, nodes, before)
+        for _, state in made:
+            self._incumbent.learn(state, before)
         return [decision for decision, _ in made]
 
     def decided(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
-        """The decisions about some nodes of a round, and the incumbent after each, if it was `before` when it began."""
-        return [self._with_first_piece(node, before, alone=False) for node in nodes]
-
-    def _with_first_piece(self, node: Node, before: Known, *, alone: bool) -> tuple[Decision, Known]:
-        """Decide a node, and in a round of several the most urgent of its pieces."""
-        known = self._incumbent.at(before)
-        made = self._decision(node, known)
-        if not alone and made.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
-            reason = asked()  # the whole round begins anew some day
-            if reason is not None:
-                raise Stopped(reason)
-            pieces = list(made.pieces)
-            k = min(range(len(pieces)), key=lambda k: float(pieces[k].box.lo[known.objective]))
-            depth = node.depth + (made.kind is EventKind.SPLIT)
-            below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
-            pieces[k] = replace(pieces[k], decided=below)
-            made = replace(made, pieces=tuple(pieces))
-        return made, known.state
-
-    def _shared(self) -> Shared[Bounding]:
-        """All but the point and the executor, for workers."""
-        if self._travels is None:
-            alone = copy(self)
-            alone._incumbent, alone._place = self._incumbent.at(Known(None, 0)), None
-            self._travels = Shared(alone)
-        return self._travels
+        """The decisions about some nodes of a round, each with the one about the most urgent of its pieces, and the
+        incumbent after each, if it was `before` when it began."""
+        decisions = []
+        for node in nodes:
+            known = self._incumbent.at(before)
+            made = self._decision(node, known)
+            if made.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
+                reason = asked()  # the whole round begins anew some day
+                if reason is not None:
+                    raise Stopped(reason)
+                pieces = list(made.pieces)
+                k = min(range(len(pieces)), key=lambda k: float(pieces[k].box.lo[known.objective]))
+                depth = node.depth + (made.kind is EventKind.SPLIT)
+                below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
+                pieces[k] = replace(pieces[k], decided=below)
+                made = replace(made, pieces=tuple(pieces))
+            decisions.append((made, known.state))
+        return decisions
 
     def _decision(self, node: Node, known: Incumbent) -> Decision:
         branch = node.state
@@ -237,7 +212,7 @@ class Saved:
     seconds: float
 
     def lines(self) -> Iterator[Line]:
-        """A head, then a line a box; infinite numbers are texts."""
+        """A head, then a line a box."""
         witness, tally = self.known.witness, self.tally
         yield {
             "names": list(self.names),
@@ -251,37 +226,23 @@ class Saved:
             "uses": [[use.name, use.calls, use.steps] for use in tally.uses],
             "seconds": self.seconds,
         }
-        yield from self.search.lines(_said)
+        yield from self.search.lines()
 
     @classmethod
     def from_lines(cls, lines: Sequence[Mapping[str, Any]]) -> Saved:
-        """What `lines` gave. Raises KeyError, TypeError, ValueError."""
+        """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         head, *boxes = lines
-        names, witness = tuple(map(str, head["names"])), head["witness"]
+        names, witness = tuple(head["names"]), head["witness"]
         if witness is not None:
-            witness = Witness(np.array(witness["point"], np.float64), float(witness["value"]))
-
-        def branch(box: Box, line: Mapping[str, Any]) -> Branch:
-            found = box_of(names, line["found"]) if "found" in line else box
-            return Branch(found, bool(line["fresh"]), _rows(line["rows"]))
-
-        uses = tuple(ContractorUse(str(name), int(calls), int(steps)) for name, calls, steps in head["uses"])
+            witness = Witness(np.array(witness["point"], np.float64), witness["value"])
+        uses = tuple(ContractorUse(*use) for use in head["uses"])
         return cls(
             names,
-            Standing.from_lines(int(head["created"]), names, boxes, branch),
-            Known(witness, int(head["calls"])),
-            Tally(int(head["nodes"]), int(head["programs"]), _rows(head["used"]), _rows(head["decisive"]), uses),
-            float(head["seconds"]),
+            Standing.from_lines(head["created"], names, boxes),
+            Known(witness, head["calls"]),
+            Tally(head["nodes"], head["programs"], rows_of(head["used"]), rows_of(head["decisive"]), uses),
+            head["seconds"],
         )
-
-
-def _said(box: Box, branch: Branch) -> Line:
-    line: Line = {"fresh": branch.fresh, "rows": sorted(branch.rows)}
-    return line if branch.found == box else line | {"found": bounds_of(branch.found)}
-
-
-def _rows(rows: Any) -> frozenset[Row]:
-    return frozenset((int(c), int(e)) for c, e in rows)
 
 
 Named = tuple[str, Contractor]

@@ -5,7 +5,6 @@ from cpcal.solver.search.passes import (
     Divide,
     Pass,
     Proof,
-    Rounds,
     StepProver,
     divided,
     light,
@@ -27,7 +26,6 @@ from cpcal.solver.search.search import (
     clusters,
     depth_first,
     difference,
-    hull,
     volume,
 )
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
@@ -52,7 +50,6 @@ __all__ = [
     "Proof",
     "Race",
     "RoundRobin",
-    "Rounds",
     "Search",
     "Smear",
     "Solution",
@@ -65,7 +62,6 @@ __all__ = [
     "depth_first",
     "difference",
     "divided",
-    "hull",
     "light",
     "volume",
 ]

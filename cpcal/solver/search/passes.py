@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.values import Floats, Ints
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import (
     Contraction,
@@ -32,8 +31,7 @@ from cpcal.solver.contract import (
     shrunk,
     takes_batches,
 )
-from cpcal.solver.execution.executors import Place
-from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
 from cpcal.solver.search.strategies import LargestFirst, RoundRobin, Smear
@@ -87,14 +85,18 @@ class Contracting:
 
     def contract(self, box: Box, found: Box) -> Pass:
         """One pass over a node's box and the part of it that was found."""
-        if self._prover is None:
-            return self._plain(box)
-        total, proof = Contraction(box), list[Record]()
-        uses = []
+        total, proof, uses = Contraction(box), list[Record](), list[ContractorUse]()
         for name, contractor in self.named:
+            calls = steps = 0
+            if self._prover is None:
+                if not total.box.is_empty:
+                    step = contracted(contractor, total.box, self.deadline)
+                    total, calls, steps = followed(total, step), 1, len(step.steps)
+                found = total.box
+                uses.append(ContractorUse(name, calls, steps))
+                continue
             before, as_one = total.box, found == total.box
             givers = [giver for giver in elements(contractor) if gives_weights(giver)]
-            calls = steps = 0
             for giver in givers if not before.is_empty else []:
                 proposed = contracted(giver, total.box, self.deadline)
                 proved = self._prover(total.box, proposed)
@@ -113,28 +115,15 @@ class Contracting:
             uses.append(ContractorUse(name, calls, steps))
         return Pass(total, found.intersect(total.box), tuple(uses), tuple(proof))
 
-    def _plain(self, box: Box) -> Pass:
-        total, uses = Contraction(box), []
-        for name, contractor in self.named:
-            use = ContractorUse(name)
-            if not total.box.is_empty:
-                step = contracted(contractor, total.box, self.deadline)
-                total, use = followed(total, step), ContractorUse(name, 1, len(step.steps))
-            uses.append(use)
-        return Pass(total, total.box, tuple(uses))
-
 
 def divided(box: Box, found: Box, split: Callable[[Box], tuple[Box, ...]]) -> tuple[Box, ...]:
-    """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere."""
+    """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere.
+
+    The faces that a piece shares with what was found move out to the box.
+    """
     pieces = () if found.is_empty or found == box else split(found)
-    return tuple(_widened(piece, found, box) for piece in pieces) or split(box)
-
-
-def _widened(piece: Box, part: Box, whole: Box) -> Box:
-    """A piece of a part of a box, with the faces that it shares with the part moved out to the whole."""
-    lo = np.where(piece.lo == part.lo, whole.lo, piece.lo)
-    hi = np.where(piece.hi == part.hi, whole.hi, piece.hi)
-    return whole.with_bounds(lo, hi)
+    bounds = ((np.where(p.lo == found.lo, box.lo, p.lo), np.where(p.hi == found.hi, box.hi, p.hi)) for p in pieces)
+    return tuple(box.with_bounds(lo, hi) for lo, hi in bounds) or split(box)
 
 
 def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contractor]]:
@@ -142,75 +131,6 @@ def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contracto
     if not isinstance(contractor, Then):
         return [(name, contractor)]
     return [one for part in contractor.parts for one in _taken_apart(type(part).__name__.lower(), part)]
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Plain branch and prune on many boxes at a time: what `Divide` decides of single nodes, in arrays.
-#
-# It serves contractors that take batches and the strategies of `strategies`. Decisions are the same as one by one.
-
-_STRATEGIES = (LargestFirst, RoundRobin, Smear)
-
-
-class Batches:
-    """Contractors one after the other on the boxes of many nodes, which are then cut in two."""
-
-    def __init__(self, contracting: Contracting, strategy: Strategy) -> None:
-        self._contracting, self._strategy = contracting, strategy
-
-    def __call__(self, nodes: Sequence[Node]) -> list[Decision]:
-        names = nodes[0].box.names
-        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
-        uses: list[list[ContractorUse]] = [[] for _ in nodes]
-        for name, contractor in self._contracting.named:
-            lo, hi = self._contracted(name, contractor, lo, hi, uses)
-        boxes = Box.rows(names, lo, hi)
-        depths = np.array([node.depth for node in nodes])
-        halves = self._halves(names, np.stack([b.lo for b in boxes]), np.stack([b.hi for b in boxes]), depths)
-        return [
-            Decision(kind, Contraction(box), pieces, tuple(use))
-            for box, use, (kind, pieces) in zip(boxes, uses, map(_next, boxes, halves), strict=True)
-        ]
-
-    def _contracted(
-        self, name: str, contractor: Contractor, lo: Floats, hi: Floats, uses: list[list[ContractorUse]]
-    ) -> tuple[Floats, Floats]:
-        alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
-        if alive.size:
-            some = IntervalArray(lo[alive], hi[alive])
-            left = answered(contractor, "contract_batch", some, self._contracting.deadline)
-            after_lo, after_hi = lo.copy(), hi.copy()
-            after_lo[alive], after_hi[alive] = np.maximum(lo[alive], left.lo), np.minimum(hi[alive], left.hi)
-            dead = ~(after_lo <= after_hi).all(axis=1)
-            moved = np.where(dead, 1, (after_lo > lo).sum(axis=1) + (after_hi < hi).sum(axis=1))
-            after_lo[dead], after_hi[dead] = np.nan, np.nan
-            lo, hi = after_lo, after_hi
-            counts = dict(zip(alive.tolist(), moved[alive].tolist(), strict=True))
-        else:
-            counts = {}
-        for k, use in enumerate(uses):
-            use.append(ContractorUse(name, 1, counts[k]) if k in counts else ContractorUse(name))
-        return lo, hi
-
-    def _halves(self, names: tuple[str, ...], lo: Floats, hi: Floats, depths: Ints) -> list[tuple[Piece, ...]]:
-        """The two pieces of every box, () where it is empty or fine enough."""
-        assert isinstance(self._strategy, LargestFirst)
-        component, cut = self._strategy.cuts(names, lo, hi, depths)
-        rows = np.flatnonzero(component >= 0)
-        upper, lower = hi[rows], lo[rows]
-        upper[np.arange(len(rows)), component[rows]] = cut[rows]
-        lower[np.arange(len(rows)), component[rows]] = cut[rows]
-        pieces: list[tuple[Piece, ...]] = [()] * len(lo)
-        first, second = Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows])
-        for k, one, two in zip(rows.tolist(), first, second, strict=True):
-            pieces[k] = (Piece(one), Piece(two))
-        return pieces
-
-
-def _next(box: Box, halves: tuple[Piece, ...]) -> tuple[EventKind, tuple[Piece, ...]]:
-    if box.is_empty:
-        return EventKind.PRUNED, ()
-    return (EventKind.SPLIT, halves) if halves else (EventKind.KEPT, (Piece(box),))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -224,6 +144,7 @@ class Divide:
 
     A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
     shrank below that share is contracted once more before it is divided. `outside`: decisions say what was removed.
+    The workers of a `place` decide the nodes of a round. Decisions are the same, one by one, in arrays, or elsewhere.
     """
 
     def __init__(
@@ -234,25 +155,56 @@ class Divide:
         inside: Callable[[Box], bool] | None = None,
         again: float | None = None,
         outside: bool = False,
+        place: Place | None = None,
     ) -> None:
         if not isinstance(contracting, Contracting):
             contracting = Contracting([("", contracting)])
         self._contracting = contracting
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         plain = inside is None and again is None and not (outside or contracting.proves)
-        arrays = type(strategy) in _STRATEGIES and all(takes_batches(contractor) for _, contractor in contracting.named)
-        self._batches = Batches(contracting, strategy) if plain and arrays else None
-
-    @property
-    def batch(self) -> int:
-        """How many nodes are best decided together: 1 where they are decided one by one."""
-        return 1 if self._batches is None else _BATCH
+        ours = type(strategy) in (LargestFirst, RoundRobin, Smear)
+        self._arrays = plain and ours and all(takes_batches(contractor) for _, contractor in contracting.named)
+        self._elsewhere: Shared[Divide] | None = None  # and none in what travels
+        if place is not None:
+            self._elsewhere = Shared(self, place)
+        self.batch = _BATCH if self._arrays or place is not None else 1  # so many nodes are best decided together
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """The decisions about several nodes, at once where contractors and strategy take batches."""
-        if self._batches is None:
-            return [self(node) for node in nodes]
-        return self._batches(nodes)
+        """The decisions about several nodes. Raises Stopped when the process is asked to stop."""
+        if self._elsewhere is not None:
+            return self._elsewhere.in_parts(_decided, nodes)
+        return self._in_arrays(nodes) if self._arrays else [self(node) for node in nodes]
+
+    def _in_arrays(self, nodes: Sequence[Node]) -> list[Decision]:
+        """For contractors that take batches and the strategies of `strategies`; who contracted is not told."""
+        names = nodes[0].box.names
+        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        for _, contractor in self._contracting.named:
+            alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
+            if alive.size:
+                some = IntervalArray(lo[alive], hi[alive])
+                left = answered(contractor, "contract_batch", some, self._contracting.deadline)
+                lo[alive], hi[alive] = np.maximum(some.lo, left.lo), np.minimum(some.hi, left.hi)
+                dead = ~(lo <= hi).all(axis=1)
+                lo[dead], hi[dead] = np.nan, np.nan
+        boxes = Box.rows(names, lo, hi)
+        lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
+        assert isinstance(self._strategy, LargestFirst)
+        component, cut = self._strategy.cuts(names, lo, hi, np.array([node.depth for node in nodes]))
+        rows = np.flatnonzero(component >= 0)
+        upper, lower = hi[rows], lo[rows]
+        upper[np.arange(len(rows)), component[rows]] = cut[rows]
+        lower[np.arange(len(rows)), component[rows]] = cut[rows]
+        pairs = zip(Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows]), strict=True)
+        halves = dict(zip(rows.tolist(), pairs, strict=True))
+        return [self._decision(box, halves.get(k, ())) for k, box in enumerate(boxes)]
+
+    @staticmethod
+    def _decision(box: Box, halves: tuple[Box, ...]) -> Decision:
+        if box.is_empty:
+            return Decision(EventKind.PRUNED, Contraction(box))
+        kind = EventKind.SPLIT if halves else EventKind.KEPT
+        return Decision(kind, Contraction(box), tuple(map(Piece, halves or (box,))))
 
     def __call__(self, node: Node) -> Decision:
         before = node.box if node.state is None else node.state
@@ -276,20 +228,6 @@ class Divide:
         turn = partial(by.split_at, depth=node.depth) if isinstance(by, RoundRobin) else by.split
         pieces = divided(box, found, turn)
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
-
-
-class Rounds:
-    """A process whose rounds are decided by the workers of a place, each a part of them. Decisions are as here."""
-
-    def __init__(self, process: Divide, place: Place) -> None:
-        self._process, self._place, self._travels = process, place, Shared(process)
-
-    def __call__(self, node: Node) -> Decision:
-        return self._process(node)
-
-    def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """Raises Stopped when the process is asked to stop."""
-        return self._travels.in_parts(self._place, _decided, nodes)
 
 
 def _decided(process: Divide, nodes: Sequence[Node]) -> list[Decision]:
