@@ -17,7 +17,6 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.linear import Dense
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
@@ -484,11 +483,6 @@ class Relaxation:
         out = widening.copy()
         out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
         return out
-
-    def load(self, engine: Dense) -> Dense:
-        """The engine, with its rows."""
-        engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
-        return engine
 
     def value(self, variable: int, u: float) -> tuple[float, float]:
         """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""

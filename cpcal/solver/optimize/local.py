@@ -22,8 +22,7 @@ from cpcal.common.values import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import Dense
-from cpcal.solver.linear.engine import LinearStatus
+from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows, RowValues
