@@ -96,26 +96,21 @@ class Linearised:
         chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
         jacobians = [None if self._slopes and not form.affine else form.jacobian(box) for form, _ in chosen]
         out = []
-        for point in points:
-            blocks = [
-                IntervalRows(
-                    point, form.at(point, self._slopes), form.slopes(box, point) if matrix is None else matrix, origin
-                )
-                for (form, origin), matrix in zip(chosen, jacobians, strict=True)
+        for point in points if chosen else ():
+            value = [form.at(point, self._slopes) for form, _ in chosen]
+            matrix = [
+                form.slopes(box, point) if jacobian is None else jacobian
+                for (form, _), jacobian in zip(chosen, jacobians, strict=True)
             ]
-            value, matrix = (
-                IntervalArray(
-                    *(np.concatenate([empty, *(getattr(part, end) for part in parts)]) for end in ("lo", "hi"))
-                )
-                for empty, parts in (
-                    (np.zeros(0), [b.value for b in blocks]),
-                    (np.zeros((0, len(point))), [b.matrix for b in blocks]),
-                )
-            )
-            named = np.concatenate([np.zeros((0, 2), dtype=np.intp), *(b.origin for b in blocks)])
-            finite = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1) & np.isfinite(value.lo)
-            out.append(IntervalRows(point, value, matrix, named).only(finite))  # the others say nothing
+            origin = np.concatenate([origin for _, origin in chosen])
+            rows = IntervalRows(point, _joined(value), _joined(matrix), origin)
+            bounds = np.isfinite(rows.matrix.lo).all(axis=1) & np.isfinite(rows.matrix.hi).all(axis=1)
+            out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
         return out
+
+
+def _joined(parts: Sequence[IntervalArray]) -> IntervalArray:
+    return IntervalArray(np.concatenate([part.lo for part in parts]), np.concatenate([part.hi for part in parts]))
 
 
 # Which real matrix stands for the interval matrix of the rows on a box.
@@ -195,6 +190,8 @@ class Krawczyk(Composable):
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
         parts = [(inequalities(self._arithmetic, rows, box, how), rows.origin) for rows, how in self._rows(box)]
+        if not parts:
+            return Contraction(box)
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)

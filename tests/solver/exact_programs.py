@@ -1,6 +1,6 @@
 """Linear programs of every unpleasant kind, and their optima in exact rational arithmetic.
 
-As a command, many of them: `python -m tests.solver.linear.exact_programs 3000`.
+As a command, many of them: `python -m tests.solver.exact_programs 3000`.
 """
 
 from __future__ import annotations

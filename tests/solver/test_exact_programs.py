@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cpcal.solver.linear import Dense
-from tests.solver.linear.exact_programs import KINDS, Highs, contradictions, main, program
+from tests.solver.exact_programs import KINDS, Highs, contradictions, main, program
 
 COUNT = 35
 
@@ -48,7 +48,7 @@ def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatc
 
 def test_in_plain_python_the_kernel_finds_the_same_to_the_last_bit() -> None:
     """One source: a fresh interpreter with NUMBA_DISABLE_JIT=1, the same programs."""
-    code = "from tests.solver.linear.test_exact_programs import digits; print(digits(28))"
+    code = "from tests.solver.test_exact_programs import digits; print(digits(28))"
     root = Path(__file__).parents[3]
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(root)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
