@@ -238,7 +238,7 @@ def field(path: str, value: object) -> Tamper:
     return stated(change)
 
 
-SHOWN = "legs.0.information.projections"
+SHOWN = "legs.0.ranges.information.projections"
 GARBLED: dict[str, tuple[Tamper, str]] = {  # and why it is refused
     f"{path} is {value!r}": (field(path, value), why)
     for path, value, why in (
@@ -259,12 +259,11 @@ GARBLED: dict[str, tuple[Tamper, str]] = {  # and why it is refused
         ("legs.0.information.not_certified", "proved", "not_certified is none of"),
         ("legs.0.bracket.enclosure.lo", [2.0], "no box"),
         (SHOWN, 5, "lacks or garbles"),
-        (f"{SHOWN}.eps", "nan", "not finite"),
-        (f"{SHOWN}.box.hi", ["inf"] * 7, "not finite"),
-        (f"{SHOWN}.pairs.0.parameters", ["a_x", "a_x"], "not two parameters"),
-        (f"{SHOWN}.pairs.0.parameters", ["a_x", "<b>"], "parameters that are not there"),
-        (f"{SHOWN}.pairs.0.half_planes.0", [0.0, 0.0, 1.0], "no half-plane"),
-        (f"{SHOWN}.pairs.0.half_planes.0", [1.0], "lacks or garbles"),
+        ("legs.0.ranges.box.hi", ["inf"] * 7, "not finite"),
+        (f"{SHOWN}.0.parameters", ["a_x", "a_x"], "not two parameters"),
+        (f"{SHOWN}.0.parameters", ["a_x", "<b>"], "parameters that are not there"),
+        (f"{SHOWN}.0.half_planes.0", [0.0, 0.0, 1.0], "no half-plane"),
+        (f"{SHOWN}.0.half_planes.0", [1.0], "lacks or garbles"),
     )
 }
 TOUCHED = {name: (tamper, "") for name, tamper in TAMPERED.items()} | GARBLED
@@ -350,7 +349,13 @@ def test_a_leg_that_is_not_certified_is_named(run: Path) -> None:
 
 def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> None:
     box = {"lo": [0.0] * 7, "hi": [0.0] * 7}
-    leg(ranges=lambda old: {"certificate": None, "information": {"eps": old["eps"], "box": old["box"] | box}})(run)
+    information = {"projections": []}
+    leg(
+        ranges=lambda old: {
+            "certificate": None,
+            "information": information | {"eps": old["eps"], "box": old["box"] | box},
+        }
+    )(run)
     (run / "ranges-leg1.cert.jsonl").unlink()
     done = verify(run)
     assert done.exit_code == 0

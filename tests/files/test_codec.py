@@ -6,9 +6,10 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 
@@ -41,7 +42,7 @@ class Outer:
     inner: Inner | None
     widths: Mapping[str, float]
     box: Box
-    flag: bool = field(default=False, metadata={"json": "called"})
+    flag: Annotated[bool, {"json": "called"}] = False
 
 
 VALUE = Outer(
