@@ -14,46 +14,39 @@ from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
+from .bounds import between, matrix, number, numbers, skew
+from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
-from .frames import (
-    AXES,
-    R_F,
-    R_X,
-    SIZE,
-    STAGES,
-    T_F,
-    T_X,
-    Interval,
-    Rows,
-    Study,
-    asked_box,
-    dot,
-    holds,
-    rotation,
-)
-from .lens import Cameras
-from .lens import number as bound
+from .frames import R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, holds, rotation
+from .lens import Cameras, values
+from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
+    STRANGE,
+    Json,
     Refused,
     Unusable,
     anything,
     array,
     ascending,
     choice,
+    compare,
     dyadic,
     entry,
+    exact,
     finite,
     many,
     maybe,
+    reading,
+    reason_of,
     record,
+    same,
     shown,
     text,
     up,
     whole,
 )
 from .rule import Box, Problem, meeting
-from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
@@ -95,7 +88,7 @@ _ASKED = record(
 def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
     """The study of a file, its SHA-256, and what is left to spend on its run. Raises Unusable, Refused."""
     given = content(path)
-    try:
+    with reading(STUDY_NAME):
         data = parsed(given, finite)
         points = len(array(data["points"]))
         budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
@@ -103,54 +96,45 @@ def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
             raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
         budget.spend(_ERRORS_WORK * points)
         return _study(data), sha256(given).hexdigest(), budget
-    except (Refused, *STRANGE) as error:
-        raise Refused(f"{STUDY_NAME} {reason_of(error)}", "run", 0) from None
 
 
 def _study(data: Json) -> Study:
     same("format", data["format"], STUDY_FORMAT)
     camera, setup = data["camera"], choice(*_SETUPS)(data["setup"])
     names, *poses = zip(*many(entry(text, *[exact] * 13))(data["images"]), strict=True)
-    image, labels, *numbers = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
+    image, labels, *places = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
     focal, center, distortion = (tuple(map(exact, camera[key])) for key in ("focal", "center", "distortion"))
     if len(focal) != 2 or len(center) != 2 or min(focal) <= 0:
         raise Refused("holds no camera")
     if len(set(names)) < len(names) or len(set(zip(image, labels, strict=True))) < len(image):
         raise Refused("holds an image, or a point of an image, twice")
-    if min(map(min, [*poses[7:], numbers[7]])) < 0 or not all(map(any, zip(*poses[3:7], strict=True))):
+    if min(map(min, [*poses[7:], places[7]])) < 0 or not all(map(any, zip(*poses[3:7], strict=True))):
         raise Refused("holds a negative half-width, or a quaternion that is no rotation")
-    rows, turns, widths, rays, points = (
-        tuple(zip(*part, strict=True)) for part in (poses[:3], poses[3:7], poses[7:], numbers[2:4], numbers[4:7])
+    rows, turns, widths, pixels, rays, points = (
+        tuple(zip(*part, strict=True))
+        for part in (poses[:3], poses[3:7], poses[7:], places[:2], places[2:4], places[4:7])
     )
     study = Study(
         setup == _SETUPS[0], focal, center, names, tuple(zip(rows, turns, strict=True)), widths,
-        image, labels, rays, points, numbers[7],
+        image, labels, rays, points, places[7],
     )  # fmt: skip
     if text(camera["model"]) == "brown":  # other lenses are no polynomials: see `undistorted` in _Run.box_said
-        _check_lens(study, list(zip(*numbers[:2], strict=True)), distortion)
+        _check_lens(study, pixels, distortion)
     return study
 
 
 def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequence[F]) -> None:
     """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
-    k1, k2, p1, p2, k3 = distortion
-    farthest = F(0)
-    for ray, pixel in zip(study.rays, pixels, strict=True):
-        # to 80 bits: what that changes of a pixel is nothing beside _LENS
-        x, y = (F(round((ray[a] - study.center[a]) / study.focal[a] * 2**80), 2**80) for a in (0, 1))
-        s = x * x + y * y
-        farthest = max(farthest, s)
-        s = F(round(s * 2**80), 2**80)
-        g = 1 + s * (k1 + s * (k2 + s * k3))
-        bent = (x * g + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * g + 2 * p2 * x * y + p1 * (s + 2 * y * y))
-        for a in (0, 1):
-            if abs(study.center[a] + study.focal[a] * bent[a] - pixel[a]) > _LENS:
+    directions = [
+        numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
+    ]
+    farthest = max(((x.square + y.square).root for x, y in directions), key=lambda one: one.hi)
+    lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, False, farthest.ends[1])
+    for x, pixel in zip(directions, pixels, strict=True):
+        for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
+            if (number(c) + number(f) * d - number(v)).size.ends[1] > _LENS:
                 raise Refused("holds an undistorted pixel that is another one")
-    if not any(distortion):
-        return
-    numbers = (*study.focal, *study.center, k1, k2, p1, p2, k3)
-    radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.hi
-    assert Cameras(numbers, [()] * 9, False, F(radius, 1 << 160)).least
+    assert not any(distortion) or lens.least
 
 
 # given frames -------------------------------------------------------------------------------------------------------
@@ -161,51 +145,39 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
 
     `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
     """
-    (x_turn, x_norm), (f_turn, f_norm) = (rotation(placed[k + 3 : k + 7]) for k in (0, 7))
-    x_place, f_place = placed[:3], placed[7:10]
-    maps = []
+    (x_place, x_turn), (f_place, f_turn) = ((placed[k : k + 3], _turn(placed[k + 3 : k + 7])) for k in (0, 7))
+    back, maps = transposed(x_turn), []
     for k, (place, turned) in enumerate(study.poses):
-        rows, norm = rotation(turned)
+        turn = _turn(turned)
         if readings:
-            more, scale = rotation([F(1), *(v / 2 for v in readings[k][3:])])
-            rows, norm = _product(more, rows), norm * scale
-            place = [p + d for p, d in zip(place, readings[k][:3], strict=True)]
+            turn = product(_turn([F(1), *(v / 2 for v in readings[k][3:])]), turn)
+            place = plus(place, readings[k][:3])
         if study.in_hand:  # H = (R, P)^-1
-            rows, moved = (
-                [list(row) for row in zip(*rows, strict=True)],
-                [f - p for f, p in zip(f_place, place, strict=True)],
-            )
-            place = (F(0),) * 3
+            turn = transposed(turn)
+            moved = applied(turn, minus(f_place, place))
         else:
-            moved = list(f_place)
-        y = [F(dot(row, moved)) / norm + o - t for row, o, t in zip(rows, place, x_place, strict=True)]
-        back = [list(row) for row in zip(*x_turn, strict=True)]
-        turn = [[F(v, x_norm * norm * f_norm) for v in row] for row in _product(back, _product(rows, f_turn))]
-        maps.append((turn, [F(dot(row, y)) / x_norm for row in back]))
+            moved = plus(applied(turn, f_place), place)
+        maps.append((product(back, product(turn, f_turn)), applied(back, minus(moved, x_place))))
     found: list[F | None] = []
     for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
-        turn, shift = maps[image]
-        x = [dot(row, p) + t for row, t in zip(turn, shift, strict=True)]
-        if x[2] <= 0:
-            found.append(None)
-        else:
-            off = (abs(study.focal[a] * x[a] / x[2] - (ray[a] - study.center[a])) for a in (0, 1))
-            found.append(max(off) - width)
+        x, y, z = plus(applied(maps[image][0], p), maps[image][1])
+        off = (
+            abs(f * a / z - (v - c)) if z else F(0)
+            for f, a, v, c in zip(study.focal, (x, y), ray, study.center, strict=True)
+        )
+        found.append(max(off) - width if z > 0 else None)
     return found
 
 
-def _product(one: Sequence[Sequence[int]], other: Sequence[Sequence[int]]) -> list[list[int]]:
-    return [[dot(row, column) for column in zip(*other, strict=True)] for row in one]
+def _turn(q: Sequence[F]) -> Sequence[Sequence[F]]:
+    rows, norm = rotation(q)
+    return [[F(v, norm) for v in row] for row in rows]
 
 
 def largest(excess: Iterable[F | None]) -> F | None:
     """The largest of them, from 0; None where some point is not in front of the camera."""
-    worst = F(0)
-    for one in excess:
-        if one is None:
-            return None
-        worst = max(worst, one)
-    return worst
+    found = list(excess)
+    return None if None in found else max([F(0), *(one for one in found if one is not None)])
 
 
 def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
@@ -220,24 +192,18 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
         low += [-up(-lo[i]) for i in shift]
         high += [up(hi[i]) for i in shift]
-        rows, norm = rotation(about[place + 3 : place + 7])
-        product = [[_inner([(lo[i], hi[i]) for i in turn[3 * a : 3 * a + 3]], row, norm) for row in rows] for a in AXES]
-        ends = ((end - (a == b) for end in product[a][b]) for a in AXES for b in AXES)
-        k2 = sum((max(v * v for v in pair) for pair in ends), F(0)) / 8
+        center = enclosed_rotation(numbers(about[place + 3 : place + 7]))
+        turns = product(matrix([between(lo[i], hi[i]) for i in turn]), transposed(center))
+        k2 = sum(((turns[a][b] - number(a == b)).size.ends[1] ** 2 for a in range(3) for b in range(3)), F(0)) / 8
         if k2 > F(1, 4):
             low += [-180.0] * 3
             high += [180.0] * 3
             continue
         factor = 1 / (1 - 4 * k2 / (1 - k2) / 6)
-        for p, q in ((2, 1), (0, 2), (1, 0)):
-            low.append(-_degrees(-(product[p][q][0] - product[q][p][1]) / 2, factor))
-            high.append(_degrees((product[p][q][1] - product[q][p][0]) / 2, factor))
+        for sine in skew(turns):
+            low.append(-_degrees(-sine.ends[0] / 2, factor))
+            high.append(_degrees(sine.ends[1] / 2, factor))
     return low, high
-
-
-def _inner(row: Sequence[Interval], numbers: Sequence[int], norm: int) -> Interval:
-    ends = [sorted((low * c, high * c)) for (low, high), c in zip(row, numbers, strict=True)]
-    return sum((e[0] for e in ends), F(0)) / norm, sum((e[1] for e in ends), F(0)) / norm
 
 
 def _degrees(sine: F, factor: F) -> float:
@@ -274,9 +240,8 @@ class HandEyeCertificates(Certificates):
             sets[self.accepted(name)[1][3][0]] = box.lo, box.hi
         if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
             raise Refused("it rests on poses of other images")
-        frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
-        rows = Rows(self.study, stage, images, eps, hand, board, sets, frames)
-        return header, rows.problem(self.budget.spend), rows.root(frames)
+        rows = Rows(self.study, stage, images, eps, hand, board, sets, Box(frames.lo[:SIZE], frames.hi[:SIZE]))
+        return header, rows.problem(self.budget.spend), rows.root
 
     def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
@@ -322,15 +287,13 @@ class _Run:
         given = content(folder / HAND_EYE_NAME)
         self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
         self.result = parsed(given, finite)
-        try:
+        with reading(HAND_EYE_NAME):
             same("format", self.result["format"], HAND_EYE_FORMAT)
             asked: Json = self.result["asked"]
             self.center, self.reach = _placed(asked["center"]), exact(asked["reach"])
             self.angle = None if asked["angle"] is None else exact(asked["angle"])
             if not 0 < self.reach < 10**6 or not (self.angle is None or 0 < self.angle <= 180):
                 raise Refused("states a box that is none")
-        except (Refused, *STRANGE) as error:
-            raise Refused(f"{HAND_EYE_NAME} {reason_of(error)}", "run", 0) from None
 
     def outliers(self) -> int:
         return int(whole(len(self.study.images))(self.result["outliers"]))
@@ -382,8 +345,8 @@ class _Run:
             raise Refused("states readings of poses that are exact")
         if self.study.uncertain and len(readings) != len(self.study.images):
             raise Refused("states readings that are not those of the study's poses")
-        for reading, widths in zip(readings, self.study.widths, strict=False):
-            if any(abs(v) > width for v, width in zip(reading, widths, strict=True)):
+        for one, widths in zip(readings, self.study.widths, strict=False):
+            if any(abs(v) > width for v, width in zip(one, widths, strict=True)):
                 raise Refused("states a reading of a pose that is beyond its half-width")
         return errors(self.study, placed, readings)
 
@@ -421,8 +384,8 @@ class _Run:
             raise Refused("rests on a certificate that claims no box of frames")
         lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
         found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(self.result["point"]))]
-        for name, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
-            same(name, [exact(v) for v in array(side)], [F(v) for v in values])
+        for name, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
+            same(name, [exact(v) for v in array(side)], [F(v) for v in proved])
         return f"ranges: PROVED for all frames that explain {what}"
 
     def lower_end(self) -> str:

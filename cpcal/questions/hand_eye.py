@@ -14,7 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from cpcal.checker import Refused, Unusable
-from cpcal.checker.frames import R_F, R_X, T_F, T_X, Interval, holds
+from cpcal.checker.bounds import Bounds, between, matrix
+from cpcal.checker.frames import R_F, R_X, T_F, T_X, holds
 from cpcal.checker.hand_eye import (
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
@@ -24,6 +25,7 @@ from cpcal.checker.hand_eye import (
     largest,
     parameter_ranges,
 )
+from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most
@@ -634,23 +636,14 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, tuple[Floats
     for leg in run.legs:
         assert leg.ranges is not None
         box = _intervals(leg.ranges.box.lo.tolist(), leg.ranges.box.hi.tolist())
-        ends = [*_moved(unknowns, R_X, T_X, box[:3]), *_moved(unknowns, R_F, T_F, box[3:6])]
-        low, high = zip(*((rounded(low, True), rounded(high, False)) for low, high in ends), strict=True)
+        joints = []
+        for turn, shift, at in ((R_X, T_X, box[:3]), (R_F, T_F, box[3:6])):  # R x + t
+            moved = applied(matrix([unknowns[i] for i in turn]), at)
+            joints += plus(moved, [unknowns[i] for i in shift])
+        low, high = zip(*((rounded(one.ends[0], True), rounded(one.ends[1], False)) for one in joints), strict=True)
         found[leg.leg] = np.array(low), np.array(high)
     return found
 
 
-def _intervals(lo: Iterable[float], hi: Iterable[float]) -> list[Interval]:
-    return [(F(a), F(b)) for a, b in zip(lo, hi, strict=True)]
-
-
-def _moved(unknowns: list[Interval], turn: Sequence[int], shift: Sequence[int], at: list[Interval]) -> list[Interval]:
-    """R x + t over boxes of R, t and x."""
-    found = []
-    for a in range(3):
-        low, high = unknowns[shift[a]]
-        for b in range(3):
-            products = [p * q for p in unknowns[turn[3 * a + b]] for q in at[b]]
-            low, high = low + min(products), high + max(products)
-        found.append((low, high))
-    return found
+def _intervals(lo: Iterable[float], hi: Iterable[float]) -> list[Bounds]:
+    return [between(F(a), F(b)) for a, b in zip(lo, hi, strict=True)]

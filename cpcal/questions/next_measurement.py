@@ -133,11 +133,10 @@ def next_poses(
     low, high = campaign.length.min(axis=0), campaign.length.max(axis=0)
     drawn = np.random.default_rng(seed).uniform(low, high, (_CANDIDATES, robot.legs))
     try:
-        found = forward_poses(robot, drawn, central_pose(robot, 0.5 * (low + high)))
+        found, converged = forward_poses(robot, drawn, central_pose(robot, 0.5 * (low + high)))
     except KinematicsError:
         return ()
-    rows = np.flatnonzero(found.converged)
-    candidates = Pose(found.pose.position[rows], found.pose.quaternion[rows])
+    candidates = found.rows(converged)
     polytopes = [Polytope.about(campaign, one) for one in sets]
     slacks = np.array([np.median(one.slack) for one in polytopes])
     forms = leg_changes(robot, candidates)

@@ -32,7 +32,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def frames(case):
-    return certify_hand_eye(case[1], within=Within(500.0, 20.0), tolerance=0.1)
+    return certify_hand_eye(case[1], within=Within(50.0, 2.0), tolerance=0.1)
 
 
 def test_the_frames_of_the_simulation_lie_in_the_ranges(case, frames):
