@@ -14,8 +14,8 @@ from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.common.files import write_file
 from cpcal.questions import ask
-from cpcal.questions import outliers as robust
-from cpcal.questions.outliers import all_or_none
+from cpcal.questions import leg as robust
+from cpcal.questions.leg import all_or_none
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
