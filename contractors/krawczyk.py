@@ -9,9 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Arithmetic, Bools, Box, Floats, Indices, IntervalArray, get_arithmetic
 from cpcal.solver.linear import LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 

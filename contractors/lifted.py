@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Arithmetic, Box, Floats, Indices, IntervalArray, get_arithmetic
 from cpcal.solver.linear import LinearSolution, LinearStatus, Programs, lower_bound
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted

@@ -18,9 +18,8 @@ import numpy as np
 
 from contractors.lifted import LiftedPrograms, Structures
 from contractors.relaxation import Relaxation
-from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval import Box, Floats, Indices, get_arithmetic
 from cpcal.solver.linear import LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, PolynomialSystem
 

@@ -12,7 +12,6 @@ import time
 import numpy as np
 
 from contractors.hc4 import HC4
-from cpcal.common.values import Floats, Ints
 from cpcal.solver.contract import (
     Composable,
     Contraction,
@@ -23,7 +22,7 @@ from cpcal.solver.contract import (
     shrunk,
     takes_batches,
 )
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box, Floats, IntervalArray, Ints
 from cpcal.solver.network import ConstraintNetwork
 
 # ------------------------------------------------------------------------------------------------------------------

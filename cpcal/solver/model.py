@@ -50,8 +50,7 @@ from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
 from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import check_powers, with_products
-from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
     STRATEGIES,

@@ -15,7 +15,7 @@ from contractors.krawczyk import PolyhedralPrograms
 from cpcal.solver.contract import Polyhedron
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound
-from tests.solver.exact_programs import Highs
+from tests.solver.test_exact_programs import Highs
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

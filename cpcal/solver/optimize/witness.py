@@ -41,7 +41,6 @@ from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 _SINGULAR = 1e-11  # of the largest pivot
 _WIDEST = 1e6  # of the distance to the ends of a domain, in units of the point
-_CORRECTIONS = 3
 _NEAR = 1e-9  # relative to the point: a component so near to an end of its domain is put there
 
 
@@ -81,7 +80,6 @@ class Equations:
         unknowns = self._unknowns(point, rows, free)
         if unknowns is None:
             return None
-        point = self._corrected(point, rows, unknowns)
         found = self._prover(rows).among(point, unknowns).prove(Box(self._domain.names, point, point))
         return None if found is None else found.box
 
@@ -126,20 +124,6 @@ class Equations:
         if not pivots[-1] > _SINGULAR * pivots[0]:
             return None
         return np.sort(order[: len(rows)])
-
-    def _corrected(self, point: Floats, rows: Indices, unknowns: Indices) -> Floats:
-        """Newton's method in the unknowns alone, as long as it stays in the domain."""
-        for _ in range(_CORRECTIONS):
-            value, jacobian = self.estimate(point)
-            new = point.copy()
-            try:
-                new[unknowns] -= np.linalg.solve(jacobian[np.ix_(rows, unknowns)], value[rows])
-            except np.linalg.LinAlgError:
-                break
-            if not np.isfinite(new).all() or (new < self._domain.lo).any() or (new > self._domain.hi).any():
-                break
-            point = new
-        return point
 
 
 _TRIES = 60

@@ -1,11 +1,15 @@
 """Branch and prune as an iterator, the strategies that it splits boxes by, and what it finds."""
 
 from cpcal.solver.search.passes import (
+    STRATEGIES,
     Contracting,
     Divide,
-    Pass,
+    LargestFirst,
     Proof,
+    RoundRobin,
+    Smear,
     StepProver,
+    bisect,
     divided,
     light,
 )
@@ -13,27 +17,21 @@ from cpcal.solver.search.paving import Paving, Solution, WholeNumbers, conclusio
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.search import (
     ORDERS,
-    BestFirst,
     Decision,
     Event,
     EventKind,
     Node,
     Piece,
-    Priority,
-    Process,
     Search,
     breadth_first,
     clusters,
-    depth_first,
     difference,
     volume,
 )
-from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
 __all__ = [
     "ORDERS",
     "STRATEGIES",
-    "BestFirst",
     "Contender",
     "Contracting",
     "Decision",
@@ -42,11 +40,8 @@ __all__ = [
     "EventKind",
     "LargestFirst",
     "Node",
-    "Pass",
     "Paving",
     "Piece",
-    "Priority",
-    "Process",
     "Proof",
     "Race",
     "RoundRobin",
@@ -59,7 +54,6 @@ __all__ = [
     "breadth_first",
     "clusters",
     "conclusion",
-    "depth_first",
     "difference",
     "divided",
     "light",
