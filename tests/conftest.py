@@ -64,7 +64,6 @@ LONG = [
     "cli/test_tampering.py",
     "cli/test_process.py",
     "models/test_pose_set.py",
-    "models/test_pose_set_robust.py",
     "solver/test_minimum_checkpoint.py",
 ]
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
