@@ -44,7 +44,7 @@ LONG = [
     "benchmarks/test_runs.py",
     "test_commands.py",
     "models/test_robot_study.py",
-    "models/test_uncertain_poses.py",
+    "models/test_hand_eye_fit.py",
     "solver/network/test_forms.py",
     "checker/forged/test_fuzz.py",
     "checker/valid/test_rule.py",

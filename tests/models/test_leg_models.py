@@ -36,6 +36,7 @@ from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, sqr
 from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
+from tests.checker.proofs import applied, rotation_of
 
 NAMES = ("plain", "gain", "linear", "lateral")
 
@@ -169,15 +170,10 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     at = tuple(F(float(v)) for v in [*x, 0.3125])
     a, b, (offset, *extra), eps = at[:3], at[3:6], at[6:-1], at[-1]
     for k, item in enumerate(statement.items[:5]):
-        w, q1, q2, q3 = (F(float(v)) for v in campaign.quaternion[k])
+        w, *q = quaternion = [F(float(v)) for v in campaign.quaternion[k]]
         position, length = [F(float(v)) for v in campaign.position[k]], F(float(campaign.length[k, leg - 1]))
-        size = w * w + q1 * q1 + q2 * q2 + q3 * q3
-        rows = (
-            (w * w + q1 * q1 - q2 * q2 - q3 * q3, 2 * (q1 * q2 - w * q3), 2 * (q1 * q3 + w * q2)),
-            (2 * (q1 * q2 + w * q3), w * w - q1 * q1 + q2 * q2 - q3 * q3, 2 * (q2 * q3 - w * q1)),
-            (2 * (q1 * q3 - w * q2), 2 * (q2 * q3 + w * q1), w * w - q1 * q1 - q2 * q2 + q3 * q3),
-        )
-        v = [position[i] + sum(r * u for r, u in zip(rows[i], b, strict=True)) / size - a[i] for i in range(3)]
+        size, turned = sum(c * c for c in quaternion), applied(rotation_of(quaternion), b)
+        v = [position[i] + turned[i] - a[i] for i in range(3)]
         square, reading = sum(c * c for c in v), length + offset
         if name == "lateral":
             square -= extra[0]
@@ -185,7 +181,7 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
             reading += extra[0] * length
         if name == "linear":
             reading += sum(c * p for c, p in zip(extra[1:4], position, strict=True))
-            reading += sum(t * 2 * w * r for t, r in zip(extra[4:], (q1, q2, q3), strict=True)) / size
+            reading += sum(t * 2 * w * r for t, r in zip(extra[4:], q, strict=True)) / size
         assert item.root
         assert value(item.body, at) == size**2 * square
         assert value(item.at_most, at) == size * (reading + eps)
