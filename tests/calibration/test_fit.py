@@ -240,7 +240,6 @@ def test_the_noise_of_a_campaign_is_its_half_widths_over_their_factor(campaign):
         ({"covariance": "both"}, "'noise' or 'residuals'"),
         ({"noise": Noise.from_sigmas([1] * 3, [1] * 3, [1] * 6, count=5)}, "is for"),
         ({"start": np.zeros((5, 7))}, "shape"),
-        ({"start": "here"}, "numbers"),
     ],
     ids=str,
 )
