@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
+import shutil
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +88,29 @@ def pytest_collection_finish() -> None:
     """Thousands of tests and all that they import stay to the end: the garbage collector need not look through them."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def genuine_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Path], None]:
+    """Copies a run of a kind (`benchmarks.genuine_runs`) into a folder; each is made once, for all workers."""
+    from benchmarks.genuine_runs import RUNS  # which loads everything
+
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "genuine"
+    shared.mkdir(exist_ok=True)
+
+    def copied(kind: str, folder: Path) -> None:
+        made, draft = shared / kind, shared / f"{kind}.draft"
+        with (shared / f"{kind}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not made.exists():
+                shutil.rmtree(draft, ignore_errors=True)
+                draft.mkdir()
+                RUNS[kind](draft)
+                draft.rename(made)
+        shutil.copytree(made, folder, dirs_exist_ok=True)
+
+    return copied
 
 
 def _missing(report: pytest.TestReport | pytest.CollectReport) -> tuple[str, bool]:

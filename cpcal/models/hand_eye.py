@@ -26,7 +26,7 @@ from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
-from cpcal.files.tables import Table, csv_table, json_object, read_table, small_file
+from cpcal.files.tables import Table, csv_table, json_object, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.kinematics import normalised
 from cpcal.vision.camera import Camera
@@ -267,10 +267,7 @@ def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
-    content = small_file(folder / HANDEYE_NAME, problems, _ABSENT)
-    if content is None:
-        return None, None
-    reader = TomlReader.of(content, str(folder / HANDEYE_NAME), HANDEYE_FORMAT, ("study", "provenance"), problems)
+    reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     if reader is None:
         return None, None
     reader.provenance()
@@ -343,12 +340,12 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     if study.half_width.any():
         point_columns, points = [*point_columns, "du"], [*points, study.half_width[:, None]]
     places, seen = (np.concatenate(parts, axis=1).tolist() for parts in (poses, points))
-    named = [(study.images[k], name) for k, name in zip(study.image, study.names, strict=True)]
+    named = zip(study.image, study.names, seen, strict=True)
     return {
         HANDEYE_NAME: settings,
         CAMERA_NAME: camera_bytes(study.camera),
-        POSES_NAME: csv_table(pose_columns, zip(((name,) for name in study.images), places, strict=True)),
-        POINTS_NAME: csv_table(point_columns, zip(named, seen, strict=True)),
+        POSES_NAME: csv_table(pose_columns, ([name, *row] for name, row in zip(study.images, places, strict=True))),
+        POINTS_NAME: csv_table(point_columns, ([study.images[k], name, *row] for k, name, row in named)),
     }
 
 

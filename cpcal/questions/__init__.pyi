@@ -15,7 +15,6 @@ from .result import (
     ModelNote,
     Options,
     Projection,
-    Projections,
     Ranges,
     Result,
     Support,
@@ -25,7 +24,6 @@ from .result import (
     Work,
     load_result,
     model_of,
-    result_text,
     save_result,
 )
 from .verdict import (
@@ -60,7 +58,6 @@ __all__ = [
     "Options",
     "PointResult",
     "Projection",
-    "Projections",
     "Ranges",
     "Result",
     "Support",
@@ -79,7 +76,6 @@ __all__ = [
     "load_result",
     "model_of",
     "proved_sentence",
-    "result_text",
     "save_accuracy",
     "save_result",
     "status_of",

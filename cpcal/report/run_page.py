@@ -24,7 +24,7 @@ from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
-from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
+from cpcal.questions import INFORMATION, LegResult, Ranges, Result, contractors_sentences, model_of, verdict_of
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
@@ -359,7 +359,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         decimals = _DECIMALS if unit == "mm" else _MORE
         cells: list[Words] = [name if unit == "mm" else f"{name} [{unit}]"]
         lo, hi = (math.nan, math.nan) if box is None else (float(box.lo[k]), float(box.hi[k]))
-        for text, side, end in zip(outward(lo, hi, decimals), ("lo", "hi", "width"), (lo, hi, ""), strict=True):
+        ends: tuple[float | str, ...] = lo, hi, ""
+        for text, side, end in zip(outward(lo, hi, decimals), ("lo", "hi", "width"), ends, strict=True):
             cells.append(_UNKNOWN if box is None else claim(text, f"{of}.{side}", leg, end, name))
         cells.append(_UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name))
         least = math.nan if fit is None else float(fit.x[k])
@@ -418,7 +419,7 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Section:
         "For experts: two parameters at a time, contractors, support, calls of the solver",
         said,
         contractors_sentences(leg),
-        figures=[] if leg.projections is None else [_pairs(campaign, result, leg)],
+        figures=[] if leg.ranges is None or not leg.ranges.projections else [_pairs(campaign, result, leg, leg.ranges)],
         tables=[Table(head, [trial_row(leg, trial) for trial in work.trials], ("", "", "word"))] * bool(work.trials),
         folded=True,
     )
@@ -433,14 +434,13 @@ def trial_row(leg: LegResult, trial: Trial) -> tuple[str, ...]:
     return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
 
 
-def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
+def _pairs(campaign: Campaign, result: Result, leg: LegResult, ranges: Ranges) -> Drawing:
     """Polygons that hold all solutions."""
-    assert leg.projections is not None
-    eps, box, figures = leg.projections.eps, leg.projections.box, []
+    box, figures = ranges.box, []
     point = None if leg.bracket.point is None else np.array(leg.bracket.point)
     fit = np.array(leg.bracket.center) if result.options.center == "fit" else None
     marked = campaign.robot.parameters[leg.leg - 1], fit, point
-    for pair in leg.projections.pairs:
+    for pair in ranges.projections:
         k = [PARAMETERS.index(name) for name in pair.parameters]
         widths = " by ".join(plain_gap(float(box.lo[i]), float(box.hi[i])) for i in k)
         label = f"Leg {leg.leg}: polygon that holds {' and '.join(pair.parameters)}, in a rectangle of {widths} mm"
@@ -455,7 +455,7 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
     }
     caption = (
         "Two parameters at a time: all parameters in the box that satisfy the equations to within "
-        f"eps = {eps_text(result, eps)} mm, for some readings. "
+        f"eps = {eps_text(result, ranges.eps)} mm, for some readings. "
         f"Δ counts from {'the middle of the bounds' if point is None else 'the proved point'}."
     )
     return Drawing(figures, legend, caption)

@@ -142,7 +142,7 @@ def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run,
         assert run.result.passes is True
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
 def test_no_stage_excludes_a_planted_truth(seed):
     """Random studies with uncertain poses and pixels, at the tolerance that the truth needs, and hardly more."""
     random = np.random.default_rng(seed)
