@@ -47,7 +47,7 @@ LONG = [
     "benchmarks/test_runs.py",
     "test_commands.py",
     "models/test_robot_study.py",
-    "models/test_uncertain_poses.py",
+    "models/test_hand_eye_fit.py",
     "solver/network/test_forms.py",
     "checker/forged/test_fuzz.py",
     "checker/valid/test_rule.py",
@@ -67,7 +67,6 @@ LONG = [
     "cli/test_tampering.py",
     "cli/test_process.py",
     "models/test_pose_set.py",
-    "models/test_pose_set_robust.py",
     "solver/test_minimum_checkpoint.py",
 ]
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}

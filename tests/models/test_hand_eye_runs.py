@@ -33,6 +33,7 @@ from cpcal.questions.hand_eye import (
     verify_hand_eye,
 )
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from tests.changed import put
 from tests.every_key import accepted_changes, unlisted_keys
 from tests.models.conftest import unknowns_of
 
@@ -218,17 +219,6 @@ def test_a_run_without_time_says_so_and_is_verified(exact_run, tmp_path):
 
 
 # forged numbers ----------------------------------------------------------------------------------------------------
-
-
-def put(*place, to):
-    """A change of data: what stands at a place becomes `to`, or what `to` makes of it."""
-
-    def change(data):
-        for key in place[:-1]:
-            data = data[key]
-        data[place[-1]] = to(data[place[-1]]) if callable(to) else to
-
-    return change
 
 
 def plus(amount):
