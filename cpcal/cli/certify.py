@@ -55,7 +55,6 @@ from cpcal.report.comparison_page import (
     comparison_sentences,
     comparison_table,
     passing,
-    row_of,
     write_campaigns,
     write_comparison,
 )
@@ -64,10 +63,15 @@ from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import Here, Place, Processes
-from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.executors import (
+    Here,
+    LostWorkerError,
+    Place,
+    Processes,
+    linear_algebra_on_one_thread,
+    outcomes,
+)
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 
 
 def warned(campaign: Campaign) -> Campaign:
@@ -298,7 +302,7 @@ def _certified_all(
                 fail(name, error)
                 continue
             if how["resume"] and (earlier := _earlier(runs / name, question)) is not None:
-                rows.append(row_of(name, earlier))
+                rows.append(CampaignRow(name, earlier))
             else:
                 yield CampaignTask(name, question, runs / name if near else None)
 
@@ -315,7 +319,7 @@ def _certified_all(
                 except (CpcalError, OSError) as error:
                     fail(name, error)
                 else:
-                    rows.append(row_of(name, result))
+                    rows.append(CampaignRow(name, result))
                     worst, done, of = rows[-1].worst, len(rows) + len(failed), len(folders)
                     rate = done / max(time.monotonic() - began, 1e-9)
                     bounds = {"eps_lo": worst.bracket.lo, "eps_hi": worst.bracket.hi, "leg": worst.leg}
@@ -326,8 +330,8 @@ def _certified_all(
             record("lost", message=str(error))
             warn(f"{error}; what is done is kept, and --resume goes on with the others")
         reason, missing = asked(), len(folders) - len(rows) - len(failed)
-        page = write_campaigns(rows, failed, missing, runs)
-    talk.say(*page.lines, f"Summary: {page.path}")
+        printed = write_campaigns(rows, failed, missing, runs)
+    talk.say(*printed)
     if reason is not None and (missing > 0 or any(row.result.interrupted for row in rows)):
         return Status(reason)
     if failed or missing:
