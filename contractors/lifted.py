@@ -24,7 +24,7 @@ from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
-from cpcal.solver.network.rewrite import PolynomialForms
+from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -13,9 +13,7 @@ from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, pri
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
 from cpcal.models import leg, leg_model
-from cpcal.problems.nl import sol_bytes
-from cpcal.problems.problem import Answer, answer
-from cpcal.problems.problem_files import load_problem
+from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.report.figures import paving_svg
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict

@@ -30,7 +30,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.codec import INFORMED, checked
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
 from cpcal.robot.kinematics import rotation_numerators
-from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, free, network_statement
+from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.kernels import add, at, div, mul, sub
@@ -505,14 +505,14 @@ def leg_statement(
     only: tuple[int, ...] | None = None,
     model: str = PLAIN.name,
     forms: tuple[Given, ...] = (),
-) -> LegStatement:
+) -> Statement:
     """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending), and with `forms`.
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
     stated = [polynomial(form, free) for form in forms]
     problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only, stated)
-    return LegStatement(problem, campaign_sha256(campaign), leg, only, forms)
+    return stated_leg(problem, campaign_sha256(campaign), leg, only, forms)
 
 
 def model_statement(

@@ -19,7 +19,7 @@ from cpcal.checker.frames import R_F, R_X, T_F, T_X, Interval
 from cpcal.common.errors import InputError, Problem
 from cpcal.questions import Result
 from cpcal.questions.hand_eye import HandEyeResult
-from cpcal.solver.certificate.recording import rounded
+from cpcal.solver.interval.numbers import round_down, round_up
 
 JOINTS = ("base x", "base y", "base z", "mobile x", "mobile y", "mobile z")
 
@@ -69,8 +69,8 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> tuple[LegInFrames, ...
                 eps=ranges.eps,
                 eps_lo=leg.bracket.lo,
                 eps_hi=leg.bracket.hi,
-                low=tuple(rounded(low, True) for low, _ in ends),
-                high=tuple(rounded(high, False) for _, high in ends),
+                low=tuple(round_down(low) for low, _ in ends),
+                high=tuple(round_up(high) for _, high in ends),
             )
         )
     return tuple(found)

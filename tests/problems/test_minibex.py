@@ -11,7 +11,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Wrong
 from cpcal.problems.minibex import read_minibex
-from cpcal.problems.problem import StatedProblem
+from cpcal.problems.values import StatedProblem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import evaluate

@@ -14,7 +14,7 @@ from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, image, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
-from cpcal.solver.network.rewrite import one_sided
+from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.rows import Extremes
 
 # ------------------------------------------------------------------------------------------------------------------

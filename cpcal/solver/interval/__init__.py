@@ -2,7 +2,6 @@
 
 from cpcal.solver.interval.arithmetic import Arithmetic, get_arithmetic
 from cpcal.solver.interval.box import Box
-from cpcal.solver.interval.numbers import IntervalArray
-from cpcal.solver.interval.scalar import Interval
+from cpcal.solver.interval.numbers import Interval, IntervalArray
 
 __all__ = ["Arithmetic", "Box", "Interval", "IntervalArray", "get_arithmetic"]

@@ -12,8 +12,15 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Floats, fill
-from cpcal.solver.interval.numbers import IntervalArray, Number, float_bounds, round_down, round_up
-from cpcal.solver.interval.scalar import Interval, format_bound
+from cpcal.solver.interval.numbers import (
+    Interval,
+    IntervalArray,
+    Number,
+    float_bounds,
+    format_bound,
+    round_down,
+    round_up,
+)
 
 _ONE_LINE = 3  # up to this many variables a box is printed on one line
 

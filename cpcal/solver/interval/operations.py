@@ -11,9 +11,9 @@ import math
 import re
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.elementary import PI
 from cpcal.solver.interval.functions import (
     ANGLES,
+    PI,
     acos,
     acosh,
     asin,

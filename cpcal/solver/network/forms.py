@@ -20,7 +20,7 @@ import numpy as np
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, topological
+from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
 from cpcal.solver.network.network import ConstraintNetwork, component_names
 from cpcal.solver.network.tape import ReadingSets, Tape
 
@@ -134,16 +134,13 @@ _DEGREES: dict[str, Callable[[Expr, list[float]], float]] = {
 
 def _degree(expr: Expr) -> float:
     """Degree as a polynomial in the variables alone; infinite for what is none."""
-    out: dict[bytes, float] = {}
-    for node in topological((expr,)):
-        below = [out[arg.digest] for arg in node.args]
-        if not below:
-            out[node.digest] = 1.0 if node.op == "variable" else 0.0
-        elif not any(below):
-            out[node.digest] = 0.0
-        else:
-            out[node.digest] = _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
-    return out[expr.digest]
+
+    def degree(node: Expr, below: list[float]) -> float:
+        if not any(below):
+            return float(node.op == "variable")
+        return _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
+
+    return folded(expr, degree)
 
 
 def check_powers(network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
@@ -242,7 +239,7 @@ def _without_divisions(network: ConstraintNetwork, constraint: Constraint) -> li
 
 def _product(network: ConstraintNetwork, row: Expr) -> tuple[Expr, float] | None:
     """The row times its divisors, and the sign of their product."""
-    numerator, divisors = _Ratio().of(row)
+    numerator, divisors = folded(row, _Ratio().of_node)
     if not divisors or divisors.total() > _MOST:
         return None
     sign = 1.0
@@ -261,13 +258,7 @@ class _Ratio:
     def __init__(self) -> None:
         self._same: dict[bytes, Expr] = {}  # one object for equal expressions, so that counters find them
 
-    def of(self, root: Expr) -> tuple[Expr, Divisors]:
-        done: dict[bytes, tuple[Expr, Divisors]] = {}
-        for node in topological((root,)):
-            done[node.digest] = self._node(node, [done[arg.digest] for arg in node.args])
-        return done[root.digest]
-
-    def _node(self, node: Expr, args: list[tuple[Expr, Divisors]]) -> tuple[Expr, Divisors]:
+    def of_node(self, node: Expr, args: list[tuple[Expr, Divisors]]) -> tuple[Expr, Divisors]:
         if not any(divisors for _, divisors in args) and not _divides(node):
             return node, Counter()
         if node.op == "neg":

@@ -29,6 +29,7 @@ from cpcal.solver.network.expression import (
     Shape,
     as_expr,
     enclosed,
+    folded,
     leaves,
     pair,
     topological,
@@ -326,16 +327,13 @@ def _for_all(constraint: Constraint, parameters: Mapping[bytes, Expr]) -> list[C
 
 def _replaced(root: Expr, leaves_by: Mapping[bytes, Expr]) -> Expr:
     """The expression with some of its leaves replaced."""
-    done: dict[bytes, Expr] = {}
-    for node in topological((root,)):
+
+    def replaced(node: Expr, args: list[Expr]) -> Expr:
         if node.digest in leaves_by:
-            done[node.digest] = leaves_by[node.digest]
-        elif any(done[arg.digest] is not arg for arg in node.args):
-            args = tuple(done[arg.digest] for arg in node.args)
-            done[node.digest] = Expr(node.op, args, node.shape, node.parameter, node.name, node.data, node.owner)
-        else:
-            done[node.digest] = node
-    return done[root.digest]
+            return leaves_by[node.digest]
+        return node if all(map(operator.is_, args, node.args)) else replace(node, args=tuple(args))
+
+    return folded(root, replaced)
 
 
 # ------------------------------------------------------------------------------------------------------------------

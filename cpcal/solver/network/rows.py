@@ -11,7 +11,7 @@ from cpcal.common.values import Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.rewrite import Row, one_sided_rows
+from cpcal.solver.network.polynomial import Row, one_sided_rows
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 _GOLDEN = 0.6180339887498949  # multiples of it, without their whole parts, are spread evenly
