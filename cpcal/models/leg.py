@@ -233,8 +233,6 @@ def model_problems(model: LegModel) -> list[Problem]:
 # ------------------------------------------------------------------------------------------------------------------
 # Leg models by name: those that come with cpcal, and those that other packages provide by entry point.
 
-GROUP = "cpcal.leg_models"
-
 
 def leg_model(model: str | LegModel) -> LegModel:
     """The model of that name, or the model given.
@@ -254,12 +252,13 @@ def leg_model(model: str | LegModel) -> LegModel:
 def _provided(name: str) -> LegModel:
     from cpcal.solver import plugins  # here: models that come with cpcal need none
 
-    known = plugins.found(GROUP)
+    group = plugins.LEG_GROUP
+    known = plugins.found(group)
     if name not in known:
         names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))
-        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {GROUP})"
+        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {group})"
         raise InputError([Problem("model", f"{name!r} is not known", remedy)])
-    model = plugins.load_member("leg model", name, GROUP)
+    model = plugins.load(name, group)
     if not isinstance(model, LegModel) or model.name != name:
         raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")
     return model

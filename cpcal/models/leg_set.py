@@ -239,7 +239,7 @@ def _supporting(
 ) -> tuple[Contractor, SupportFunction]:
     """The same object, for what it does and for what it offers besides."""
     for name in names:
-        contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
+        contractor: Contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
         if isinstance(contractor, SupportFunction):
             return contractor, contractor
     what = f"none of {', '.join(names)} has a support function"

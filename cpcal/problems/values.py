@@ -146,7 +146,7 @@ def times(left: Value, right: Value) -> Value:
     if left.ndim == right.ndim == 1:
         if left.shape != right.shape:
             raise ModelError(f"vectors of {len(left)} and {len(right)} entries have no product")
-        return reduce(_sum, map(_product, left, right))  # type: ignore[no-any-return]
+        return reduce(_sum, map(_product, left, right))
     rows, columns = (array[:, None] if array.ndim == 1 else array for array in (left, right))
     if rows.ndim != 2 or columns.ndim != 2 or rows.shape[1] != columns.shape[0]:
         raise ModelError(f"arrays of shapes {left.shape} and {right.shape} have no product")
@@ -196,14 +196,17 @@ def _blocks(value: Value, other: Value) -> Value:
     return value
 
 
-def _combined(operation: Callable[..., Any], *values: Value) -> Any:
+def _combined(operation: Callable[..., Any], *values: Value) -> Value:
     """Exact for fractions; an enclosure for constants; else an expression."""
+    found: Value
     if any(isinstance(value, Expr) for value in values):
-        return operation(*map(as_operand, values))
-    if all(isinstance(value, Fraction) for value in values):
-        return operation(*values)
-    found = operation(*map(interval_of, values))
-    return Data(found) if any(isinstance(value, Data) for value in values) else found
+        found = operation(*map(as_operand, values))
+    elif all(isinstance(value, Fraction) for value in values):
+        found = operation(*values)
+    else:
+        interval: Interval = operation(*map(interval_of, values))
+        found = Data(interval) if any(isinstance(value, Data) for value in values) else interval
+    return found
 
 
 _sum, _product = partial(_combined, operator.add), partial(_combined, operator.mul)
@@ -340,7 +343,7 @@ def _times(factor: Expr, partial: Any) -> Expr:
     """Without factors of 1, which would lengthen every derivative."""
     if isinstance(partial, float) and abs(partial) == 1.0:
         return factor if partial > 0.0 else -factor
-    one = factor.op == "constant" and bool(np.all(factor.data.lo == 1.0) and np.all(factor.data.hi == 1.0))  # type: ignore[union-attr]
+    one = factor.op == "constant" and bool(np.all(factor.data.lo == 1.0) and np.all(factor.data.hi == 1.0))
     return as_expr(partial) if one else factor * partial
 
 

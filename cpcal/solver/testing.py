@@ -16,8 +16,6 @@ import itertools
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -165,25 +163,11 @@ def boxes(case: Case, seed: int = 0) -> Iterator[Box]:
         yield domain.with_bounds(np.maximum(domain.lo, center - below), np.minimum(domain.hi, center + above))
 
 
-class Trial(NamedTuple):
-    """What a contractor made of a box of a case; `where` says which, for messages."""
-
-    case: Case
-    contractor: Contractor
-    box: Box
-    result: Contraction
-    where: str
-
-
-@lru_cache(maxsize=1)  # the checks of a contractor come one after another
-def _trials(factory: ContractorFactory, seed: int) -> tuple[Trial, ...]:
-    out = []
+def _trials(factory: ContractorFactory, seed: int) -> Iterator[tuple[Case, Contractor, Box, Contraction, str]]:
     for case in cases(seed):
         contractor = _made(factory, case)
         for box in boxes(case, seed):
-            where = f"on the network {case.name!r} and {box!r}"
-            out.append(Trial(case, contractor, box, contractor.contract(box), where))
-    return tuple(out)
+            yield case, contractor, box, contractor.contract(box), f"on the network {case.name!r} and {box!r}"
 
 
 def _made(factory: ContractorFactory, case: Case) -> Contractor:
@@ -192,48 +176,26 @@ def _made(factory: ContractorFactory, case: Case) -> Contractor:
 
 # the promises -----------------------------------------------------------------------------------------------
 
-Check = Callable[..., None]  # (factory) or (factory, seed)
-CONFORMANCE: dict[str, Check] = {}
 
-
-def _promise(check: Check) -> Check:
-    CONFORMANCE[check.__name__] = check
-    return check
-
-
-def _promise_of_trials(check: Callable[[Trial], None]) -> Callable[[Trial], None]:
-    """One that every trial keeps for itself."""
-
-    def kept(factory: ContractorFactory, seed: int = 0) -> None:
-        for trial in _trials(factory, seed):
-            check(trial)
-
-    CONFORMANCE[check.__name__] = kept
-    return check
-
-
-@_promise_of_trials
-def keeps_solutions(trial: Trial) -> None:
+def keeps_solutions(factory: ContractorFactory, seed: int = 0) -> None:
     """No solution is lost: neither of constraints nor of constraints that hold for SOME readings."""
-    left, polyhedron = trial.result.box, trial.result.polyhedron
-    for point in trial.case.solutions:
-        if point in trial.box:
-            assert point in left, f"the solution {point.tolist()} is lost {trial.where}: {left!r}"
-            outside = polyhedron is not None and point not in polyhedron
-            assert not outside, f"the solution {point.tolist()} lies outside of the polyhedron {trial.where}"
+    for case, _, box, result, where in _trials(factory, seed):
+        for point in case.solutions:
+            if point in box:
+                assert point in result.box, f"the solution {point.tolist()} is lost {where}: {result.box!r}"
+                outside = result.polyhedron is not None and point not in result.polyhedron
+                assert not outside, f"the solution {point.tolist()} lies outside of the polyhedron {where}"
 
 
-@_promise_of_trials
-def never_widens(trial: Trial) -> None:
+def never_widens(factory: ContractorFactory, seed: int = 0) -> None:
     """The result is a subset of the box, with the same names (and so has a polyhedron, if any)."""
-    box, left, polyhedron = trial.box, trial.result.box, trial.result.polyhedron
-    assert left.names == box.names, f"the names changed to {left.names} {trial.where}"
-    same = polyhedron is None or polyhedron.names == box.names
-    assert same, f"the polyhedron has other names {trial.where}"
-    assert left.subset(box), f"the result is no subset {trial.where}: {left!r}"
+    for _, _, box, result, where in _trials(factory, seed):
+        assert result.box.names == box.names, f"the names changed to {result.box.names} {where}"
+        others = result.polyhedron is not None and result.polyhedron.names != box.names
+        assert not others, f"the polyhedron has other names {where}"
+        assert result.box.subset(box), f"the result is no subset {where}: {result.box!r}"
 
 
-@_promise
 def keeps_empty(factory: ContractorFactory, seed: int = 0) -> None:
     """The empty box stays empty, without an error."""
     for case in cases(seed):
@@ -241,7 +203,6 @@ def keeps_empty(factory: ContractorFactory, seed: int = 0) -> None:
         assert result.box.is_empty, f"the empty box became {result.box!r} on the network {case.name!r}"
 
 
-@_promise
 def is_monotone(factory: ContractorFactory, seed: int = 0) -> None:
     """From A in B follows contract(A) in contract(B), up to rounding.
 
@@ -268,67 +229,63 @@ def is_monotone(factory: ContractorFactory, seed: int = 0) -> None:
         assert good.all(), f"not monotone: {small!r} gives {inner!r}, the whole {outer.box!r}, {where}"
 
 
-@_promise_of_trials
-def is_idempotent_if_promised(trial: Trial) -> None:
+def is_idempotent_if_promised(factory: ContractorFactory, seed: int = 0) -> None:
     """`idempotent`, where declared, is a bool, and where it is True a second call changes nothing."""
-    declared, left = getattr(trial.contractor, "idempotent", False), trial.result.box
-    assert isinstance(declared, bool), "a contractor states `idempotent`, True or False"
-    again = trial.contractor.contract(left).box if declared else left
-    assert again == left, f"not idempotent, though promised: {left!r}, then {again!r}, {trial.where}"
+    for _, contractor, _, result, where in _trials(factory, seed):
+        declared = getattr(contractor, "idempotent", False)
+        assert isinstance(declared, bool), "a contractor states `idempotent`, True or False"
+        if declared:
+            again = contractor.contract(result.box).box
+            assert again == result.box, f"not idempotent, though promised: {result.box!r}, then {again!r}, {where}"
 
 
-@_promise
 def is_deterministic(factory: ContractorFactory, seed: int = 0) -> None:
     """The same box gives the same bytes: on the same object again, and on a new one, whatever either saw before."""
-    for _, group in itertools.groupby(_trials(factory, seed), key=lambda trial: trial.case.name):
+    for _, group in itertools.groupby(_trials(factory, seed), key=lambda trial: trial[0].name):
         trials = list(group)
-        other = _made(factory, trials[0].case)
-        for trial in reversed(trials):
-            for contractor in (trial.contractor, other):
-                _same(trial, contractor, "a second call differs")
+        other = _made(factory, trials[0][0])
+        for _, contractor, box, result, where in reversed(trials):
+            for again in (contractor.contract(box), other.contract(box)):
+                _same(result, again, f"a second call differs {where}")
 
 
-@_promise
 def pickles(factory: ContractorFactory, seed: int = 0) -> None:
     """A contractor goes through pickle, and what comes out gives the same results."""
     copies: dict[str, Contractor] = {}
-    for trial in _trials(factory, seed):
-        if trial.case.name not in copies:
+    for case, contractor, box, result, where in _trials(factory, seed):
+        if case.name not in copies:
             try:
-                copies[trial.case.name] = pickle.loads(pickle.dumps(trial.contractor))
+                copies[case.name] = pickle.loads(pickle.dumps(contractor))
             except Exception as error:
                 raise AssertionError(f"the contractor does not pickle: {error!r}") from error
-        _same(trial, copies[trial.case.name], "the pickled copy differs")
+        _same(result, copies[case.name].contract(box), f"the pickled copy differs {where}")
 
 
-@_promise
 def leaves_input_alone(factory: ContractorFactory, seed: int = 0) -> None:
     """The box and the network are the same after the call as before."""
     untouched = {case.name: (case.network.digest, list(boxes(case, seed))) for case in cases(seed)}
-    for trial in _trials(factory, seed):
-        digest, left = untouched[trial.case.name]
-        assert trial.box == left.pop(0), f"the box given was changed to {trial.box!r}"
-        assert trial.case.network.digest == digest, f"the network {trial.case.name!r} was changed"
+    for case, _, box, _, _ in _trials(factory, seed):
+        digest, left = untouched[case.name]
+        assert box == left.pop(0), f"the box given was changed to {box!r}"
+        assert case.network.digest == digest, f"the network {case.name!r} was changed"
 
 
-@_promise_of_trials
-def steps_agree(trial: Trial) -> None:
+def steps_agree(factory: ContractorFactory, seed: int = 0) -> None:
     """Steps name variables and sides of the box, and no step moves a bound further than the result has it."""
-    result, where = trial.result, trial.where
-    assert result.programs >= 0, f"{result.programs} linear programs {where}"
-    for step in result.steps:
-        if step.variable is None:
-            assert result.box.is_empty, f"a step claims that the box is empty, but it is not {where}"
-            continue
-        assert step.variable in trial.box.names, f"a step names {step.variable!r}, which does not exist {where}"
-        assert step.side in ("lo", "hi"), f"a step has the side {step.side!r} {where}"
-        if not result.box.is_empty:
-            left = result.box[step.variable]
-            agrees = step.bound <= left.lo if step.side == "lo" else step.bound >= left.hi
-            assert agrees, f"{step} says more than the result {left} {where}"
+    for _, _, box, result, where in _trials(factory, seed):
+        assert result.programs >= 0, f"{result.programs} linear programs {where}"
+        for step in result.steps:
+            if step.variable is None:
+                assert result.box.is_empty, f"a step claims that the box is empty, but it is not {where}"
+                continue
+            assert step.variable in box.names, f"a step names {step.variable!r}, which does not exist {where}"
+            assert step.side in ("lo", "hi"), f"a step has the side {step.side!r} {where}"
+            if not result.box.is_empty:
+                left = result.box[step.variable]
+                agrees = step.bound <= left.lo if step.side == "lo" else step.bound >= left.hi
+                assert agrees, f"{step} says more than the result {left} {where}"
 
 
-@_promise
 def declares_truly(factory: ContractorFactory, seed: int = 0) -> None:
     """Declarations are of their types; one that gives weights gives them for some step, and they are multipliers."""
     weights = set[bool]()
@@ -345,31 +302,37 @@ def declares_truly(factory: ContractorFactory, seed: int = 0) -> None:
     assert not weights or True in weights, "a contractor that declares `gives_weights` gives none"
 
 
-@_promise
 def composes(factory: ContractorFactory, seed: int = 0) -> None:
     """Twice, repeated and joined with itself by the core's algebra it still loses no solution."""
     for case in cases(seed):
         made = _made(factory, case)
         for both in (Then(made, made), Union(made, made), Repeat(made, most=3)):
             for box in itertools.islice(boxes(case, seed), 3):
+                left = both.contract(box).box
                 where = f"by {type(both).__name__} on the network {case.name!r} and {box!r}"
-                trial = Trial(case, both, box, both.contract(box), where)
-                never_widens(trial)
-                keeps_solutions(trial)
+                assert left.subset(box), f"the result is no subset {where}: {left!r}"
+                lost = [point.tolist() for point in case.solutions if point in box and point not in left]
+                assert not lost, f"the solution {lost[0]} is lost {where}"
 
 
-def _same(trial: Trial, contractor: Contractor, message: str) -> None:
-    """Of steps the repr is compared, because NaN, the bound of one that empties the box, equals nothing."""
-    one, two = trial.result, contractor.contract(trial.box)
+def _same(one: Contraction, two: Contraction, message: str) -> None:
+    assert _content(one) == _content(two), f"{message}: {one} and {two}"
 
-    def content(c: Contraction) -> tuple[object, ...]:
-        rows = () if c.polyhedron is None else (c.polyhedron.matrix.tobytes(), c.polyhedron.rhs.tobytes())
-        return c.box, repr(c.steps), None if c.point is None else c.point.tobytes(), c.programs, rows
 
-    assert content(one) == content(two), f"{message} {trial.where}: {one} and {two}"
+def _content(c: Contraction) -> tuple[object, ...]:
+    """What is compared; of steps the repr, because NaN, the bound of one that empties the box, equals nothing."""
+    rows = () if c.polyhedron is None else (c.polyhedron.matrix.tobytes(), c.polyhedron.rhs.tobytes())
+    return c.box, repr(c.steps), None if c.point is None else c.point.tobytes(), c.programs, rows
+
+
+Check = Callable[..., None]  # (factory) or (factory, seed)
+
+_CHECKS: list[Check] = [keeps_solutions, never_widens, keeps_empty, is_monotone, is_idempotent_if_promised]
+_CHECKS += [is_deterministic, pickles, leaves_input_alone, steps_agree, declares_truly, composes]
+CONFORMANCE: dict[str, Check] = {check.__name__: check for check in _CHECKS}
 
 
 def check_contractor(factory: ContractorFactory, *, seed: int = 0) -> None:
     """All checks; AssertionError for the first promise that the contractor does not keep."""
-    for check in CONFORMANCE.values():
+    for check in _CHECKS:
         check(factory, seed)

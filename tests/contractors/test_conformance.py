@@ -7,7 +7,7 @@ import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from contractors import (
     Newton,
     Shaving,
 )
-from cpcal.solver import plugins
+from cpcal.solver import plugins, testing
 from cpcal.solver.contract import (
     Contraction,
     Contractor,
@@ -35,7 +35,9 @@ from cpcal.solver.contract import (
 from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.testing import CONFORMANCE, boxes, cases, check_contractor
+from cpcal.solver.testing import CONFORMANCE, Case, boxes, cases, check_contractor
+
+Trial = tuple[Case, Contractor, Box, Contraction, str]
 
 
 def then(network: ConstraintNetwork, **options: Any) -> Contractor:
@@ -74,12 +76,27 @@ OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_t
 FACTORIES = {name: plugins.load(name) for name in OURS[plugins.GROUP]} | ALGEBRA
 
 
+TRIALS = testing._trials
+
+
+@lru_cache(maxsize=1)  # the checks of a contractor come one after another
+def tried(factory: ContractorFactory, seed: int) -> tuple[Trial, ...]:
+    return tuple(TRIALS(factory, seed))
+
+
+@pytest.fixture
+def tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(testing, "_trials", tried)
+
+
+@pytest.mark.usefixtures("tried_once")
 @pytest.mark.parametrize("check", CONFORMANCE)
 @pytest.mark.parametrize("name", FACTORIES)
 def test_conformance(name: str, check: str) -> None:
     CONFORMANCE[check](FACTORIES[name])
 
 
+@pytest.mark.usefixtures("tried_once")
 @pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "steps_agree"])
 @pytest.mark.parametrize("name", VARIANTS)
 def test_conformance_of_variants(name: str, check: str) -> None:

@@ -24,7 +24,7 @@ from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
 from cpcal.solver.network.expression import Expr, as_expr, folded, positions, sqr
 from cpcal.solver.network.network import ConstraintNetwork
@@ -226,12 +226,12 @@ def _root(body: Expr) -> tuple[Expr, Expr | None, Expr]:
 
 def _somewhere(bound: Expr, sign: float) -> bool:
     """Whether the bound says something of some element."""
-    return not (isinstance(bound.data, IntervalArray) and bool(np.all(bound.data.lo == sign * np.inf)))
+    return bound.op != "constant" or not bool(np.all(bound.data.lo == sign * np.inf))
 
 
 def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
-    if bound.op == "constant" and isinstance(bound.data, IntervalArray) and np.isinf(bound.data.lo).any():
+    if np.isinf(bound.data.lo).any():
         if not bool(np.all(bound.data.lo == bound.data.hi)):
             raise NotStated("a bound is known to an interval only")
         return np.asarray(_numbers(np.broadcast_to(bound.data.lo, shape)), dtype=object)
@@ -307,12 +307,12 @@ class ExactPolynomials:
         return folded(root, self._node, self._known)
 
     def _node(self, node: Expr, args: list[Objects]) -> Objects:
-        if node.op == "constant" and isinstance(node.data, IntervalArray):
+        if node.op == "constant":
             if not bool(np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi))):
                 raise NotStated("a constant is known to an interval only")
             found = _numbers(node.data.lo)
-        elif node.op == "index" and isinstance(node.data, np.ndarray):
-            found = args[0].ravel()[node.data]
+        elif node.op == "index":
+            found = args[0].ravel()[node.places]
         elif node.op == "sum":
             found = args[0].sum(axis=node.parameter)
         elif node.op == "sqr":

@@ -470,23 +470,23 @@ def contracted(
     loss     share of what is left of a width, given away for shorter numbers
     """
     found = Contracted(None)
-    open_, left, fresh = [(0, root)], list[ExactBox](), 1
-    while open_:
-        name, box = open_.pop()
-        descent = _Descent(system, name, box, narrow, gain, loss, end, found, tell)
-        box_left = descent.result
-        if box_left is None:
+    descent = _Descent(system, narrow, gain, loss, end, tell, found)
+    waiting, left, fresh = [(0, root)], list[ExactBox](), 1
+    while waiting:
+        name, whole = waiting.pop()
+        box = descent.over(name, whole)
+        if box is None:
             continue
         if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
             if system.derived and found.steps:
-                descent.bound(system.derived)
-            if descent.result is not None:
-                left.append(descent.result)
+                box, _ = descent.once_over(name, box, system.lifted, system.derived)
+            left += [] if box is None else [box]
             continue
-        i = max(splits, key=lambda k: box_left.hi[k] - box_left.lo[k])
-        cut = F(round_down((box_left.lo[i] + box_left.hi[i]) / 2))
+        widths = {k: box.hi[k] - box.lo[k] for k in splits}
+        i = max(splits, key=widths.__getitem__)
+        cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
         found.steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
-        open_ += [(fresh, box_left.replaced(i, hi=cut)), (fresh + 1, box_left.replaced(i, lo=cut))]
+        waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
         fresh += 2
     if left:
         lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
@@ -494,49 +494,47 @@ def contracted(
     return found
 
 
+@dataclass
 class _Descent:
-    """Passes over one box."""
+    """Passes over boxes, with the options of `contracted`."""
 
-    def __init__(
-        self, system: System, name: int, box: ExactBox, narrow: Callable[[Floats], bool], gain: float, loss: float,
-        end: float, found: Contracted, tell: Callable[[ExactBox | None], None],
-    ) -> None:  # fmt: skip
-        self.system, self.name, self.found, self.narrow, self.loss = system, name, found, narrow, loss
-        self.result: ExactBox | None = box
+    system: System
+    narrow: Callable[[Floats], bool]
+    gain: float
+    loss: float
+    end: float
+    tell: Callable[[ExactBox | None], None]
+    found: Contracted
+
+    def over(self, name: int, box: ExactBox) -> ExactBox | None:
+        """What passes leave of a box, until one gains too little."""
         for _ in range(_PASSES):
-            before = self.result
-            if before is None:
+            if time.monotonic() > self.end:
+                self.found.ended = "time"
                 break
-            if time.monotonic() > end:
-                found.ended = "time"
-                break
-            self._best_pass(before)
-            tell(self.result)
-            if self.result is None:
-                break
-            if np.exp(np.log(_shares(before, self.result, system.asked) + 1e-9).mean()) > 1.0 - gain:
-                break
+            left = self._best(name, box)
+            self.tell(left)
+            if left is None or np.exp(np.log(_shares(box, left, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain:
+                return left
+            box = left
+        return box
 
-    def _best_pass(self, box: ExactBox) -> None:
+    def _best(self, name: int, box: ExactBox) -> ExactBox | None:
         """Without columns of products where that is worth a try, and with them where it gained too little."""
+        system = self.system
         if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
-            given_away = self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
-            if self.result is None or given_away < _NEGLIGIBLE:
-                return
-            if np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
-                return
-        assert self.result is not None
-        self._pass(self.result, self.system.lifted, self.system.asked)
+            left, given_away = self.once_over(name, box, np.zeros_like(system.lifted), system.asked)
+            if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
+                return left
+            box = left
+        return self.once_over(name, box, system.lifted, system.asked)[0]
 
-    def bound(self, unknowns: Sequence[int]) -> None:
-        """These, on what is left."""
-        assert self.result is not None
-        self._pass(self.result, self.system.lifted, unknowns)
-
-    def _pass(self, box: ExactBox, columns: Bools, asked: Sequence[int]) -> float:
+    def once_over(
+        self, name: int, box: ExactBox, columns: Bools, asked: Sequence[int]
+    ) -> tuple[ExactBox | None, float]:
         """Two programs for each unknown that is asked for; what is proved of them is a step.
 
-        What the programs gave away of products, at most, in half-widths.
+        And what the programs gave away of products, at most, in half-widths.
         """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
@@ -594,12 +592,11 @@ class _Descent:
                 width = -ends[i, 1.0] - ends[i, -1.0]
                 prover.bound(i, side, one, self.loss * max(width, 1e-9) * float(every.radius[i]))
         self.found.programs += sum(one.count for one in known.values())
-        step = prover.step(self.name)
+        step = prover.step(name)
         if step is not None:
             self.found.steps.append(step)
             self.found.last = tuple((side, k) for side, k, *_ in step["rows"])
-            self.result = prover.left
-        return every.given_away
+        return prover.left, every.given_away
 
 
 class _Prover:

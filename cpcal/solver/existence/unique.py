@@ -72,7 +72,6 @@ class ReadingConstraint:
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
     """Values moved surely into a reading's set: its bounds are stored rounded outward by up to two floats."""
     data = reading.data
-    assert isinstance(data, IntervalArray)
     lo = np.minimum(np.nextafter(np.nextafter(data.lo, np.inf), np.inf), data.mid)
     hi = np.maximum(np.nextafter(np.nextafter(data.hi, -np.inf), -np.inf), data.mid)
     return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Floats, fill
+from cpcal.common.values import Bools, Floats, fill
 from cpcal.solver.interval.numbers import (
     Interval,
     IntervalArray,
@@ -271,7 +271,7 @@ def checked_name(name: object) -> str:
     return name
 
 
-def _has_points(lo: Floats, hi: Floats) -> npt.NDArray[np.bool_]:
+def _has_points(lo: Floats, hi: Floats) -> Bools:
     """Which components contain a real number."""
     return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
 

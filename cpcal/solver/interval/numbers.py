@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.common.values import Floats, fill
+from cpcal.common.values import Bools, Floats, fill
 from cpcal.solver.compiled import rebound
 from cpcal.solver.interval import kernels
 
@@ -164,7 +164,7 @@ class IntervalArray:
         return self.lo.ndim
 
     @property
-    def empty(self) -> npt.NDArray[np.bool_]:
+    def empty(self) -> Bools:
         """Which elements are the empty interval."""
         return np.isnan(self.lo)
 
@@ -220,7 +220,7 @@ class IntervalArray:
         """Elementwise convex hull of the union; the empty interval is neutral."""
         return IntervalArray(np.fmin(self.lo, other.lo), np.fmax(self.hi, other.hi))
 
-    def subset(self, other: IntervalArray) -> npt.NDArray[np.bool_]:
+    def subset(self, other: IntervalArray) -> Bools:
         """Which elements lie inside those of `other`; the empty interval lies inside all."""
         return np.asarray(self.empty | ((self.lo >= other.lo) & (self.hi <= other.hi)))
 

@@ -477,12 +477,6 @@ def elementwise(code: int, n: int, a: Arrays, b: Arrays, out: Arrays) -> None:
 
 
 @compiled
-def factors(z: Arrays, y: Arrays, x: Arrays, out: Arrays) -> None:
-    for k in range(out[0].size):
-        out[0][k], out[1][k] = factor(at(z, k), at(y, k), at(x, k))
-
-
-@compiled
 def totals(x: Arrays, out: Arrays) -> None:
     """Sums of the rows (m, n)."""
     for k in range(out[0].size):

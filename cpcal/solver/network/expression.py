@@ -13,20 +13,19 @@ import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
-from typing import Any, NoReturn, TypeAlias, TypeVar, Union
+from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import fill
+from cpcal.common.values import Indices, fill
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.numbers import float_bounds, format_bound
 
 # ------------------------------------------------------------------------------------------------------------------
 # What leaves of expressions hold: numbers from users, enclosed, copied and frozen where they come in.
 
-Data: TypeAlias = IntervalArray | npt.NDArray[np.intp]
 T = TypeVar("T")
 
 
@@ -48,21 +47,11 @@ def pair(value: Any, where: str) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
-def own(data: Data | None) -> Data | None:
+def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """A read-only copy, so that nothing that the caller does to an array changes what was proved about it."""
-    if isinstance(data, IntervalArray):
-        lo = np.array(data.lo, order="C")
-        data = IntervalArray(lo, lo if data.hi is data.lo else np.array(data.hi, order="C"))
-    elif data is not None:
-        data = np.array(data, dtype=np.intp, order="C")
-    freeze(data)
-    return data
-
-
-def freeze(data: Data | None) -> None:
-    if data is not None:
-        for array in (data.lo, data.hi) if isinstance(data, IntervalArray) else (data,):
-            array.flags.writeable = False
+    array = np.array(array, order="C")
+    array.flags.writeable = False
+    return array
 
 
 def positions(shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
@@ -120,13 +109,17 @@ def _both_ways(op: str) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr
     return lambda x, y: binary(op, x, y), lambda y, x: binary(op, x, y)
 
 
+_NO_PLACES = _frozen(np.zeros(0, np.intp))
+_NO_DATA = IntervalArray(_frozen(np.zeros(0)), _frozen(np.zeros(0)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Expr:
     """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
 
-    `data` holds a leaf's value (for a reading: the set it is known to lie in) or the flat indices of
-    an "index", in read-only arrays of its own; `parameter` a "power"'s exponent, a "sum"'s axis, a "mul"'s SELECTS;
-    `name` a variable's name and `owner` that of its network, for messages.
+    `data` holds the value of a constant, or the set that a reading is known to lie in, and `places` the flat indices of
+    an "index", in read-only arrays of its own, empty for others; `parameter` a "power"'s exponent, a "sum"'s axis, a
+    "mul"'s SELECTS; `name` a variable's name and `owner` that of its network, for messages.
     """
 
     op: str
@@ -134,7 +127,8 @@ class Expr:
     shape: Shape = ()
     parameter: int = 0
     name: str = ""
-    data: IntervalArray | npt.NDArray[np.intp] | None = None
+    data: IntervalArray = _NO_DATA
+    places: Indices = field(default_factory=lambda: _NO_PLACES)
     owner: str = ""
     # SHA-256 of the structure: expressions of equal digests have equal values. Two variables, two readings or two
     # enclosures may be different numbers of the same set: each has a random identity, which pickles with it and
@@ -149,15 +143,16 @@ class Expr:
         if 0 in self.shape:
             raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
         depth = 1 + max((arg.depth for arg in self.args), default=0)
-        fill(self, data=own(self.data), depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        fill(self, depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        if self.data is not _NO_DATA:
+            lo = _frozen(self.data.lo)
+            fill(self, data=IntervalArray(lo, lo if self.data.hi is self.data.lo else _frozen(self.data.hi)))
+        if self.places.size:
+            fill(self, places=_frozen(self.places))
         hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
-        if isinstance(self.data, IntervalArray):
-            hasher.update(self.data.lo.tobytes())
-            hasher.update(self.data.hi.tobytes())
-        elif self.data is not None:
-            hasher.update(self.data.tobytes())
-        thick = isinstance(self.data, IntervalArray) and bool(np.any(self.data.lo != self.data.hi))
-        if self.op in ("variable", "reading") or (self.op == "constant" and thick):
+        for array in (self.data.lo, self.data.hi, self.places):
+            hasher.update(array.tobytes())
+        if self.op in ("variable", "reading") or (self.op == "constant" and np.any(self.data.lo != self.data.hi)):
             hasher.update(os.urandom(16))
         for arg in self.args:
             hasher.update(arg.digest)
@@ -177,7 +172,8 @@ class Expr:
 
     def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
         self.__dict__.update(state[1])
-        freeze(self.data)  # numpy unpickles every array writable
+        for array in (self.data.lo, self.data.hi, self.places):  # numpy unpickles every array writable
+            array.flags.writeable = False
 
     @property
     def ndim(self) -> int:
@@ -237,7 +233,7 @@ class Expr:
 
     def _gathered(self, positions: Any) -> Expr:
         flat = np.asarray(positions, dtype=np.intp)
-        return Expr("index", (self,), flat.shape, data=flat)
+        return Expr("index", (self,), flat.shape, places=flat)
 
     def __len__(self) -> int:
         if not self.shape:
@@ -310,24 +306,29 @@ class Constraint:
             except ValueError:
                 wrong = f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}"
                 raise ModelError(wrong) from None
-        lower, upper = self.lower.data, self.upper.data
         if self.lower.op == self.upper.op == "constant":
-            assert isinstance(lower, IntervalArray)
-            assert isinstance(upper, IntervalArray)
+            lower, upper = self.lower.data, self.upper.data
             impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
             if bool(np.any(impossible)):
                 raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
+
+    @property
+    def parts(self) -> tuple[Expr, Expr, Expr]:
+        return self.body, self.lower, self.upper
+
+    @property
+    def is_equation(self) -> bool:
+        return self.lower.digest == self.upper.digest
 
     def __repr__(self) -> str:
         return f"<Constraint {self}>"
 
     def __str__(self) -> str:
         """Without the bounds that say nothing; `body = number` for equal ones."""
-        if self.lower.digest == self.upper.digest:
+        if self.is_equation:
             return f"{self.body} = {self.lower}"
         left, right = (
-            isinstance(bound.data, IntervalArray)
-            and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
+            bound.op == "constant" and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
             for bound in (self.lower, self.upper)
         )
         return ("" if left else f"{self.lower} <= ") + str(self.body) + ("" if right else f" <= {self.upper}")
@@ -353,7 +354,6 @@ def as_expr(value: Operand) -> Expr:
         if not any(isinstance(part, Expr) for part in parts):
             raise
         raise ModelError("an array of expressions is numpy.stack([x, y]), no list and no numpy.array") from None
-    assert isinstance(leaf.data, IntervalArray)
     if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
         raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")
     return leaf
@@ -432,12 +432,11 @@ def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
 
 
 def _indexed(node: Expr, inner: str) -> str:
-    assert isinstance(node.data, np.ndarray)
     if not node.args[0].shape:
         return inner
-    if node.data.size != 1:
+    if node.places.size != 1:
         return f"{inner}[...]"
-    place = np.unravel_index(int(node.data.ravel()[0]), node.args[0].shape)
+    place = np.unravel_index(int(node.places.ravel()[0]), node.args[0].shape)
     return f"{inner}[{','.join(str(int(k)) for k in place)}]"
 
 
@@ -445,7 +444,6 @@ def _leaf(node: Expr) -> str:
     if node.op == "variable":
         return node.name
     data = node.data
-    assert isinstance(data, IntervalArray)
     if data.lo.size != 1:
         return f"{node.op}{node.shape}"
     lo, hi = float(data.lo.ravel()[0]), float(data.hi.ravel()[0])
@@ -527,7 +525,7 @@ def power(x: Operand, exponent: Operand) -> Expr:
     except (ModelError, ValueError) as error:
         raise ModelError(f"{exponent!r} is no exponent: {error}") from None
     values = np.full(shape, np.nan)
-    if isinstance(other.data, IntervalArray):  # a constant or reading: its elements that are one number
+    if other.op in ("constant", "reading"):  # a constant or reading: its elements that are one number
         values[...] = np.where(other.data.lo == other.data.hi, other.data.lo, np.nan)
     values = np.where((values == np.rint(values)) | (values == 0.5), values, np.nan)
     if np.any(np.abs(values) >= _LARGEST):

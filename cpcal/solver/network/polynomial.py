@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr, topological
-from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.network import ConstraintNetwork, passes_down
 from cpcal.solver.network.tape import ReadingSets
 
 Monomial = tuple[int, ...]
@@ -123,7 +122,8 @@ class Expander:
             if node.digest not in self._done:
                 try:
                     args = [self._found(arg) for arg in node.args]
-                    _check_rows(node, args)
+                    if not all(passes_down(node, arg) for arg, own in zip(node.args, args, strict=True) if own.reads):
+                        raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
                     if node.op in ("mul", "sqr", "power") and time.monotonic() > self._deadline:
                         raise NotPolynomial("the time limit came first")
                     self._done[node.digest] = self._node(node, args, self._whole)
@@ -164,7 +164,6 @@ class Expander:
             unit = IntervalArray.point(np.eye(count).reshape((1, count, *node.shape)))
             return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), unit)
         if node.op == "constant":
-            assert isinstance(node.data, IntervalArray)
             return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
@@ -184,7 +183,6 @@ class Expander:
         count = 1
         for node in self._leaves.values():
             values = sets.get(node.digest, node.data)
-            assert isinstance(values, IntervalArray)
             mid, rows = values.mid, node.shape[0] if node.shape else 1
             radius = np.maximum(values.hi - mid, mid - values.lo).reshape(rows, -1)
             moving = np.flatnonzero(radius.any(axis=0))
@@ -209,7 +207,7 @@ class Expander:
             full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
             if op == "sum":
                 return x.monomials, coef.total_over(e, full, node.parameter + 1)
-            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.data]
+            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.places]
         one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
         if op in ("add", "sub"):
             monomials, of_x, of_y = _union(one[0], other[0][0])
@@ -249,24 +247,6 @@ def pairs(monomials: Iterable[Monomial]) -> int:
     return sum(math.prod((k + 1) * (k + 2) // 2 for k in Counter(m).values()) for m in monomials)
 
 
-def _check_rows(node: Expr, args: list[PolynomialArray]) -> None:
-    """Readings must keep their measurement axis: element k may only depend on the readings of row k."""
-    for arg in args:
-        if not arg.reads:
-            continue
-        same_front = bool(node.shape) and node.shape[0] == arg.shape[0]
-        if node.op == "sum":
-            same_front = node.parameter > 0
-        elif node.op == "index" and isinstance(node.data, np.ndarray) and same_front:
-            width = int(np.prod(arg.shape[1:]))
-            rows = node.data.reshape((node.shape[0], -1)) // width
-            same_front = bool((rows == np.arange(node.shape[0])[:, None]).all())
-        elif node.ndim != len(arg.shape):
-            same_front = False
-        if not same_front:
-            raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # From constraints to polynomial inequalities `q <= 0`.
 #
@@ -285,7 +265,7 @@ class Row:
     expr: Expr
     constraint: int
     guard: Expr | None = None
-    elements: npt.NDArray[np.intp] | None = None  # of the constraint's body, flat; None: all
+    elements: Indices | None = None  # of the constraint's body, flat; None: all
 
 
 def one_sided(number: int, constraint: Constraint) -> list[Row]:
@@ -295,16 +275,16 @@ def one_sided(number: int, constraint: Constraint) -> list[Row]:
         body, elements = constraint.body, _bounded(bound, constraint.body.shape, sign)
         if elements is not None and not elements.size:
             continue
-        if elements is not None and isinstance(bound.data, IntervalArray):
+        if elements is not None:
             where = np.unravel_index(elements, body.shape)
             body, bound = body[where], as_expr(bound.data.broadcast_to(body.shape)[where])
         rows.append(Row(body - bound if sign > 0.0 else bound - body, number, elements=elements))
     return rows
 
 
-def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> npt.NDArray[np.intp] | None:
+def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> Indices | None:
     """The flat elements whose bound says something; None for all of them."""
-    if bound.op != "constant" or not isinstance(bound.data, IntervalArray):
+    if bound.op != "constant":
         return None
     idle = np.broadcast_to(bound.data.lo == sign * np.inf, shape).ravel()
     return np.flatnonzero(~idle) if idle.any() else None
@@ -427,11 +407,11 @@ class PolynomialSystem:
     names: tuple[str, ...]
     monomials: tuple[Monomial, ...]
     coefficients: IntervalArray
-    guarded: npt.NDArray[np.bool_]
-    guard_monomials: npt.NDArray[np.intp]
+    guarded: Bools
+    guard_monomials: Indices
     guards: IntervalArray
-    origin: npt.NDArray[np.intp]
-    part: npt.NDArray[np.intp]
+    origin: Indices
+    part: Indices
     leftover: tuple[tuple[int, str], ...]
 
 
@@ -490,30 +470,28 @@ def polynomial_form(
 
 
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:
-    polynomials = [p for _, q, g in rows for p in (q, g) if p is not None]
-    monomials = _closed({m for p in polynomials for m in p.monomials})
-    slots = max((p.coefficients.shape[0] for p in polynomials), default=1)
-    column = {m: k for k, m in enumerate(monomials)}
-    guard_columns = sorted({column[m] for _, _, g in rows if g is not None for m in g.monomials})
-    blocks, guards, origins, guarded, parts, before = [], [], [], [], [], Counter[int]()
-    for row, q, g in rows:
-        count = int(np.prod(q.shape))
-        blocks.append(_dense(q, monomials, count, slots))
-        guards.append(_dense(g, tuple(monomials[k] for k in guard_columns), count, slots))
+    bodies, guards = [q for _, q, _ in rows], [g for _, _, g in rows]
+    forms = [p for p in (*bodies, *guards) if p is not None]
+    monomials = _closed({m for p in forms for m in p.monomials})
+    of_guards = {m for g in guards if g is not None for m in g.monomials}
+    guard_columns = [k for k, m in enumerate(monomials) if m in of_guards]
+    slots = max((p.coefficients.shape[0] for p in forms), default=1)
+    counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
+    origins, parts, before = [np.zeros((0, 2), np.intp)], list[int](), Counter[int]()
+    for (row, *_), count in zip(rows, counts.tolist(), strict=True):
         elements = np.arange(count) if row.elements is None else row.elements
         origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))
-        guarded.append(np.full(count, g is not None))
-        parts.append(np.full(count, before[row.constraint], dtype=np.intp))
+        parts.append(before[row.constraint])
         before[row.constraint] += 1
     return PolynomialSystem(
         names=network.names,
         monomials=monomials,
-        coefficients=_joined(blocks, slots, len(monomials)),
-        guarded=np.concatenate([np.zeros(0, dtype=bool), *guarded]),
-        guard_monomials=np.array(guard_columns, dtype=np.intp),
-        guards=_joined(guards, slots, len(guard_columns)),
-        origin=np.concatenate([np.zeros((0, 2), dtype=np.intp), *origins]),
-        part=np.concatenate([np.zeros(0, dtype=np.intp), *parts]),
+        coefficients=_table(bodies, counts, monomials, slots),
+        guarded=np.repeat(np.array([g is not None for g in guards], np.bool_), counts),
+        guard_monomials=np.array(guard_columns, np.intp),
+        guards=_table(guards, counts, tuple(monomials[k] for k in guard_columns), slots),
+        origin=np.concatenate(origins),
+        part=np.repeat(np.array(parts, np.intp), counts),
         leftover=tuple(leftover),
     )
 
@@ -530,20 +508,15 @@ def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:
     return tuple(sorted(out, key=lambda m: (len(m), m)))
 
 
-def _dense(p: PolynomialArray | None, monomials: tuple[Monomial, ...], count: int, slots: int) -> IntervalArray:
-    """Coefficients (1 + J, M, K)."""
-    lo, hi = np.zeros((2, slots, len(monomials), count))
-    if p is not None:
-        place, c = {m: k for k, m in enumerate(monomials)}, p.coefficients
-        columns = [place[m] for m in p.monomials]
-        full = c.broadcast_to((*c.shape[:2], *p.shape)).reshape((*c.shape[:2], count))
-        lo[: c.shape[0], columns], hi[: c.shape[0], columns] = full.lo, full.hi
-    return IntervalArray(lo, hi)
-
-
-def _joined(blocks: list[IntervalArray], slots: int, size: int) -> IntervalArray:
+def _table(forms: Sequence[PolynomialArray | None], counts: Indices, monomials: Monomials, slots: int) -> IntervalArray:
     """Coefficients (1 + J, K, M) of all rows: those of a monomial stand side by side in memory."""
-    nothing = np.zeros((slots, size, 0))
-    lo = np.concatenate([nothing, *(b.lo for b in blocks)], axis=2)
-    hi = np.concatenate([nothing, *(b.hi for b in blocks)], axis=2)
+    lo, hi = np.zeros((2, slots, len(monomials), int(counts.sum())))
+    place, start = {m: k for k, m in enumerate(monomials)}, 0
+    for p, count in zip(forms, counts.tolist(), strict=True):
+        if p is not None:
+            c = p.coefficients
+            full = c.broadcast_to((*c.shape[:2], *p.shape)).reshape((*c.shape[:2], count))
+            where = slice(c.shape[0]), [place[m] for m in p.monomials], slice(start, start + count)
+            lo[where], hi[where] = full.lo, full.hi
+        start += count
     return IntervalArray(lo.transpose(0, 2, 1), hi.transpose(0, 2, 1))
