@@ -1,7 +1,6 @@
 """Certified answers beside the truth of simulated studies; each prints a row a case, and counts.
 
     python -m benchmarks.studies accuracy [--poses 100] [--studies 10]
-    python -m benchmarks.studies hand-eye [--seeds 200] [--images 20] [--corners 8,6] [--position-error 0.1 ...]
     python -m benchmarks.studies outliers [--campaigns 50] [--outliers 1,2,3]
 
 accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise), seen in
@@ -10,9 +9,6 @@ the least number that is TRUE: the largest error of some parameters over the cal
 sets), over 200 random poses of the stroke and over those asked about. So no bound may be violated. The ratio is the
 largest bound over the largest true error. At last a study whose assumption fails: exact readings, calibrated in the
 middle of the stroke, with the least error THERE stated.
-
-hand-eye: pixel errors are uniform in plus and minus `--pixel-error` on each axis, which is the tolerance; robot errors
-are uniform too, and are stated as half-widths. Even seeds have the camera in the hand, odd ones beside the robot.
 
 outliers: campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the paper's noise, sets of three standard
 deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly these are
@@ -24,7 +20,6 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +29,9 @@ import cpcal
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
 from cpcal.models import fit_model
-from cpcal.models.hand_eye import SETUPS, simulate_hand_eye, study_json
 from cpcal.models.leg_set import AskedSet, certified_set
 from cpcal.models.platform import pose_bounds
-from cpcal.questions.accuracy import distances
-from cpcal.questions.hand_eye import Within, certify_hand_eye, save_hand_eye_result, verify_hand_eye
-from cpcal.questions.next_poses import chebyshev, exactly, joined_campaign
+from cpcal.questions.accuracy import distances, error_network, exactly, joined_campaign, least_error
 from cpcal.questions.points import verified_rows
 from cpcal.robot import Pose, Robot, forward_kinematics
 from cpcal.simulate import simulate, simulate_study
@@ -115,55 +107,12 @@ def _true_error(campaign: cpcal.Campaign, others: cpcal.Campaign, leg: int) -> f
     """mm: with it some parameters satisfy the leg's equation at all poses of `others` and, for readings in their sets,
     of the campaign."""
     start = fit_model(campaign, leg)
-    x, error = chebyshev(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
+    network = error_network(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
+    x, error = least_error(network, start.tolist())
     engine = get_arithmetic("float64")
     while verified_rows(campaign, leg, x, error, engine)[1] or verified_rows(others, leg, x, error, engine)[1]:
         error = 1.0001 * error + 1e-7
     return error
-
-
-def hand_eye(asked: argparse.Namespace) -> None:
-    """Is the truth in the ranges, is the bracket closed, does `verify` accept?"""
-    rows = []
-    for seed in range(asked.first, asked.first + asked.seeds):
-        columns, lines = (int(part) for part in asked.corners.split(","))
-        angle = float(np.radians(asked.rotation_error))
-        case = simulate_hand_eye(
-            setup=SETUPS[seed % 2],
-            images=asked.images,
-            corners=(columns, lines),
-            pitch=240.0 / columns,
-            pixel_error=asked.pixel_error,
-            position_error=asked.position_error,
-            rotation_error=angle,
-            seed=seed,
-        )
-        wide = np.tile([asked.position_error] * 3 + [angle] * 3, (asked.images, 1))
-        study, within = replace(case.study, pose_half_width=wide), Within.parsed(asked.within)
-        with tempfile.TemporaryDirectory() as name:
-            folder, began = Path(name), time.process_time()
-            found = certify_hand_eye(study, within=within, tolerance=asked.pixel_error, certificates=folder)
-            spent = time.process_time() - began
-            (folder / "study.json").write_bytes(study_json(study))
-            save_hand_eye_result(found, folder)
-            began = time.process_time()
-            accepted = all(good for good, _ in verify_hand_eye(folder))
-            checked = time.process_time() - began
-            size = sum(path.stat().st_size for path in folder.glob("*.cert.jsonl")) / 1e6
-        back = case.truth.e_rotation.T
-        parts = back.ravel(), -back @ case.truth.e_translation, case.truth.f_rotation.ravel(), case.truth.f_translation
-        x = np.concatenate(parts)
-        inside = bool(((np.array(found.ranges.lo) <= x) & (x <= np.array(found.ranges.hi))).all())
-        width = np.array(found.ranges.high) - np.array(found.ranges.low)
-        rows.append([inside, found.complete, accepted, spent, checked, size, width[:3].max(), width[3:6].max()])
-        print(
-            f"seed {seed}: eps {found.eps_lo:.7f} to {found.eps_hi:.7f};", *(f"{v:.3g}" for v in rows[-1]), flush=True
-        )
-    for name, values in zip(("inside", "closed", "accepted"), np.transpose(rows), strict=False):
-        print(f"{name}: {values.sum():.0f} of {len(values)}")
-    named = ("seconds", "verify", "MB", "camera mm", "camera degrees")
-    for name, values in zip(named, np.transpose(rows)[3:], strict=True):
-        print(f"{name}: median {np.median(values):.4g}, largest {values.max():.4g}")
 
 
 def outliers(asked: argparse.Namespace) -> None:
@@ -200,8 +149,6 @@ def main() -> None:
     studies = parser.add_subparsers(dest="study", required=True)
     options: dict[str, dict[str, Any]] = {
         "accuracy": {"poses": 100, "studies": len(STUDIES)},
-        "hand-eye": {"seeds": 200, "first": 0, "images": 20, "corners": "8,6", "within": "any,2000", "pixel-error": 0.2}
-        | {"position-error": 0.0, "rotation-error": 0.0},
         "outliers": {"campaigns": 50, "outliers": "1,2,3"},
     }
     for name, given in options.items():
@@ -209,7 +156,7 @@ def main() -> None:
         for option, default in given.items():
             study.add_argument(f"--{option}", type=type(default), default=default)
     asked = parser.parse_args()
-    {"accuracy": accuracy, "hand-eye": hand_eye, "outliers": outliers}[asked.study](asked)
+    {"accuracy": accuracy, "outliers": outliers}[asked.study](asked)
 
 
 if __name__ == "__main__":

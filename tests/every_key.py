@@ -11,17 +11,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from cpcal.checker.hand_eye import HAND_EYE_NAME, WRONG_NAME
+from cpcal.checker.hand_eye import HAND_EYE_NAME
 from cpcal.files.codec import INFORMATION, keys_of
 from cpcal.questions import RESULT_NAME, Result
 from cpcal.questions.accuracy import ACCURACY_NAME, Accuracy
-from cpcal.questions.hand_eye import HandEyeResult, WrongImages
+from cpcal.questions.hand_eye import HandEyeResult
 
 FILES = {
     RESULT_NAME: Result,
     ACCURACY_NAME: Accuracy,
     HAND_EYE_NAME: HandEyeResult,
-    WRONG_NAME: WrongImages,
 }
 Path_ = tuple[str | int, ...]
 

@@ -27,7 +27,7 @@ from benchmarks.methods import TaskQuestion, Work
 from benchmarks.problems import Leg
 from benchmarks.runs import MethodAnswer, Unsupported
 from cpcal.common.values import Floats
-from cpcal.models import residuals
+from cpcal.models import model_residuals
 from cpcal.robot import rotation_matrix
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
@@ -230,7 +230,7 @@ def _minimise(leg: Leg, question: TaskQuestion) -> MethodAnswer:
     negative, positive = codac.Interval(-codac.oo, 0.0), codac.Interval(0.0, codac.oo)
     contractors = [codac.CtcInverse(f, negative) for f in _functions(leg, -1.0)]
     contractors += [codac.CtcInverse(f, positive) for f in _functions(leg, 1.0)]
-    best = float(np.abs(residuals(leg.campaign, leg.leg, leg.middle)).max())
+    best = float(np.abs(model_residuals(leg.campaign, leg.leg, leg.middle)).max())
     queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, (0.0, leg.longest)))]
     nodes = 0
     while queue and time.monotonic() < deadline and queue[0][0] < best * (1.0 - question.task.value):
@@ -241,7 +241,7 @@ def _minimise(leg: Leg, question: TaskQuestion) -> MethodAnswer:
         if box.is_empty():
             continue
         middle = np.asarray(box.mid()).ravel()[:7]
-        best = min(best, float(np.abs(residuals(leg.campaign, leg.leg, middle)).max()))
+        best = min(best, float(np.abs(model_residuals(leg.campaign, leg.leg, middle)).max()))
         for half in box.bisect(int(np.argmax(np.asarray(box.diam()).ravel()[:7]))):
             heapq.heappush(queue, (float(half[7].lb()), next(serial), half))
     lo = min([best] + [entry[0] for entry in queue[:1]])

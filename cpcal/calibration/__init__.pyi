@@ -1,6 +1,6 @@
 from .alignment import (
-    Alignment,
-    aligned,
+    FittedFrame,
+    nearest_motion,
     on_drawing,
 )
 from .budget import (
@@ -63,7 +63,6 @@ from .validation import (
 
 __all__ = [
     "RECORD_NAME",
-    "Alignment",
     "Budget",
     "CalibrationRecord",
     "ChannelStatistics",
@@ -71,6 +70,7 @@ __all__ = [
     "Diagnosis",
     "ErrorSummary",
     "Fit",
+    "FittedFrame",
     "FrameCalibration",
     "Inputs",
     "LegEquations",
@@ -83,7 +83,6 @@ __all__ = [
     "Screening",
     "StudyCalibration",
     "Validation",
-    "aligned",
     "as_campaign",
     "averaged",
     "budget",
@@ -96,6 +95,7 @@ __all__ = [
     "least_squares",
     "load_record",
     "mean_rotations",
+    "nearest_motion",
     "on_drawing",
     "pose_errors",
     "redefined",

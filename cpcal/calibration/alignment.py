@@ -21,61 +21,67 @@ from cpcal.robot import Pose, Robot, quaternion_from_matrix, transformed
 from cpcal.robot.kinematics import nearest_rotation
 
 
-@dataclass(frozen=True, eq=False)
-class Alignment:
-    """The frame in which the centres were measured, seen in the drawing's: x_drawing = P + R(q) x_measured.
+@dataclass(frozen=True)
+class FittedFrame:
+    """The frame in which the centres were measured, seen in the drawing's: x_drawing = P + R(q) x_measured, P in mm.
 
-    motion      position (3,) mm and quaternion
-    residual    (n, 3) mm: the drawing's centres less the moved ones
-    sigma       (6,) standard deviations of position (mm) and rotation vector (rad, drawing's frame), of the frame that
-                the joints define
+    sigma            (6,) standard deviations of position (mm) and rotation vector (rad, drawing's frame), of the frame
+                     that the joints define
     drawing_sigma    (6,) of the drawing's frame: with the drawing's own errors, estimated from the residuals
     drawing_error    mm: how far a coordinate of a joint centre is off its drawing (standard deviation)
     coverage_factor  k for 95 % with so few degrees of freedom, 3 n - 6 (Student)
     """
 
-    motion: Pose
-    residual: Floats
-    sigma: Floats
-    drawing_sigma: Floats
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
+    sigma: tuple[float, ...]
+    drawing_sigma: tuple[float, ...]
     drawing_error: float
     coverage_factor: float
 
+    def sentence(self, name: str) -> str:
+        own, drawn = max(self.sigma[:3]), max(self.drawing_sigma[:3])
+        return (
+            f"{name}: the calibrated joint centres are {self.drawing_error:.2g} mm a coordinate off the "
+            f"drawing's; the frame that they define is known to U = {2.0 * own:.2g} mm (k = 2), the drawing's to "
+            f"{self.coverage_factor * drawn:.2g} mm (k = {self.coverage_factor:.2g}, 95 %)."
+        )
 
-def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None) -> Alignment:
-    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre (left out: exact), and the
-    drawing's.
+
+def nearest_motion(measured: Floats, drawing: Floats) -> Pose:
+    """The rigid motion that brings centres (n, 3) mm nearest to the drawing's.
 
     Raises InputError for fewer than three centres, and for centres on a line.
     """
-    from scipy import special  # here: it takes a third of a second to load
-
-    count = len(measured)
-    middle, drawn = measured.mean(axis=0), drawing.mean(axis=0)
+    count, middle, drawn = len(measured), measured.mean(axis=0), drawing.mean(axis=0)
     sizes = np.linalg.svd(drawing - drawn, compute_uv=False) if count > 2 else np.zeros(3)
-    if count < 3 or sizes[1] < 1e-9 * sizes[0] or sizes[0] == 0.0:
+    if sizes[1] < 1e-9 * sizes[0] or sizes[0] == 0.0:
         what = f"are {count} on a line, or fewer than three: no frame follows from them"
         raise InputError([Problem("joint centres", what, "give three that are not on a line")])
     rotation = nearest_rotation((drawing - drawn).T @ (measured - middle))
-    turned = measured @ rotation.T
-    position = drawn - rotation @ middle
-    residual = drawing - turned - position
+    return Pose(drawn - rotation @ middle, quaternion_from_matrix(rotation))
+
+
+def fitted_frame(measured: Floats, drawing: Floats, covariance: Floats, shared: Floats) -> FittedFrame:
+    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre, and the drawing's.
+
+    shared  (6,) standard deviations of an error of the frame that comes on top. Raises InputError as `nearest_motion`.
+    """
+    from scipy import special  # here: it takes a third of a second to load
+
+    motion, count = nearest_motion(measured, drawing), len(measured)
+    turned = measured @ motion.rotation.T
+    residual = drawing - turned - motion.position
     columns = np.concatenate([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)], axis=1)
-    back = np.linalg.pinv(columns)
-    each = np.kron(np.eye(count), rotation)
-    own = np.zeros((6, 6)) if covariance is None else back @ each @ covariance @ each.T @ back.T
+    back = np.linalg.pinv(columns) @ np.kron(np.eye(count), motion.rotation)
+    own = back @ covariance @ back.T + np.diag(shared**2)
     freedom = 3 * count - 6
     error = float(np.sqrt(np.sum(residual**2) / freedom))
     of_drawing = error**2 * np.linalg.inv(columns.T @ columns) + own
-    sigma, drawing_sigma = (np.sqrt(np.diagonal(part)) for part in (own, of_drawing))
-    return Alignment(
-        Pose(position, quaternion_from_matrix(rotation)),
-        residual,
-        sigma,
-        drawing_sigma,
-        error,
-        float(special.stdtrit(freedom, 0.975)),
-    )
+    arrays = motion.position, motion.quaternion, np.sqrt(np.diagonal(own)), np.sqrt(np.diagonal(of_drawing))
+    position, quaternion, sigma, drawing_sigma = (tuple(array.tolist()) for array in arrays)
+    k = float(special.stdtrit(freedom, 0.975))
+    return FittedFrame(position, quaternion, sigma, drawing_sigma, error, k)
 
 
 # Parameters laid on the drawing, so that those of two fits can be compared: base and mobile centres each by the rigid
@@ -85,9 +91,9 @@ _STEP = 1e-3  # mm, of the difference quotients; the map is smooth over millimet
 
 
 def on_drawing(parameters: Floats, drawing: Robot) -> Floats:
-    """Parameters (n, 7), mm, in the drawing's frames. Raises InputError as `aligned` does."""
+    """Parameters (n, 7), mm, in the drawing's frames. Raises InputError as `nearest_motion` does."""
     parts = [
-        transformed(aligned(parameters[:, columns], centres).motion, parameters[:, columns])
+        transformed(nearest_motion(parameters[:, columns], centres), parameters[:, columns])
         for columns, centres in ((slice(0, 3), drawing.base), (slice(3, 6), drawing.mobile))
     ]
     return np.concatenate([*parts, parameters[:, 6:]], axis=1)
@@ -136,19 +142,11 @@ class SharedError:
         sigma = np.sqrt(np.mean(shared**2, axis=0))
         return cls(tuple(sigma.tolist()), float(np.sqrt(np.mean(np.sum(position**2, axis=1)))))
 
-    @property
-    def camera_in_base(self) -> Floats:
-        """(6,) that the frame of the camera may take of it."""
-        return self._frame(self.distance)
-
-    @property
-    def target_in_mobile(self) -> Floats:
-        """(6,) that the frame of the target may take of it."""
-        return self._frame(0.0)
-
-    def _frame(self, arm: float) -> Floats:
+    def of_frames(self) -> tuple[Floats, Floats]:
+        """(6,) that the frames of the camera and of the target may take of it."""
         moved, turned = max(self.pose[:3]), max(self.pose[3:])
-        return np.repeat([np.hypot(moved, arm * turned), turned], 3)
+        camera, target = (np.repeat([np.hypot(moved, arm * turned), turned], 3) for arm in (self.distance, 0.0))
+        return camera, target
 
     @property
     def sentence(self) -> str:

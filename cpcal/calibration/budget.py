@@ -24,7 +24,7 @@ from cpcal.calibration.fit import Fit, fit
 from cpcal.calibration.leg_equations import Noise, root
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
-from cpcal.robot import Campaign, Robot, normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Campaign, Pose, Robot
 
 _EXPANSION = 1.2e-5  # 1/K, of steel
 _TRIALS_MIN = 20
@@ -187,12 +187,12 @@ def _drawn_readings(best: Fit, campaign: Campaign, inputs: Inputs, trials: int) 
     for _ in range(trials):
         step = np.einsum("kij,kj->ki", roots, stream.standard_normal((len(campaign), 6)))
         read = np.einsum("kij,kj->ki", noise.length_root, stream.standard_normal(exact.shape))
-        turned = quaternion_product(quaternion_from_rotation_vector(step[:, 3:]), campaign.quaternion)
+        seen = Pose(campaign.position, campaign.quaternion).moved(step)
         scale = 1.0 + float(scales @ stream.standard_normal(3))
         off = inputs.lens * stream.standard_normal(campaign.position.shape)
         sensors = 1.0 + inputs.sensor_scale * stream.standard_normal(campaign.legs)
-        position = (campaign.position + step[:, :3]) * scale + off
-        yield {"position": position, "quaternion": normalised(turned), "length": (exact + read) * sensors}
+        position = seen.position * scale + off
+        yield {"position": position, "quaternion": seen.quaternion, "length": (exact + read) * sensors}
 
 
 def _compared(drawn: Floats, expanded: Floats) -> MonteCarlo:

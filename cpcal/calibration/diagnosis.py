@@ -11,7 +11,8 @@ A robot without imperfections should not be accused in any of 200 studies, so le
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -81,15 +82,14 @@ class Poses:
     @classmethod
     def of(cls, campaigns: Sequence[Campaign], noises: Sequence[Noise]) -> Poses:
         """Of several campaigns of one robot in the same frames, such as calibration and validation."""
+
+        def joined(values: Sequence[Any], name: str) -> Floats:
+            return np.concatenate([getattr(one, name) for one in values])
+
         each = [LegEquations.of(campaign) for campaign in campaigns]
-        equations = LegEquations(
-            np.concatenate([one.position for one in each]),
-            np.concatenate([one.rotation for one in each]),
-            np.concatenate([one.length for one in each]),
-        )
-        pose, length = (np.concatenate([getattr(noise, name) for noise in noises]) for name in ("pose", "length"))
-        noise = Noise(pose, length, noises[0].correlation, noises[0].freedom)
-        return cls(equations, noise, vertical(campaigns[0]))
+        equations = {name: joined(each, name) for name in ("position", "rotation", "length")}
+        noise = replace(noises[0], pose=joined(noises, "pose"), length=joined(noises, "length"))
+        return cls(LegEquations(**equations), noise, vertical(campaigns[0]))
 
 
 def corrected(poses: Poses, start: Floats, name: str) -> Asked:

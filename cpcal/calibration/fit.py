@@ -267,9 +267,9 @@ def fit(
     InputError for options without a meaning.
     """
     chosen = tuple(range(1, campaign.legs + 1)) if legs is None else tuple(legs)
-    _check(campaign, chosen, weighted, noise, covariance, tolerance)
     columns = [leg - 1 for leg in chosen]
-    first = campaign.robot.parameters[columns] if start is None else _start(start, len(chosen))
+    first = campaign.robot.parameters.take(columns, axis=0, mode="clip") if start is None else np.array(start)
+    _check(campaign, chosen, weighted, noise, covariance, first, tolerance)
     known = None if noise is None else noise.of_legs(columns)
     equations = LegEquations.of(campaign, chosen)
     plain = np.broadcast_to(np.eye(len(chosen)), (len(campaign), len(chosen), len(chosen)))
@@ -296,25 +296,13 @@ def fit(
 def _solved(equations: LegEquations, weight: Floats, start: Floats, tolerance: float) -> tuple[Floats, bool]:
     """Parameters of the shape of `start`, and whether a criterion was met, for legs that are fitted together."""
 
-    def values(x: Floats) -> Floats:
-        return np.asarray(np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel())
-
-    def jacobian(x: Floats) -> Floats:
-        return weighted_jacobian(equations, weight, x.reshape(-1, 7))
-
-    found = minimised(values, jacobian, start.ravel(), tolerance=tolerance)
+    found = minimised(
+        lambda x: np.asarray(np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel()),
+        lambda x: weighted_jacobian(equations, weight, x.reshape(-1, 7)),
+        start.ravel(),
+        tolerance=tolerance,
+    )
     return found.at.reshape(start.shape), found.settled
-
-
-def _start(values: npt.ArrayLike, legs: int) -> Floats:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError([Problem("option start", str(error), f"give numbers, ({legs}, 7)")]) from None
-    if array.shape != (legs, 7) or not np.isfinite(array).all():
-        what = f"has the shape {array.shape}, or a number that is not finite"
-        raise InputError([Problem("option start", what, f"give ({legs}, 7) finite numbers, mm")])
-    return array
 
 
 def _check(
@@ -323,26 +311,23 @@ def _check(
     weighted: bool,
     noise: Noise | None,
     covariance: str | None,
+    first: Floats,
     tolerance: float,
 ) -> None:
     """InputError that names every option without a meaning."""
     known = set(range(1, campaign.legs + 1))
-    problems = []
-    if not legs or len(set(legs)) < len(legs) or not set(legs) <= known:
-        remedy = f"give different numbers from 1 to {campaign.legs}"
-        problems.append(Problem("option legs", f"has no meaning: {legs}", remedy))
-    if covariance not in (None, "noise", "residuals"):
-        problems.append(Problem("option covariance", f"has no meaning: {covariance!r}", "give 'noise' or 'residuals'"))
-    if not 0 < tolerance < 1:
-        problems.append(Problem("option tolerance", f"has no meaning: {tolerance!r}", "give a number like 1e-10"))
-    if noise is None:
-        for name, needed in (("weighted", weighted), ("covariance", covariance == "noise")):
-            if needed:
-                remedy = "give noise=Noise.of(campaign)"
-                problems.append(Problem(f"option {name}", "needs the noise of the readings", remedy))
-    elif noise.length.shape != (len(campaign), campaign.legs):
-        what = f"is for {noise.length.shape} leg readings"
-        problems.append(Problem("option noise", what, f"give {(len(campaign), campaign.legs)}"))
+    shape, given = (len(campaign), campaign.legs), "needs the noise of the readings"
+    same = bool(legs) and len(set(legs)) == len(legs) and set(legs) <= known
+    rules = [
+        ("legs", same, f"has no meaning: {legs}", f"give different numbers from 1 to {campaign.legs}"),
+        ("covariance", covariance in (None, "noise", "residuals"), "has no meaning", "give 'noise' or 'residuals'"),
+        ("tolerance", 0 < tolerance < 1, f"has no meaning: {tolerance!r}", "give a number like 1e-10"),
+        ("weighted", noise is not None or not weighted, given, "give noise=Noise.of(campaign)"),
+        ("covariance", noise is not None or covariance != "noise", given, "give noise=Noise.of(campaign)"),
+        ("noise", noise is None or noise.length.shape == shape, "is for other leg readings", f"give {shape}"),
+        ("start", first.shape == (len(legs), 7), f"has the shape {first.shape}", f"give ({len(legs)}, 7) numbers, mm"),
+    ]
+    problems = [Problem(f"option {name}", what, remedy) for name, good, what, remedy in rules if not good]
     if problems:
         raise InputError(problems)
 

@@ -24,8 +24,6 @@ from cpcal.robot import (
     compose,
     inverse,
     normalised,
-    quaternion_from_rotation_vector,
-    quaternion_product,
     rotation_vector,
     transformed,
 )
@@ -50,77 +48,64 @@ _LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
 _LISTED = 20  # unusable poses that a message lists
 
 
-def _check_pairs(a: Pose, b: Pose) -> None:
+def _check_pairs(*pairs: Pose) -> None:
     """Raises InputError for wrong shapes, NaN or infinite numbers, zero quaternions, too few pairs."""
-    problems = [p for pose, name in zip((a, b), _NAMES, strict=True) for p in _pose_problems(pose, name)]
-    count, both = len(a.position), " and ".join(_NAMES)
-    if not problems and count != len(b.position):
-        what = f"hold {count} and {len(b.position)} poses"
-        problems.append(Problem(both, what, "give the same measurements in the same order"))
-    elif not problems and count < 3:
-        what = f"hold {count} pairs, which do not determine the unknown frames"
-        problems.append(Problem(both, what, "give at least 3, with rotations about two axes"))
+    problems = []
+    for pose, name in zip(pairs, _NAMES, strict=True):
+        count = len(pose.position)
+        if (np.shape(pose.position), np.shape(pose.quaternion)) != ((count, 3), (count, 4)):
+            what = f"have positions of shape {np.shape(pose.position)} and quaternions of {np.shape(pose.quaternion)}"
+            problems.append(Problem(name, what, "give (N, 3) in mm and (N, 4), scalar first"))
+            continue
+        good = np.isfinite(np.concatenate([pose.position, pose.quaternion], axis=1)).all(axis=1)
+        for k in np.flatnonzero(~(good & pose.quaternion.any(axis=1)))[:_LISTED]:
+            what = "has the zero quaternion" if good[k] else "holds a NaN or an infinity"
+            problems.append(Problem(f"{name}, pose {k} (from 0)", what, "correct it, or leave the pair out"))
+    one, other = (len(pose.position) for pose in pairs)
+    if not problems and (one != other or one < 3):
+        what, remedy = f"hold {one} and {other} poses", "give the same measurements in the same order"
+        if one == other:
+            what = f"hold {one} pairs, which do not determine the unknown frames"
+            remedy = "give at least 3, with rotations about two axes"
+        problems.append(Problem(" and ".join(_NAMES), what, remedy))
     if problems:
         raise InputError(problems)
 
 
-def _pose_problems(pose: Pose, name: str) -> list[Problem]:
-    shape = (np.shape(pose.position), np.shape(pose.quaternion))
-    count = shape[0][0] if shape[0] else 0
-    if shape != ((count, 3), (count, 4)):
-        what = f"have positions of shape {shape[0]} and quaternions of shape {shape[1]}"
-        return [Problem(name, what, "give (N, 3) in mm and (N, 4), scalar first")]
-    found = []
-    good = np.isfinite(np.concatenate([pose.position, pose.quaternion], axis=1)).all(axis=1)
-    for k in np.flatnonzero(~(good & pose.quaternion.any(axis=1)))[:_LISTED]:
-        what = "has the zero quaternion" if good[k] else "holds a NaN or an infinity"
-        found.append(Problem(f"{name}, pose {k} (from 0)", what, "correct it, or leave the pair out"))
-    return found
+def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
+    """How far the rotations (N, 3, 3) of poses move the direction that they move least, rad; the poses' name, and that
+    direction. InputError that says what is missing where it is zero."""
+    left, size, _ = np.linalg.svd(rotations.mean(axis=0))
+    least, _, most = np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)).tolist()
+    axis = left[:, 0] * np.sign(left[np.argmax(np.abs(left[:, 0])), 0]) + 0.0
+    direction = ", ".join(f"{value:.3f}" for value in axis)
+    if least > LEAST_SPREAD:
+        return least, name, direction
+    what = f"hardly turn: by {most:.2g} rad (rms), which is not above {LEAST_SPREAD:.2g} rad"
+    if most > LEAST_SPREAD:
+        what = (
+            f"turn about one axis only, ({direction}): it moves by {least:.2g} rad (rms), which is not above "
+            f"{LEAST_SPREAD:.2g} rad, so that translations along it are not determined"
+        )
+    remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
+    raise InputError([Problem(name, what, remedy)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Spread:
-    """How far the rotations `name` move a direction, which a text names, rad: the one that they move least."""
-
-    name: str
-    direction: str
-    least: float
-
-    @classmethod
-    def of(cls, name: str, rotations: Floats) -> _Spread:
-        """Of poses (N, 3, 3), in their reference frame. InputError that says what is missing where it is zero."""
-        left, size, _ = np.linalg.svd(rotations.mean(axis=0))
-        least, _, most = np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)).tolist()
-        axis = left[:, 0] * np.sign(left[np.argmax(np.abs(left[:, 0])), 0]) + 0.0
-        direction = ", ".join(f"{value:.3f}" for value in axis)
-        if least > LEAST_SPREAD:
-            return cls(name, direction, least)
-        what = f"hardly turn: by {most:.2g} rad (rms), which is not above {LEAST_SPREAD:.2g} rad"
-        if most > LEAST_SPREAD:
-            what = (
-                f"turn about one axis only, ({direction}): it moves by {least:.2g} rad (rms), which is not above "
-                f"{LEAST_SPREAD:.2g} rad, so that translations along it are not determined"
-            )
-        remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
+def _remarks(spread: tuple[float, str, str], turn: Floats) -> tuple[str, ...]:
+    """What the rotation residuals (N, 3) say; InputError when they are as large as the rotations themselves."""
+    (least, name, direction), rms = spread, float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
+    found = f"move the direction ({direction}) by {least:.2g} rad (rms) only"
+    if least <= _LOST * rms:
+        what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
+        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
         raise InputError([Problem(name, what, remedy)])
-
-    def remarks(self, turn: Floats) -> tuple[str, ...]:
-        """What the rotation residuals (N, 3) say; InputError when they are as large as the rotations themselves."""
-        rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
-        found = f"move the direction ({self.direction}) by {self.least:.2g} rad (rms) only"
-        if self.least <= _LOST * rms:
-            what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
-            remedy = (
-                "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
-            )
-            raise InputError([Problem(self.name, what, remedy)])
-        remarks = []
-        if self.least <= _WEAK * rms:
-            ratio = f"{self.least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
-            remarks.append(f"{self.name} {found}, {ratio}: translations along it are weakly determined")
-        if rms > _LARGE:
-            remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
-        return tuple(remarks)
+    remarks = []
+    if least <= _WEAK * rms:
+        ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
+        remarks.append(f"{name} {found}, {ratio}: translations along it are weakly determined")
+    if rms > _LARGE:
+        remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
+    return tuple(remarks)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -152,9 +137,9 @@ def _residuals(pairs: Motions, motions: Motions) -> Floats:
     return np.concatenate([b.position - told.position, turn], axis=1)
 
 
-def _refined(pairs: Motions, motions: Motions) -> tuple[Motions, Floats, float, Floats]:
+def _refined(pairs: Motions, motions: Motions) -> tuple[Motions, Floats, Floats]:
     """The motions near those with the smallest weighted sum of squares; the standard deviations (6,) that weighted it;
-    the residuals' size in these; and the covariance (12, 12) of linearised least squares, scaled by that size squared.
+    and the covariance (12, 12) of linearised least squares, scaled by the mean square of the residuals in these.
 
     Standard deviations are estimated together with the motions, axis by axis where pairs are enough to tell them apart.
     """
@@ -184,17 +169,11 @@ def _refined(pairs: Motions, motions: Motions) -> tuple[Motions, Floats, float, 
         sigma = np.maximum(used * np.sqrt(square / np.maximum(freedom, 1e-3)), _FLOOR)
         if np.allclose(sigma, used, rtol=_SETTLED, atol=0.0):
             break
-    weight = float(np.linalg.norm(values)) / np.sqrt(len(values) - 12)
-    return motions, used, weight, np.asarray(weight**2 * cofactor)
+    return motions, used, np.asarray(values @ values / (len(values) - 12) * cofactor)
 
 
 def _moved(at: Motions, step: Floats) -> Motions:
-    turns = quaternion_from_rotation_vector(step.reshape(2, 6)[:, 3:])
-    x, z = (
-        Pose(pose.position + move, quaternion_product(turn, pose.quaternion))
-        for pose, move, turn in zip(at, step.reshape(2, 6)[:, :3], turns, strict=True)
-    )
-    return x, z
+    return at[0].moved(step[:6]), at[1].moved(step[6:])
 
 
 def _jacobian(pairs: Motions, motions: Motions, sigma: Floats) -> Floats:
@@ -243,7 +222,6 @@ class FrameCalibration:
     position_residual  (N, 3) mm, the target's origin as B_i has it less that of X^-1 A_i Z, in the camera frame
     rotation_residual  (N, 3) rad, the rotation vector from X^-1 A_i Z to B_i, in the camera frame
     sigma              (6,) mm and rad: standard deviations that weighted the two, by axis
-    unit_weight        size of the weighted residuals; near 1
     covariance         (12, 12) by linearised least squares for independent errors, of X's position (mm) and rotation
                        vector (rad, base frame), then of Z's position and rotation vector (mobile frame)
     spread             rad, how far the direction moves that the rotations move least (see above)
@@ -255,7 +233,6 @@ class FrameCalibration:
     position_residual: Floats
     rotation_residual: Floats
     sigma: Floats
-    unit_weight: float
     covariance: Floats
     spread: float
     remarks: tuple[str, ...]
@@ -278,11 +255,10 @@ def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
     largest = float(np.max(np.abs(lengths))) or 1.0  # squares of lengths may overflow, those of shares do not
     unit = largest * (float(np.sqrt(np.mean(np.sum((lengths / largest) ** 2, axis=1)))) or 1.0)
     a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in (robot_poses, camera_poses))
-    spreads = [_Spread.of(name, pose.rotation) for name, pose in zip(_NAMES, (a, b), strict=True)]
-    spread = min(spreads, key=lambda one: one.least)  # without noise they are the same
+    spread = min(_spread(name, pose.rotation) for name, pose in zip(_NAMES, (a, b), strict=True))
     start = world_hand_eye(a, b)
-    spread.remarks(_residuals((a, b), start)[:, 3:])  # refuses what no refinement can mend
-    motions, sigma, weight, covariance = _refined((a, b), start)
+    _remarks(spread, _residuals((a, b), start)[:, 3:])  # refuses what no refinement can mend
+    motions, sigma, covariance = _refined((a, b), start)
     units = np.repeat([unit, 1.0], 3)
     off = _residuals((a, b), motions) * units
     x, z = (Pose(pose.position * unit, pose.quaternion) for pose in motions)
@@ -292,10 +268,9 @@ def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
         position_residual=off[:, :3],
         rotation_residual=off[:, 3:],
         sigma=sigma * units,
-        unit_weight=weight,
         covariance=covariance * np.outer(np.tile(units, 2), np.tile(units, 2)),
-        spread=spread.least,
-        remarks=spread.remarks(off[:, 3:]),
+        spread=spread[0],
+        remarks=_remarks(spread, off[:, 3:]),
     )
 
 

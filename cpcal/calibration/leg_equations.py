@@ -110,20 +110,20 @@ class Noise:
             fill(self, correlation=frozen_array(self.correlation))
         pose, length, joint = self.pose, self.length, self.correlation
         if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
-            what = f"has the shapes {pose.shape} and {length.shape}"
-            raise InputError([Problem("noise", what, "give pose (N, 6, 6) and length (N, n)")])
-        if not (np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()):
-            raise InputError([Problem("noise", "holds a negative or non-finite number", "give finite numbers >= 0")])
-        bad = np.flatnonzero(~_positive(pose))
-        if len(bad):
+            what, remedy = f"has the shapes {pose.shape} and {length.shape}", "give pose (N, 6, 6) and length (N, n)"
+        elif not (np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()):
+            what, remedy = "holds a negative or non-finite number", "give finite numbers >= 0"
+        elif len(bad := np.flatnonzero(~_positive(pose))):
             what = f"the pose's matrix of row {bad[0]} is not symmetric and positive semidefinite"
-            raise InputError([Problem("noise", what, "give covariances")])
-        if joint is not None and not (
+            remedy = "give covariances"
+        elif joint is None or (
             joint.shape == (length.shape[1],) * 2 and np.allclose(np.diagonal(joint), 1.0) and _positive(joint[None])[0]
         ):
+            return
+        else:
             what = f"the correlation, of shape {joint.shape}, is none of {length.shape[1]} leg readings"
             remedy = "give (n, n), symmetric, positive semidefinite, 1 on the diagonal"
-            raise InputError([Problem("noise", what, remedy)])
+        raise InputError([Problem("noise", what, remedy)])
 
     @classmethod
     def from_sigmas(
@@ -228,19 +228,12 @@ def noise_share(
     basis, roots = right.T / values, root(noise.pose)
     for axis in range(6):
         step = roots[:, :, axis]
-        jacobians = [
-            weighted_jacobian(
-                LegEquations(
-                    equations.position + sign * step[:, :3],
-                    rotation_matrix(quaternion_from_rotation_vector(sign * step[:, 3:])) @ equations.rotation,
-                    equations.length,
-                ),
-                weight,
-                x,
-            )
-            for sign in (0.5, -0.5)
-        ]
-        change = (jacobians[0] - jacobians[1]) @ basis
+        change = np.zeros((weight.shape[0] * weight.shape[1], len(values)))
+        for sign in (1.0, -1.0):
+            turn = rotation_matrix(quaternion_from_rotation_vector(0.5 * sign * step[:, 3:]))
+            position = equations.position + 0.5 * sign * step[:, :3]
+            moved = LegEquations(position, turn @ equations.rotation, equations.length)
+            change += sign * weighted_jacobian(moved, weight, x) @ basis
         scaled += change.T @ change
     return float(np.linalg.eigvalsh(scaled)[-1])
 

@@ -202,14 +202,13 @@ KINDS = {  # what is said where a test says no, where all say yes, and what may 
 
 @dataclass(frozen=True)
 class RepeatTest:
-    """One test of one channel: `statistic` F of "runs", chi-square over its degrees of freedom of "variances"; `p` as
-    it is, and `corrected` for the number of tests."""
+    """One test of one channel: `statistic` F of "runs", chi-square over its degrees of freedom of "variances"; `p` is
+    corrected for the number of tests."""
 
     kind: str
     channel: str
     statistic: float
     p: float
-    corrected: float
 
 
 @dataclass(frozen=True)
@@ -221,12 +220,12 @@ class RepeatTests:
 
     def __post_init__(self) -> None:
         """Raises ValueError where p-values are none."""
-        if any(not 0.0 <= p <= 1.0 for test in self.tests for p in (test.p, test.corrected)):
+        if any(not 0.0 <= test.p <= 1.0 for test in self.tests):
             raise ValueError("a test's p is not between 0 and 1")
 
     def found(self, kind: str, level: float = LEVEL) -> tuple[RepeatTest, ...]:
         """Tests of that kind that say no, the clearest first."""
-        bad = [test for test in self.tests if test.kind == kind and test.corrected < level]
+        bad = [test for test in self.tests if test.kind == kind and test.p < level]
         return tuple(sorted(bad, key=lambda test: (test.p, -test.statistic)))
 
     @property
@@ -240,10 +239,10 @@ class RepeatTests:
         found, made = self.found(kind), sum(test.kind == kind for test in self.tests)
         about = f"corrected for {self.count} tests"
         if not found:
-            least = min(test.corrected for test in self.tests if test.kind == kind)
+            least = min(test.p for test in self.tests if test.kind == kind)
             return f"{good}: of {made} channels none beyond chance (least p {least:.2g}, {about})."
         names = listed([test.channel for test in found], 6)
-        return f"{bad}: {cause}? {names} (p {found[0].corrected:.2g}, {about})."
+        return f"{bad}: {cause}? {names} (p {found[0].p:.2g}, {about})."
 
 
 def repeat_tests(
@@ -262,7 +261,7 @@ def repeat_tests(
     made += _variances(legs, scaled, spread)
     shapes = sum(not math.isnan(one.shapiro) for one in statistics)
     count = len(made) + shapes
-    tests = tuple(replace(test, corrected=min(1.0, count * test.p)) for test in made)
+    tests = tuple(replace(test, p=min(1.0, count * test.p)) for test in made)
     return RepeatTests(tests, count), tuple(replace(one, tests=count) for one in statistics)
 
 
@@ -270,15 +269,12 @@ def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[s
     """Of two-way tables without interaction: what runs explain beside configurations (and directions)."""
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
-    names = {name: k for k, name in enumerate(dict.fromkeys(runs))}
-    number = np.array([names[name] for name in runs])
+    names, number = np.unique(np.array(runs), return_inverse=True)
     if len(names) < 2:
         return []
     count = int(group.max()) + 1
     values = values - group_means(values, group, count)[group]
-    design = np.zeros((len(values), len(names) - 1))
-    chosen = number < len(names) - 1
-    design[np.flatnonzero(chosen), number[chosen]] = 1.0
+    design = np.eye(len(names))[number, 1:]
     design -= group_means(design, group, count)[group]
     basis, sizes, _ = np.linalg.svd(design, full_matrices=False)
     basis = basis[:, sizes > 1e-9 * sizes[0]] if sizes[0] > 0.0 else basis[:, :0]
@@ -292,7 +288,7 @@ def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[s
         if left > 1e-12 * whole:
             f = float((part / between) / (left / rest))
             p = float(stats.f.sf(f, between, rest))
-            tests.append(RepeatTest(RUNS, name, f, p, p))
+            tests.append(RepeatTest(RUNS, name, f, p))
     return tests
 
 
@@ -307,6 +303,6 @@ def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[
         groups = [values[spread.group == k] for k in several]
         if min(float(np.var(one)) for one in groups) > 0.0:
             found = stats.bartlett(*groups)
-            p, size = float(found.pvalue), float(found.statistic) / (len(groups) - 1)
-            tests.append(RepeatTest(VARIANCES, name, size, p, p))
+            size = float(found.statistic) / (len(groups) - 1)
+            tests.append(RepeatTest(VARIANCES, name, size, float(found.pvalue)))
     return tests

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.alignment import Alignment, SharedError, aligned, on_drawing, on_drawing_errors
+from cpcal.calibration.alignment import FittedFrame, SharedError, fitted_frame, on_drawing, on_drawing_errors
 from cpcal.calibration.budget import Budget
 from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
 from cpcal.calibration.fit import Fit, fit
@@ -122,13 +122,8 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
     names = tuple(runs[first].tolist())
     if len(first) == len(rows):
         return rows, names
-    return Campaign.of(
-        rows.robot,
-        *means(rows, group, len(first)),
-        pose=[rows.pose[k] for k in first],
-        run=names,
-        exact=True,
-    ), names
+    pose = [rows.pose[k] for k in first]
+    return Campaign.of(rows.robot, *means(rows, group, len(first)), pose=pose, run=names, exact=True), names
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -145,24 +140,18 @@ _REACH = 4.0  # standard deviations to each side; the outermost bins hold what i
 
 
 @dataclass(frozen=True)
-class Histogram:
-    """Errors of repeats counted in bins of equal width from -reach to reach; the outermost hold what is beyond."""
-
-    reach: float
-    counts: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class Channel:
     """One channel of the repeats (tables 2 and 3, figures 3 and 4), outliers left out: `unit` is "mm" or "rad".
 
+    counts     errors of repeats in bins of equal width from -reach to reach; the outermost hold what is beyond
     noise      standard deviation of a run by the noise of camera or sensors alone
     with_outliers  the standard deviation with them
     """
 
     unit: str
     statistics: ChannelStatistics
-    histogram: Histogram
+    reach: float
+    counts: tuple[int, ...]
     noise: float
     with_outliers: float
 
@@ -214,31 +203,6 @@ class RepeatRecord:
 
 
 @dataclass(frozen=True)
-class FittedFrame:
-    """A frame in another: position (mm), quaternion, and standard deviations (6,) of position and rotation vector.
-
-    sigma          of the frame that the robot's own joint centres define, errors that all images share included
-    drawing_sigma  of the drawing's, from which those centres deviate by `drawing_error` mm a coordinate; 95 % of it
-                   takes the `coverage_factor`
-    """
-
-    position: Numbers
-    quaternion: Numbers
-    sigma: Numbers
-    drawing_sigma: Numbers
-    drawing_error: float
-    coverage_factor: float
-
-    def sentence(self, name: str) -> str:
-        own, drawn = max(self.sigma[:3]), max(self.drawing_sigma[:3])
-        return (
-            f"{name}: the calibrated joint centres are {self.drawing_error:.2g} mm a coordinate off the "
-            f"drawing's; the frame that they define is known to U = {2.0 * own:.2g} mm (k = 2), the drawing's to "
-            f"{self.coverage_factor * drawn:.2g} mm (k = {self.coverage_factor:.2g}, 95 %)."
-        )
-
-
-@dataclass(frozen=True)
 class FittedFrames:
     """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
     root mean squares of the components, mm and rad."""
@@ -247,7 +211,6 @@ class FittedFrames:
     target_in_mobile: FittedFrame
     position_residual: float
     rotation_residual: float
-    unit_weight: float
     remarks: tuple[str, ...]
 
     @property
@@ -366,7 +329,7 @@ class CalibrationRecord:
         yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/7"
+FORMAT = "cpcal-calibration/8"
 RECORD_NAME = "calibration.json"
 
 
@@ -394,7 +357,6 @@ class StudyCalibration:
     check         the same of the validation poses
     repeats       whose scatter the repeats show: camera's, sensors', robot's
     frames        camera in base, target in mobile, from pairs of poses: where the fits start
-    base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
     x_c, x_c_sigma        least squares of g: plain, and weighted by the noise of the means, all legs together
     record        all of it as plain values, with statistics, validation and diagnosis
     """
@@ -404,8 +366,6 @@ class StudyCalibration:
     check: Campaign
     repeats: Repeatability
     frames: FrameCalibration
-    base_frame: Alignment
-    mobile_frame: Alignment
     x_c: Fit
     x_c_sigma: Fit
     record: CalibrationRecord
@@ -438,9 +398,9 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
     noise, check_noise = repeats.noise(rows.repeats), repeats.noise(check_rows.repeats)
     x_c, x_c_sigma = fit(campaign, noise=noise), fit(campaign, weighted=True, noise=noise)
-    base, mobile = (_aligned(x_c_sigma, part, drawn) for part, drawn in ((0, drawing.base), (3, drawing.mobile)))
     repeat_record = _repeats(rows, of_rows, repeats)
     shared, outliers = repeat_record.shared, check_rows.screening
+    of_frames = (np.zeros(6), np.zeros(6)) if shared is None else shared.of_frames()
     with_outliers = None
     if outliers is not None and not outliers.keep.all():
         every = averaged(check_rows.all, of="mean", sigma=repeats.noise_sigma)
@@ -453,12 +413,11 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         sets=ReadingSets(factor, of, shared is not None),
         repeats=repeat_record,
         frames=FittedFrames(
-            camera_in_base=_frame(base, np.zeros(6) if shared is None else shared.camera_in_base),
-            target_in_mobile=_frame(mobile, np.zeros(6) if shared is None else shared.target_in_mobile),
-            position_residual=float(np.sqrt(np.mean(frames.position_residual**2))),
-            rotation_residual=float(np.sqrt(np.mean(frames.rotation_residual**2))),
-            unit_weight=frames.unit_weight,
-            remarks=frames.remarks,
+            _frame(x_c_sigma, 0, drawing.base, of_frames[0]),
+            _frame(x_c_sigma, 3, drawing.mobile, of_frames[1]),
+            float(np.sqrt(np.mean(frames.position_residual**2))),
+            float(np.sqrt(np.mean(frames.rotation_residual**2))),
+            frames.remarks,
         ),
         x_c=Parameters.of(x_c, drawing),
         x_c_sigma=Parameters.of(x_c_sigma, drawing),
@@ -474,26 +433,15 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         ),
         budget=None,
     )
-    return StudyCalibration(drawing, campaign, check, repeats, frames, base, mobile, x_c, x_c_sigma, record)
+    return StudyCalibration(drawing, campaign, check, repeats, frames, x_c, x_c_sigma, record)
 
 
-def _aligned(fit: Fit, first: int, drawn: Floats) -> Alignment:
+def _frame(fit: Fit, first: int, drawn: Floats, shared: Floats) -> FittedFrame:
     """The frame of the drawing's joint centres, from the fitted ones that begin with that parameter."""
     x, covariance = fit.parameters, fit.covariance
     blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
     part = slice(first, first + 3)
-    return aligned(x[:, part], drawn, blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x)))
-
-
-def _frame(found: Alignment, shared: Floats) -> FittedFrame:
-    return FittedFrame(
-        position=_numbers(found.motion.position),
-        quaternion=_numbers(found.motion.quaternion),
-        sigma=_numbers(np.hypot(found.sigma, shared)),
-        drawing_sigma=_numbers(np.hypot(found.drawing_sigma, shared)),
-        drawing_error=found.drawing_error,
-        coverage_factor=found.coverage_factor,
-    )
+    return fitted_frame(x[:, part], drawn, blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x)), shared)
 
 
 def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> RepeatRecord:
@@ -511,8 +459,8 @@ def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> Re
         errors = (of_rows if k < 6 else repeats.spread).errors[:, k]
         reach = _REACH * channel.sigma or 1.0  # a channel without any scatter: one bin has it all
         counts, _ = np.histogram(np.clip(errors, -reach, reach), bins=_BINS, range=(-reach, reach))
-        unit, histogram = "rad" if 3 <= k < 6 else "mm", Histogram(reach, tuple(counts.tolist()))
-        channels.append(Channel(unit, channel, histogram, float(repeats.noise_sigma[k]), float(with_outliers[k])))
+        unit, seen = "rad" if 3 <= k < 6 else "mm", tuple(counts.tolist())
+        channels.append(Channel(unit, channel, reach, seen, float(repeats.noise_sigma[k]), float(with_outliers[k])))
     return RepeatRecord(
         readings=len(rows.all),
         configurations=len(of_rows.names),

@@ -161,10 +161,10 @@ def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> PoseErrors:
         what = f"have the shape {x.shape}, or a number that is not finite"
         raise InputError([Problem("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")])
     measured = Pose(campaign.position, campaign.quaternion)
-    found = forward_poses(Robot.from_parameters("", x), campaign.length, measured)
-    remaining = quaternion_product(found.pose.quaternion, quaternion_conjugate(campaign.quaternion))
-    off = (found.pose.position - campaign.position, rotation_vector(remaining))
-    apart, turn = (np.where(found.converged, np.linalg.norm(part, axis=1), np.nan) for part in off)
+    found, _ = forward_poses(Robot.from_parameters("", x), campaign.length, measured)
+    remaining = quaternion_product(found.quaternion, quaternion_conjugate(campaign.quaternion))
+    off = (found.position - campaign.position, rotation_vector(remaining))
+    apart, turn = (np.linalg.norm(part, axis=1) for part in off)
     return PoseErrors(tuple(apart.tolist()), tuple(turn.tolist()))
 
 

@@ -10,14 +10,15 @@ is multiplied by the square of its pose's quaternion, whose rotation is a ration
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
 from itertools import product
-from typing import Any
 
-from .polynomial import Polynomial, Spend, dyadics, rotation_rows, unknown
+from .bounds import Bounds, box_of, matrix, number, numbers
+from .bounds import rotation as enclosed_rotation
+from .polynomial import Polynomial, Spend, applied, dyadics, minus, plus, rotation_rows, transposed, unknown
 from .readers import Refused
 from .rule import Box, Problem
 
@@ -34,7 +35,6 @@ STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
 Terms = dict[tuple[int, ...], int]
 Vector = Sequence[F]
-Interval = tuple[F, F]
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class Study:
     def uncertain(self) -> bool:
         return any(map(any, self.widths))
 
-    def motion(self, k: int) -> tuple[list[list[int]], int]:
+    def motion(self, k: int) -> tuple[Sequence[Sequence[int]], int]:
         """H of an image times the square of its quaternion, and that square: whole numbers."""
         rows, norm = rotation(self.poses[k][1])
-        return ([list(row) for row in zip(*rows, strict=True)] if self.in_hand else rows), norm
+        return (transposed(rows) if self.in_hand else rows), norm
 
 
 def rotation(q: Sequence[F | int]) -> tuple[list[list[int]], int]:
@@ -85,119 +85,85 @@ def turn_equation(part: Sequence[int], k: int) -> Terms:
 
 class Rows:
     """The rows of a stage for some images of a study, at a tolerance eps; `hand`: w, `board`: c, `sets`: boxes (12) of
-    the poses of images that are known."""
+    the poses of images that are known, `frames`: the box where it begins."""
 
     def __init__(
         self, study: Study, stage: str, images: Sequence[int], eps: F, hand: Vector, board: Vector,
-        sets: Mapping[int, tuple[Vector, Vector]], frames: Box | None,
+        sets: Mapping[int, tuple[Vector, Vector]], frames: Box,
     ) -> None:  # fmt: skip
         if stage == "frames" and study.uncertain:
             raise Refused("the pixels of all images are tied by exact poses only")
-        self.study, self.stage, self.images, self.sets = study, stage, tuple(images), sets
-        mm = [*hand, *board, *(v for p, _ in study.poses for v in p), *(v for p in study.points for v in p)]
-        numbers = dyadics(mm)
-        self._mm = numbers.power
-        values = iter(zip(*[iter(numbers.values)] * 3, strict=True))
-        self._hand, self._board = next(values), next(values)
-        self._places = [next(values) for _ in study.poses]
-        self._points = [tuple(v - c for v, c in zip(next(values), self._board, strict=True)) for _ in study.points]
-        each = [eps + width for width in study.half_width]
-        off = [ray[a] - study.center[a] for ray in study.rays for a in (0, 1)]
-        numbers = dyadics([*study.focal, *each, *off])
-        self._px, self._focal = numbers.power, numbers.values[:2]
-        count = len(each)
-        self._width, self._off = numbers.values[2 : 2 + count], numbers.values[2 + count :]
-        self._motions: dict[int, tuple[list[list[int]], int, list[int]]] = {}
-        self._frames = frames
-        self.wide = bool(study.uncertain)
-        own = 18 if self.wide else 12
-        first = 0 if stage == "image" else SIZE
-        self.first = {} if stage == "frames" else {k: first + own * n for n, k in enumerate(self.images)}
-        self.size = first + (0 if stage == "frames" else (12 if stage == "image" else own) * len(self.images))
-
-    @cached_property
-    def unknowns(self) -> tuple[str, ...]:
+        self.study, self.stage, self.sets, self._frames, self.wide = study, stage, sets, frames, study.uncertain
+        places = dyadics(v for place in (hand, board, *(p for p, _ in study.poses), *study.points) for v in place)
+        self._mm, values = places.power, zip(*[iter(places.values)] * 3, strict=True)
+        self._hand, self._board, *others = values
+        count = len(study.poses)
+        self._places, self._points = others[:count], [minus(p, self._board) for p in others[count:]]
+        off = (ray[a] - study.center[a] for ray in study.rays for a in (0, 1))
+        values_px = dyadics([*study.focal, *(eps + width for width in study.half_width), *off]).values
+        count = 2 + len(study.points)
+        self._focal, self._width, self._off = values_px[:2], values_px[2:count], values_px[count:]
+        self._motions: dict[int, tuple[Sequence[Sequence[int]], int, list[int]]] = {}
         names = [*(f"R{a}{b}" for a in "123" for b in "123"), "tx", "ty", "tz", "wx", "wy", "wz", "dx", "dy", "dz"]
-        if self.stage == "image":
-            return tuple(names[:12])
-        return (*FRAMES, *(f"{k}.{name}" for k in self.first for name in names[: 18 if self.wide else 12]))
+        alone, own = stage == "image", [] if stage == "frames" else images
+        each = 18 if self.wide and not alone else 12
+        before = () if alone else FRAMES
+        self.first = {k: len(before) + each * n for n, k in enumerate(own)}
+        self.unknowns = (*before, *([*names[:12]] if alone else (f"{k}.{name}" for k in own for name in names[:each])))
+        self.count = max(len(study.image), (EQUATIONS + 12) * (2 + len(study.images)))  # numbers of rows are below
+        seen, parts = frozenset(images), [*(() if alone else (0, 1)), *(2 + k for k in own)]
+        self.tags = [(side, n) for n, image in enumerate(study.image) if image in seen for side in SIDES[:4]]
+        self.tags += product(SIDES[4:6], (EQUATIONS * part + k for part in parts for k in range(EQUATIONS)))
+        if not alone:
+            tied = (SIDES[8:10], images) if stage == "links" else (SIDES[10:], sets)
+            self.tags += [
+                *product(SIDES[6:8], range(6)),
+                *product(tied[0], (12 * k + j for k in tied[1] for j in range(12))),
+            ]
+        self._known = frozenset(self.tags)
 
-    def motion(self, k: int) -> tuple[list[list[int]], int, list[int]]:
+    def motion(self, k: int) -> tuple[Sequence[Sequence[int]], int, list[int]]:
         """H and n = |q|^2 of an image, and n (h - w)."""
         if k not in self._motions:
             turn, norm = self.study.motion(k)
             place = self._places[k]
-            shift = [-dot(row, place) for row in turn] if self.study.in_hand else [norm * v for v in place]
+            shift = [-v for v in applied(turn, place)] if self.study.in_hand else [norm * v for v in place]
             self._motions[k] = turn, norm, [s - norm * w for s, w in zip(shift, self._hand, strict=True)]
         return self._motions[k]
 
-    def tags(self) -> Iterator[tuple[str, int]]:
-        """All rows, by side and number."""
-        chosen = set(self.images)
-        for n, image in enumerate(self.study.image):
-            if image in chosen:
-                yield from ((side, n) for side in SIDES[:4])
-        parts = [2 + k for k in self.images] if self.stage != "frames" else []
-        for part in parts if self.stage == "image" else [0, 1, *parts]:
-            yield from product(SIDES[4:6], range(EQUATIONS * part, EQUATIONS * (part + 1)))
-        if self.stage == "image":
-            return
-        yield from product(SIDES[6:8], range(6))
-        if self.stage == "links":
-            yield from product(SIDES[8:10], (12 * k + j for k in self.images for j in range(12)))
-        else:
-            yield from product(SIDES[10:], (12 * k + j for k in self.sets for j in range(12)))
-
-    @property
-    def count(self) -> int:
-        """Numbers of rows are below this."""
-        return max(len(self.study.image), (EQUATIONS + 12) * (2 + len(self.study.images)))
-
     def row(self, side: str, k: int) -> Terms:
         """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
-        kind, sign = side[:-1], 1 if side[-1] == "+" else -1
-        limit: F | int = 0
-        if kind in "uv":
-            if k >= len(self.study.image) or self.study.image[k] not in self.images:
-                raise Refused(f"there is no row {side} {k}")
-            found = self._pixel(k, "uv".index(kind), sign)
-            return {m: c for m, c in found.items() if c}
-        if kind == "turn":
-            found = turn_equation(self._part(k // EQUATIONS), k % EQUATIONS)
-        elif kind == "tie" and k < 6 and self.stage != "image":
-            found = self._tie(*divmod(k, 3))
-        elif kind == "link" and self.stage == "links" and k // 12 in self.images:
-            found, limit = self._link(*divmod(k, 12))
-        elif kind == "pose" and self.stage == "frames" and k // 12 in self.sets:
-            return self._pose(*divmod(k, 12), sign)
-        else:
+        if (side, k) not in self._known:
             raise Refused(f"there is no row {side} {k}")
+        kind, sign, limit = side[:-1], 1 if side[-1] == "+" else -1, F(0)
+        if kind in "uv":
+            return {m: c for m, c in self._pixel(k, "uv".index(kind), sign).items() if c}
+        if kind == "turn":
+            part, k = divmod(k, EQUATIONS)
+            first = self.first[part - 2] if part > 1 else (R_X, R_F)[part][0]
+            found = turn_equation(range(first, first + 9), k)
+        elif kind == "tie":
+            found = self._tie(*divmod(k, 3))
+        elif kind == "link":
+            found, limit = self._link(*divmod(k, 12))
+        else:
+            found = self._pose(*divmod(k, 12), sign > 0)
         found = {m: sign * c for m, c in found.items() if c}
         if limit:
             found = {m: c << _FINE for m, c in found.items()}
             found[()] = found.get((), 0) - (limit * (1 << _FINE)).__ceil__()
         return found
 
-    def _part(self, part: int) -> range:
-        if part < 2 and self.stage != "image":
-            return (R_X, R_F)[part]
-        if part - 2 in self.first:
-            start = self.first[part - 2]
-            return range(start, start + 9)
-        raise Refused(f"there is no rotation {part}")
-
     def _pixel(self, n: int, axis: int, sign: int) -> Terms:
         image, p = self.study.image[n], self._points[n]
-        factors = {axis: sign * self._focal[axis], 2: -sign * self._off[2 * n + axis] - self._width[n]}
         found: Terms = {}
-        if self.stage != "frames":
-            start = self.first[image]
-            for a, factor in factors.items():
+        for a, factor in ((axis, sign * self._focal[axis]), (2, -sign * self._off[2 * n + axis] - self._width[n])):
+            if self.stage == "frames":
+                found |= {m: factor * c for m, c in self._seen(image, a, p).items()}
+            else:
+                start = self.first[image]
                 found |= {(start + 3 * a + d,): factor * p[d] for d in AXES}
                 found[(start + 9 + a,)] = factor << self._mm
-            return found
-        for a, factor in factors.items():
-            found |= {m: factor * c for m, c in self._seen(image, a, p).items()}
         return found
 
     def _seen(self, image: int, a: int, p: Sequence[int]) -> Terms:
@@ -219,106 +185,90 @@ class Rows:
         found: Terms = {(R_X[3 * a + b], E_[b]): one for b in AXES}  # R_X e + t_X - w
         return found | {(T_X[a],): one, (): -self._hand[a]}
 
-    def _pose(self, image: int, j: int, sign: int) -> Terms:
-        """n times an entry of the board's pose in an image, within what its own certificate proves."""
+    def _pose(self, image: int, j: int, upper: bool) -> Terms:
+        """n times an entry of the board's pose in an image, less an end of what its own certificate proves."""
         turn, norm, _ = self.motion(image)
-        value = self.sets[image][sign > 0][j]
-        above, below = value.as_integer_ratio()
+        above, below = self.sets[image][upper][j].as_integer_ratio()
         if j < 9:
             a, d = divmod(j, 3)
             found: Terms = {(R_X[3 * b + a], R_F[3 * c + d]): turn[b][c] for b in AXES for c in AXES}
-            unit = 0
         else:
-            found, unit = self._seen(image, j - 9, (0, 0, 0)), self._mm
-        found = {m: sign * below * c for m, c in found.items() if c}
-        return found | {(): -sign * (norm * above << unit)}
+            found = self._seen(image, j - 9, (0, 0, 0))
+            above <<= self._mm
+        return {m: below * c for m, c in found.items()} | {(): -norm * above}
 
-    def _link(self, image: int, j: int) -> tuple[Terms, F | int]:
+    def _link(self, image: int, j: int) -> tuple[Terms, F]:
         """One of the 12 equations R_X (A, t) + t_X = T F for the reading T of a pose, and what it may be off.
 
         R(1, s) = I + [w]x + V with w = 2 s / (1 + s's), so |w_j| is at most the half-width, and each |V_ij| at most
         half of their squares' sum. With the camera in the hand the equation is turned back by R(1, s)'.
         """
-        study, (turn, norm, _), start = self.study, self.motion(image), self.first[image]
-        base = [list(row) for row in zip(*turn, strict=True)] if study.in_hand else turn  # n R(q)
+        in_hand, (turn, norm, _), start = self.study.in_hand, self.motion(image), self.first[image]
         one = [[norm * (a == b) for b in AXES] for a in AXES]
-        left, right = (base, one) if study.in_hand else (one, base)
+        left, right = (transposed(turn), one) if in_hand else (one, turn)
         a, place = (j - 9, self._places[image]) if j >= 9 else (j // 3, (0, 0, 0))
         unit = self._mm if j >= 9 else 0
-        sign = -1 if study.in_hand else 1
+
+        def position(row: int) -> Terms:
+            """n (P + d)"""
+            return {(): -norm * place[row]} | ({(start + 15 + row,): -norm << unit} if self.wide else {})
 
         def target(row: int) -> Terms:
             """Of n times F's column, or of n (f - P - d) or n R f: what a reading turns."""
             if j < 9:
                 return {(R_F[3 * c + j % 3],): right[row][c] for c in AXES}
             found: Terms = {(F_[c],): right[row][c] << unit for c in AXES}
-            if study.in_hand:
-                found |= {(): -norm * place[row]} | ({(start + 15 + row,): -norm << unit} if self.wide else {})
-            return found
+            return found | position(row) if in_hand else found
 
         found = {m: -c for m, c in target(a).items()}
-        if not study.in_hand and j >= 9:
-            found[()] = -norm * place[a]
-            if self.wide:
-                found[(start + 15 + a,)] = -norm << unit
+        if j >= 9:
+            found |= {} if in_hand else position(a)
+            found |= {(T_X[c],): left[a][c] << unit for c in AXES}
         for c, d in product(AXES, AXES):
             entry = start + 3 * d + j % 3 if j < 9 else start + 9 + d
             found[R_X[3 * c + d], entry] = left[a][c] << unit
-        if j >= 9:
-            found |= {(T_X[c],): left[a][c] << unit for c in AXES}
         if not self.wide:
-            return found, 0
+            return found, F(0)
         b, c = (a + 1) % 3, (a + 2) % 3  # ([w]x z)_a = w_b z_c - w_c z_b
-        for w, row, way in ((b, c, sign), (c, b, -sign)):
+        for w, row, way in ((b, c, 1), (c, b, -1)):
             for m, value in target(row).items():
                 key = tuple(sorted((*m, start + 12 + w)))
-                found[key] = found.get(key, 0) - way * value
+                found[key] = found.get(key, 0) + (way if in_hand else -way) * value
         return found, self._beyond(image, [target(row) for row in AXES])
 
     def _beyond(self, image: int, targets: Iterable[Terms]) -> F:
         """v times the largest sum of the sizes of three polynomials on the box of the frames."""
-        assert self._frames is not None
-        widths = self.study.widths[image]
-        v = sum((w * w for w in widths[3:]), F(0)) / 2
-        start = self.first[image]
-        size: dict[tuple[int, ...], Interval] = {(): (F(1), F(1))}
-        size |= {(start + 15 + a,): (-widths[a], widths[a]) for a in AXES}
+        widths, start, frames = self.study.widths[image], self.first[image], self._frames
+        ends: dict[tuple[int, ...], tuple[F, F]] = {(): (F(1), F(1))}
+        ends |= {(i,): end for i, end in enumerate(zip(frames.lo, frames.hi, strict=True))}
+        ends |= {(start + 15 + a,): (-widths[a], widths[a]) for a in AXES}
         total = F(0)
         for terms in targets:
-            low = high = F(0)
-            for m, c in terms.items():
-                if m in size:
-                    lo, hi = size[m]
-                else:
-                    lo, hi = self._frames.lo[m[0]], self._frames.hi[m[0]]
-                low, high = low + min(c * lo, c * hi), high + max(c * lo, c * hi)
-            total += max(-low, high)
-        return v * total
+            sums = zip(*(sorted((c * ends[m][0], c * ends[m][1])) for m, c in terms.items()), strict=True)
+            total += max(abs(sum(side)) for side in sums)
+        return sum((w * w for w in widths[3:]), F(0)) / 2 * total
 
     def problem(self, spend: Spend) -> Problem:
         """For the kernel: its rows are polynomials in x."""
         return Problem.of_rows(self.unknowns, self.count, SIDES, lambda side, k: polynomial(self.row(side, k), spend))
 
-    def root(self, frames: Box | None) -> Box:
+    @property
+    def root(self) -> Box:
         """Where a stage begins: the frames' box, or all poses of an image that frames in it allow."""
-        study, lo, hi = self.study, list[F](), list[F]()
-        if self.stage != "image":
-            assert frames is not None
-            lo, hi = list(frames.lo[:SIZE]), list(frames.hi[:SIZE])
+        study, frames = self.study, self._frames
+        lo, hi = ([], []) if self.stage == "image" else (list(frames.lo), list(frames.hi))
         for k in self.first:
             if k in self.sets:
                 lo += self.sets[k][0]
                 hi += self.sets[k][1]
             else:
-                assert frames is not None
                 far = sum((max(-frames.lo[i], frames.hi[i]) for i in (*T_X, *F_)), F(0))
                 far = F((far + sum(map(abs, study.poses[k][0])) + sum(study.widths[k][:3])).__ceil__())
                 hi += [F(1)] * 9 + [far] * 3
                 lo += [-v for v in hi[-12:]]
             if self.wide and self.stage == "links":
-                widths = [*study.widths[k][3:], *study.widths[k][:3]]
-                lo += [-v for v in widths]
-                hi += widths
+                hi += [*study.widths[k][3:], *study.widths[k][:3]]
+                lo += [-v for v in hi[-6:]]
         return Box(tuple(lo), tuple(hi))
 
 
@@ -329,14 +279,10 @@ def polynomial(terms: Terms, spend: Spend) -> Polynomial:
     return Polynomial({sum(map(unknown, m)): c for m, c in terms.items()}, -bits, spend)
 
 
-def dot(row: Iterable[Any], vector: Iterable[Any]) -> Any:
-    return sum(a * b for a, b in zip(row, vector, strict=True))
-
-
 # the box that was asked for -----------------------------------------------------------------------------------------
 
 _PI_ABOVE = F(314159265358979323847, 10**20)
-_OUTWARD = 1 << 40
+_OUTWARD = 40  # bits behind the point
 
 
 def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Vector) -> Box:
@@ -345,26 +291,21 @@ def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Ve
     `center` (14): position and quaternion of X, then of F. Entries of rotations that differ by an angle differ by at
     most 2 sin(angle / 2).
     """
-    span = F(2) if angle is None else 2 * _sine_above(angle * _PI_ABOVE / 360)
-    ends: list[Interval] = []
+    span, way = number(2 if angle is None else 2 * _sine_above(angle * _PI_ABOVE / 360)), number(reach)
+    ends: list[Bounds] = []
     for k in (0, 7):
-        rows, norm = rotation(center[k + 3 : k + 7])
-        for value in (F(v, norm) for row in rows for v in row):
-            ends.append((max(value - span, F(-1)), min(value + span, F(1))))
-        ends += [(v - reach, v + reach) for v in center[k : k + 3]]
-    for a in AXES:  # e = R_X' (w - t_X)
-        away = [(hand[b] - ends[T_X[b]][1], hand[b] - ends[T_X[b]][0]) for b in AXES]
-        ends.append(_sum(_times(ends[R_X[3 * b + a]], away[b]) for b in AXES))
-    for a in AXES:  # f = t_F + R_F c
-        ends.append(_sum([ends[T_F[a]], *(_times(ends[R_F[3 * a + d]], (board[d],) * 2) for d in AXES)]))
-    lo = tuple(F((low * _OUTWARD).__floor__(), _OUTWARD) for low, _ in ends)
-    return Box(lo, tuple(F((high * _OUTWARD).__ceil__(), _OUTWARD) for _, high in ends))
+        turn = enclosed_rotation(numbers(center[k + 3 : k + 7]))
+        ends += [value.around(span).within(-1, 1) for row in turn for value in row]
+        ends += [value.around(way) for value in numbers(center[k : k + 3])]
+    x, t_x, f, t_f = ends[:9], ends[9:12], ends[12:21], ends[21:]
+    ends += applied(transposed(matrix(x)), minus(numbers(hand), t_x))  # e = R_X' (w - t_X)
+    ends += plus(t_f, applied(matrix(f), numbers(board)))  # f = t_F + R_F c
+    return box_of(ends, _OUTWARD)
 
 
 def holds(placed: Vector, center: Vector, reach: F, angle: F | None) -> bool:
     """Whether frames (14 numbers) are in the box about others."""
-    origin = (F(0),) * 3
-    box = asked_box(center, reach, angle, origin, origin)
+    box = asked_box(center, reach, angle, (F(0),) * 3, (F(0),) * 3)
     at: list[F] = []
     for k in (0, 7):
         rows, norm = rotation(placed[k + 3 : k + 7])
@@ -379,13 +320,3 @@ def _sine_above(angle: F) -> F:
         term *= -angle * angle / (2 * k * (2 * k + 1))
         total += term
     return min(total, F(1))
-
-
-def _times(one: Interval, other: Interval) -> Interval:
-    corners = [p * q for p in one for q in other]
-    return min(corners), max(corners)
-
-
-def _sum(ends: Iterable[Interval]) -> Interval:
-    low, high = zip(*ends, strict=True)
-    return sum(low, F(0)), sum(high, F(0))

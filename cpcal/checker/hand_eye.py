@@ -7,60 +7,52 @@ the certificate that it names ended, and may use the poses that those of images 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction as F
 from hashlib import sha256
 from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
+from .bounds import between, matrix, number, numbers, skew
+from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
-from .frames import (
-    AXES,
-    R_F,
-    R_X,
-    SIZE,
-    STAGES,
-    T_F,
-    T_X,
-    Interval,
-    Rows,
-    Study,
-    asked_box,
-    dot,
-    holds,
-    rotation,
-)
-from .lens import Cameras
-from .lens import number as bound
+from .frames import R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, holds, rotation
+from .lens import Cameras, values
+from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
+    STRANGE,
+    Json,
     Refused,
     Unusable,
     anything,
     array,
     ascending,
     choice,
+    compare,
     dyadic,
     entry,
+    exact,
     finite,
     many,
     maybe,
+    reading,
+    reason_of,
     record,
+    same,
     shown,
     text,
     up,
     whole,
 )
 from .rule import Box, Problem, meeting
-from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
-WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/5"
 UNKNOWNS = 24  # of a result: R and t of both frames
 BEYOND = F(1.1)  # of eps_hi: the tolerance of ranges that nobody asked for
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
@@ -96,7 +88,7 @@ _ASKED = record(
 def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
     """The study of a file, its SHA-256, and what is left to spend on its run. Raises Unusable, Refused."""
     given = content(path)
-    try:
+    with reading(STUDY_NAME):
         data = parsed(given, finite)
         points = len(array(data["points"]))
         budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
@@ -104,54 +96,45 @@ def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
             raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
         budget.spend(_ERRORS_WORK * points)
         return _study(data), sha256(given).hexdigest(), budget
-    except (Refused, *STRANGE) as error:
-        raise Refused(f"{STUDY_NAME} {reason_of(error)}", "run", 0) from None
 
 
 def _study(data: Json) -> Study:
     same("format", data["format"], STUDY_FORMAT)
     camera, setup = data["camera"], choice(*_SETUPS)(data["setup"])
     names, *poses = zip(*many(entry(text, *[exact] * 13))(data["images"]), strict=True)
-    image, labels, *numbers = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
+    image, labels, *places = zip(*many(entry(whole(len(names)), text, *[exact] * 8))(data["points"]), strict=True)
     focal, center, distortion = (tuple(map(exact, camera[key])) for key in ("focal", "center", "distortion"))
     if len(focal) != 2 or len(center) != 2 or min(focal) <= 0:
         raise Refused("holds no camera")
     if len(set(names)) < len(names) or len(set(zip(image, labels, strict=True))) < len(image):
         raise Refused("holds an image, or a point of an image, twice")
-    if min(map(min, [*poses[7:], numbers[7]])) < 0 or not all(map(any, zip(*poses[3:7], strict=True))):
+    if min(map(min, [*poses[7:], places[7]])) < 0 or not all(map(any, zip(*poses[3:7], strict=True))):
         raise Refused("holds a negative half-width, or a quaternion that is no rotation")
-    rows, turns, widths, rays, points = (
-        tuple(zip(*part, strict=True)) for part in (poses[:3], poses[3:7], poses[7:], numbers[2:4], numbers[4:7])
+    rows, turns, widths, pixels, rays, points = (
+        tuple(zip(*part, strict=True))
+        for part in (poses[:3], poses[3:7], poses[7:], places[:2], places[2:4], places[4:7])
     )
     study = Study(
         setup == _SETUPS[0], focal, center, names, tuple(zip(rows, turns, strict=True)), widths,
-        image, labels, rays, points, numbers[7],
+        image, labels, rays, points, places[7],
     )  # fmt: skip
     if text(camera["model"]) == "brown":  # other lenses are no polynomials: see `undistorted` in _Run.box_said
-        _check_lens(study, list(zip(*numbers[:2], strict=True)), distortion)
+        _check_lens(study, pixels, distortion)
     return study
 
 
 def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequence[F]) -> None:
     """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
-    k1, k2, p1, p2, k3 = distortion
-    farthest = F(0)
-    for ray, pixel in zip(study.rays, pixels, strict=True):
-        # to 80 bits: what that changes of a pixel is nothing beside _LENS
-        x, y = (F(round((ray[a] - study.center[a]) / study.focal[a] * 2**80), 2**80) for a in (0, 1))
-        s = x * x + y * y
-        farthest = max(farthest, s)
-        s = F(round(s * 2**80), 2**80)
-        g = 1 + s * (k1 + s * (k2 + s * k3))
-        bent = (x * g + 2 * p1 * x * y + p2 * (s + 2 * x * x), y * g + 2 * p2 * x * y + p1 * (s + 2 * y * y))
-        for a in (0, 1):
-            if abs(study.center[a] + study.focal[a] * bent[a] - pixel[a]) > _LENS:
+    directions = [
+        numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
+    ]
+    farthest = max(((x.square + y.square).root for x, y in directions), key=lambda one: one.hi)
+    lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, False, farthest.ends[1])
+    for x, pixel in zip(directions, pixels, strict=True):
+        for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
+            if (number(c) + number(f) * d - number(v)).size.ends[1] > _LENS:
                 raise Refused("holds an undistorted pixel that is another one")
-    if not any(distortion):
-        return
-    numbers = (*study.focal, *study.center, k1, k2, p1, p2, k3)
-    radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.hi
-    assert Cameras(numbers, [()] * 9, False, F(radius, 1 << 160)).least
+    assert not any(distortion) or lens.least
 
 
 # given frames -------------------------------------------------------------------------------------------------------
@@ -162,51 +145,39 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
 
     `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
     """
-    (x_turn, x_norm), (f_turn, f_norm) = (rotation(placed[k + 3 : k + 7]) for k in (0, 7))
-    x_place, f_place = placed[:3], placed[7:10]
-    maps = []
+    (x_place, x_turn), (f_place, f_turn) = ((placed[k : k + 3], _turn(placed[k + 3 : k + 7])) for k in (0, 7))
+    back, maps = transposed(x_turn), []
     for k, (place, turned) in enumerate(study.poses):
-        rows, norm = rotation(turned)
+        turn = _turn(turned)
         if readings:
-            more, scale = rotation([F(1), *(v / 2 for v in readings[k][3:])])
-            rows, norm = _product(more, rows), norm * scale
-            place = [p + d for p, d in zip(place, readings[k][:3], strict=True)]
+            turn = product(_turn([F(1), *(v / 2 for v in readings[k][3:])]), turn)
+            place = plus(place, readings[k][:3])
         if study.in_hand:  # H = (R, P)^-1
-            rows, moved = (
-                [list(row) for row in zip(*rows, strict=True)],
-                [f - p for f, p in zip(f_place, place, strict=True)],
-            )
-            place = (F(0),) * 3
+            turn = transposed(turn)
+            moved = applied(turn, minus(f_place, place))
         else:
-            moved = list(f_place)
-        y = [F(dot(row, moved)) / norm + o - t for row, o, t in zip(rows, place, x_place, strict=True)]
-        back = [list(row) for row in zip(*x_turn, strict=True)]
-        turn = [[F(v, x_norm * norm * f_norm) for v in row] for row in _product(back, _product(rows, f_turn))]
-        maps.append((turn, [F(dot(row, y)) / x_norm for row in back]))
+            moved = plus(applied(turn, f_place), place)
+        maps.append((product(back, product(turn, f_turn)), applied(back, minus(moved, x_place))))
     found: list[F | None] = []
     for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
-        turn, shift = maps[image]
-        x = [dot(row, p) + t for row, t in zip(turn, shift, strict=True)]
-        if x[2] <= 0:
-            found.append(None)
-        else:
-            off = (abs(study.focal[a] * x[a] / x[2] - (ray[a] - study.center[a])) for a in (0, 1))
-            found.append(max(off) - width)
+        x, y, z = plus(applied(maps[image][0], p), maps[image][1])
+        off = (
+            abs(f * a / z - (v - c)) if z else F(0)
+            for f, a, v, c in zip(study.focal, (x, y), ray, study.center, strict=True)
+        )
+        found.append(max(off) - width if z > 0 else None)
     return found
 
 
-def _product(one: Sequence[Sequence[int]], other: Sequence[Sequence[int]]) -> list[list[int]]:
-    return [[dot(row, column) for column in zip(*other, strict=True)] for row in one]
+def _turn(q: Sequence[F]) -> Sequence[Sequence[F]]:
+    rows, norm = rotation(q)
+    return [[F(v, norm) for v in row] for row in rows]
 
 
 def largest(excess: Iterable[F | None]) -> F | None:
     """The largest of them, from 0; None where some point is not in front of the camera."""
-    worst = F(0)
-    for one in excess:
-        if one is None:
-            return None
-        worst = max(worst, one)
-    return worst
+    found = list(excess)
+    return None if None in found else max([F(0), *(one for one in found if one is not None)])
 
 
 def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
@@ -221,24 +192,18 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
         low += [-up(-lo[i]) for i in shift]
         high += [up(hi[i]) for i in shift]
-        rows, norm = rotation(about[place + 3 : place + 7])
-        product = [[_inner([(lo[i], hi[i]) for i in turn[3 * a : 3 * a + 3]], row, norm) for row in rows] for a in AXES]
-        ends = ((end - (a == b) for end in product[a][b]) for a in AXES for b in AXES)
-        k2 = sum((max(v * v for v in pair) for pair in ends), F(0)) / 8
+        center = enclosed_rotation(numbers(about[place + 3 : place + 7]))
+        turns = product(matrix([between(lo[i], hi[i]) for i in turn]), transposed(center))
+        k2 = sum(((turns[a][b] - number(a == b)).size.ends[1] ** 2 for a in range(3) for b in range(3)), F(0)) / 8
         if k2 > F(1, 4):
             low += [-180.0] * 3
             high += [180.0] * 3
             continue
         factor = 1 / (1 - 4 * k2 / (1 - k2) / 6)
-        for p, q in ((2, 1), (0, 2), (1, 0)):
-            low.append(-_degrees(-(product[p][q][0] - product[q][p][1]) / 2, factor))
-            high.append(_degrees((product[p][q][1] - product[q][p][0]) / 2, factor))
+        for sine in skew(turns):
+            low.append(-_degrees(-sine.ends[0] / 2, factor))
+            high.append(_degrees(sine.ends[1] / 2, factor))
     return low, high
-
-
-def _inner(row: Sequence[Interval], numbers: Sequence[int], norm: int) -> Interval:
-    ends = [sorted((low * c, high * c)) for (low, high), c in zip(row, numbers, strict=True)]
-    return sum((e[0] for e in ends), F(0)) / norm, sum((e[1] for e in ends), F(0)) / norm
 
 
 def _degrees(sine: F, factor: F) -> float:
@@ -275,9 +240,8 @@ class HandEyeCertificates(Certificates):
             sets[self.accepted(name)[1][3][0]] = box.lo, box.hi
         if len(sets) < len(poses) or (stage == "image" and (poses or after)) or not sets.keys() <= set(images):
             raise Refused("it rests on poses of other images")
-        frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
-        rows = Rows(self.study, stage, images, eps, hand, board, sets, frames)
-        return header, rows.problem(self.budget.spend), rows.root(frames)
+        rows = Rows(self.study, stage, images, eps, hand, board, sets, Box(frames.lo[:SIZE], frames.hi[:SIZE]))
+        return header, rows.problem(self.budget.spend), rows.root
 
     def _enclosure(self, name: str, header: list[Any], stages: tuple[str, ...]) -> Box:
         """The box that another certificate claims, which may be used here: of no more images, at no smaller eps."""
@@ -305,48 +269,48 @@ def check_hand_eye(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
 
     `work`: what the check of all certificates may cost; 0 for what such a study needs.
     """
-    kind = _Wrong if (folder / WRONG_NAME).is_file() else _HandEye
-    return kind(folder, work).statements()
+    run, found = _Run(folder, work), []
+    for one in (run.box, run.ranges, run.lower_end, run.upper_end, run.least_squares, run.wrong_images, run.files):
+        try:
+            sentence = one()
+            found += [(True, sentence)] if sentence else []
+        except (Unusable, Refused, *STRANGE) as error:
+            found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, it {reason_of(error)}"))
+    return found
 
 
 class _Run:
-    """What both kinds have: a study, a box, a point, certificates."""
-
-    name: str
-    format: str
+    """A study, a box, and what is stated of the images that are not left out, from certificates or at given frames."""
 
     def __init__(self, folder: Path, work: int) -> None:
         self.study, digest, budget = read_study(folder / STUDY_NAME, work)
-        given = content(folder / self.name)
+        given = content(folder / HAND_EYE_NAME)
         self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
         self.result = parsed(given, finite)
-        try:
-            same("format", self.result["format"], self.format)
+        with reading(HAND_EYE_NAME):
+            same("format", self.result["format"], HAND_EYE_FORMAT)
             asked: Json = self.result["asked"]
             self.center, self.reach = _placed(asked["center"]), exact(asked["reach"])
             self.angle = None if asked["angle"] is None else exact(asked["angle"])
             if not 0 < self.reach < 10**6 or not (self.angle is None or 0 < self.angle <= 180):
                 raise Refused("states a box that is none")
-        except (Refused, *STRANGE) as error:
-            raise Refused(f"{self.name} {reason_of(error)}", "run", 0) from None
 
-    def checks(self) -> tuple[Callable[[], str], ...]:
-        raise NotImplementedError
+    def outliers(self) -> int:
+        return int(whole(len(self.study.images))(self.result["outliers"]))
 
-    def statements(self) -> list[tuple[bool, str]]:
-        found = []
-        for one in (*self.checks(), self.files):
-            try:
-                sentence = one()
-                found += [(True, sentence)] if sentence else []
-            except (Unusable, Refused, *STRANGE) as error:
-                found.append((False, f"{one.__name__.replace('_', ' ')}: REFUSED, it {reason_of(error)}"))
-        return found
+    def kept(self) -> list[int]:
+        """The images that the point explains."""
+        left, images = array(self.result["left_out"]), self.study.images
+        if not len(left) == len(set(left)) == self.outliers() or not set(left) < set(images):
+            raise Refused("leaves out other images than may be")
+        return [k for k, name in enumerate(images) if name not in left]
 
-    def files(self) -> str:
-        """No certificate lies about that nothing rests on."""
-        self.certificates.names_all(self.certificates.known)
-        return ""
+    def tolerance(self) -> F:
+        """That of ranges, of verdicts on images, and at which images are wrong."""
+        eps, asked = exact(self.result["eps"]), self.result["tolerance"]
+        if eps != (F(float(BEYOND) * float(exact(self.result["eps_hi"]))) if asked is None else exact(asked)):
+            raise Refused("is at another tolerance than was asked for")
+        return eps
 
     def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
         """A certificate about these images and the box that was asked for, at a tolerance."""
@@ -359,172 +323,126 @@ class _Run:
             raise Refused(f"rests on {shown(name)}, which is about other images")
         return accepted
 
-    def fitted(self) -> list[int]:
-        """The images that the point explains."""
-        return list(range(len(self.study.images)))
+    def refuted(self, groups: Any, eps: F, beside: str | None = None) -> list[Accepted]:
+        """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""
+        family, claims = [], []
+        for group in array(groups):
+            numbers = [self.study.images.index(name) for name in array(group["images"])]
+            if beside is not None and beside not in group["images"]:
+                raise Refused("has a group without the image that it names")
+            claims.append(self.accepted(group["certificate"], eps, numbers))
+            if not claims[-1].claims.infeasible:
+                raise Refused("rests on a certificate that does not claim that there are no frames")
+            family.append(frozenset(name for name in group["images"] if name != beside))
+        if not family or meeting(family, self.outliers(), self.certificates.budget.spend):
+            raise Refused("has groups of images that so many wrong ones could spoil")
+        return claims
 
-    def checked_readings(self, given: Any, images: Sequence[int]) -> Readings:
-        """By image of the study. Raises Refused for readings beyond their half-widths."""
+    def excess(self, placed: Sequence[F], given: Any) -> list[F | None]:
+        """The errors of all points at frames and the readings that are stated with them."""
         readings = [[exact(v) for v in array(one, 6)] for one in array(given)]
-        if not self.study.uncertain:
-            if readings:
-                raise Refused("states readings of poses that are exact")
-            return ()
-        if len(readings) != len(images):
+        if readings and not self.study.uncertain:
+            raise Refused("states readings of poses that are exact")
+        if self.study.uncertain and len(readings) != len(self.study.images):
             raise Refused("states readings that are not those of the study's poses")
-        every = [[F(0)] * 6 for _ in self.study.images]
-        for k, reading in zip(images, readings, strict=True):
-            if any(abs(v) > width for v, width in zip(reading, self.study.widths[k], strict=True)):
+        for one, widths in zip(readings, self.study.widths, strict=False):
+            if any(abs(v) > width for v, width in zip(one, widths, strict=True)):
                 raise Refused("states a reading of a pose that is beyond its half-width")
-            every[k] = reading
-        return every
+        return errors(self.study, placed, readings)
 
-    def upper(self) -> float:
-        """eps_hi, computed again at the point."""
-        images, point = self.fitted(), _placed(self.result["point"])
-        excess = errors(self.study, point, self.checked_readings(self.result["readings"], images))
+    def largest(self, excess: Sequence[F | None], images: Iterable[int]) -> F | None:
         chosen = set(images)
-        worst = largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
+        return largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
+
+    # statements
+
+    def files(self) -> str:
+        """No certificate lies about that nothing rests on."""
+        self.certificates.names_all(self.certificates.known)
+        return ""
+
+    def box(self) -> str:
+        study, result, kept = self.study, self.result, self.kept()
+        proved = [len(study.images), len(study.image), _SETUPS[0] if study.in_hand else _SETUPS[1]]
+        compare(("study", result[key], b) for key, b in zip(("images", "points", "setup"), proved, strict=True))
+        reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in (self.reach, self.angle))
+        turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
+        without = f", without {', '.join(result['left_out'])}" if len(kept) < len(study.images) else ""
+        return f"box: {turned}, positions within {reach} mm of its centre{without}"
+
+    def ranges(self) -> str:
+        ranges, eps = self.result["ranges"], self.tolerance()
+        if ranges is None:
+            return ""
+        accepted = self.accepted(ranges["certificate"], eps, self.kept())
+        claims, sides = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")]
+        what = f"every pixel{self.others()} to {float(eps)!r} px ({accepted.steps} steps)"
+        if claims.infeasible:
+            compare(("ranges", side, []) for side in sides)
+            return f"ranges: PROVED, no frames explain {what}"
+        if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
+            raise Refused("rests on a certificate that claims no box of frames")
+        lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
+        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(self.result["point"]))]
+        for name, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
+            same(name, [exact(v) for v in array(side)], [F(v) for v in proved])
+        return f"ranges: PROVED for all frames that explain {what}"
+
+    def lower_end(self) -> str:
+        result, study, count = self.result, self.study, self.outliers()
+        eps, groups = exact(result["eps_lo"]), result["lower"]
+        if not array(groups):
+            compare([("eps_lo", eps, 0), ("support", result["support"], [])])
+            return "lower end: NOT CERTIFIED, eps >= 0"
+        claims = self.refuted(groups, eps)
+        points = dict.fromkeys(k for one in claims for side, k, _ in one.last if side[0] in "uv")
+        same("support", result["support"], [[study.images[study.image[k]], study.names[k]] for k in points])
+        wrong = f"whichever {count} images are wrong, no frames explain all others" if count else ""
+        steps = f"{sum(one.steps for one in claims)} steps" + (f", {len(groups)} groups" if count else "")
+        return f"lower end: PROVED, {wrong or 'no frames explain every pixel'} to {float(eps)!r} px ({steps})"
+
+    def upper_end(self) -> str:
+        """eps_hi, computed again at the point."""
+        point = _placed(self.result["point"])
+        worst = self.largest(self.excess(point, self.result["readings"]), self.kept())
         if worst is None:
             raise Refused("states a point that puts the target behind the camera")
         if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
         if not holds(point, self.center, self.reach, self.angle):
             raise Refused("states a point that is not in the box")
-        return up(worst)
-
-    def box_said(self) -> str:
-        reach, angle = (None if v is None else repr(float(v)).removesuffix(".0") for v in (self.reach, self.angle))
-        turned = "any rotation" if angle is None else f"rotations within {angle} degrees"
-        return f"box: {turned}, positions within {reach} mm of its centre"
-
-
-class _HandEye(_Run):
-    name, format = HAND_EYE_NAME, HAND_EYE_FORMAT
-    proved: tuple[F, Accepted] | None = None  # the ranges' tolerance and claim, once they are accepted
-
-    def checks(self) -> tuple[Callable[[], str], ...]:
-        return self.box, self.ranges, self.lower_end, self.upper_end, self.least_squares
-
-    def box(self) -> str:
-        study, result = self.study, self.result
-        setup = _SETUPS[0] if study.in_hand else _SETUPS[1]
-        stated = [result[key] for key in ("images", "points", "setup")]
-        proved = [len(study.images), len(study.image), setup]
-        compare(("study", a, b) for a, b in zip(stated, proved, strict=True))
-        return self.box_said()
-
-    def ranges(self) -> str:
-        result, ranges = self.result, self.result["ranges"]
-        tolerance = result["tolerance"]
-        eps = exact(ranges["eps"])
-        if eps != (F(float(BEYOND) * float(exact(result["eps_hi"]))) if tolerance is None else exact(tolerance)):
-            raise Refused("states ranges at another tolerance")
-        accepted = self.accepted(ranges["certificate"], eps, self.fitted())
-        claims, sides = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")]
-        self.proved = eps, accepted
-        if claims.infeasible:
-            compare(("ranges", side, []) for side in sides)
-            return f"ranges: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
-        if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
-            raise Refused("rests on a certificate that claims no box of frames")
-        lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
-        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
-        for what, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
-            same(what, [exact(v) for v in array(side)], [F(v) for v in values])
-        said = f"all frames that explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
-        return f"ranges: PROVED for {said}"
-
-    def lower_end(self) -> str:
-        result = self.result
-        eps, support = exact(result["eps_lo"]), result["support"]
-        if result["lower"] is None:
-            compare([("eps_lo", eps, 0), ("support", support, [])])
-            return "lower end: NOT CERTIFIED, eps >= 0"
-        accepted = self.accepted(result["lower"], eps, self.fitted())
-        if not accepted.claims.infeasible:
-            raise Refused("rests on a certificate that does not claim that there are no frames")
-        study = self.study
-        points = dict.fromkeys(k for side, k, _ in accepted.last if side[0] in "uv")
-        same("support", support, [[study.images[study.image[k]], study.names[k]] for k in points])
-        return f"lower end: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
-
-    def upper_end(self) -> str:
-        return f"upper end: PROVED, the point explains every pixel to {self.upper()!r} px"
+        return f"upper end: PROVED, the point explains every pixel{self.others()} to {up(worst)!r} px"
 
     def least_squares(self) -> str:
-        study, said, eps = self.study, self.result["classical"], exact(self.result["ranges"]["eps"])
-        excess = errors(study, self.center, self.checked_readings(said["readings"], self.fitted()))
-        worst, failing = F(0), 0
-        same("number of images", len(said["images"]), len(study.images))
-        for k, (name, verdict) in enumerate(zip(study.images, said["images"], strict=True)):
-            one = largest(e for image, e in zip(study.image, excess, strict=True) if image == k)
-            if one is None:
+        said, eps, kept = self.result["classical"], self.tolerance(), set(self.kept())
+        excess, each = self.excess(self.center, said["readings"]), []
+        same("number of images", len(said["images"]), len(self.study.images))
+        for k, (name, verdict) in enumerate(zip(self.study.images, said["images"], strict=True)):
+            one = self.largest(excess, [k])
+            if one is None and k in kept:
                 raise Refused(f"puts points of {shown(name)} behind the camera")
-            worst, failing = max(worst, one), failing + (one > eps)
+            stated, ok = verdict["largest"], one is not None and one <= eps
             compare([
-                ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(up(one))),
-                ("verdict on an image", verdict["ok"], one <= eps),
+                ("image", verdict["image"], name), ("verdict on an image", verdict["ok"], ok),
+                ("error in an image", None if stated is None else exact(stated), None if one is None else F(up(one))),
             ])  # fmt: skip
+            each.append((k in kept, one, ok))
+        worst = max((one for fitted, one, _ in each if fitted and one is not None), default=F(0))
         same("largest error", exact(said["largest"]), F(up(worst)))
-        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(study.images)} images"
-
-
-class _Wrong(_Run):
-    name, format = WRONG_NAME, WRONG_FORMAT
-
-    def checks(self) -> tuple[Callable[[], str], ...]:
-        return self.box, self.lower_end, self.upper_end, self.wrong_images
-
-    @property
-    def outliers(self) -> int:
-        return int(whole(len(self.study.images), 1)(self.result["outliers"]))
-
-    def fitted(self) -> list[int]:
-        left, images = array(self.result["left_out"]), self.study.images
-        if not len(left) == len(set(left)) == self.outliers or not set(left) < set(images):
-            raise Refused("leaves out other images than may be")
-        return [k for k, name in enumerate(images) if name not in left]
-
-    def box(self) -> str:
-        self.fitted()
-        return f"{self.box_said()}, without {', '.join(self.result['left_out'])}"
-
-    def lower_end(self) -> str:
-        groups, eps = self.result["groups"], exact(self.result["eps_lo"])
-        if not groups and eps == 0:
-            return "lower end: NOT CERTIFIED, eps >= 0"
-        self.refuted(groups, eps, None)
-        return (
-            f"lower end: PROVED, whichever {self.outliers} images are wrong, no frames explain all others to "
-            f"{float(eps)!r} px ({len(groups)} groups)"
-        )
-
-    def upper_end(self) -> str:
-        return f"upper end: PROVED, all but {', '.join(self.result['left_out'])} are explained to {self.upper()!r} px"
+        failing = sum(not ok for *_, ok in each)
+        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(each)} images"
 
     def wrong_images(self) -> str:
-        blamed, tolerance = array(self.result["blamed"]), self.result.get("tolerance")
+        blamed, count = array(self.result["blamed"]), self.outliers()
         named = [image for image, _ in blamed]
         if not blamed:
-            same("tolerance", tolerance, None)
-            return "wrong images: none is named"
+            return "wrong images: none is named" if count else ""
+        eps = self.tolerance()
         if len(set(named)) < len(named) or not set(named) <= set(self.result["left_out"]):
             raise Refused("names an image that is not left out, or twice")
         for image, reasons in blamed:
-            self.refuted(reasons, exact(tolerance), image)
-        at = float(exact(tolerance))
-        return f"wrong images: PROVED if at most {self.outliers} are, at {at!r} px: {', '.join(named)}"
+            self.refuted(reasons, eps, image)
+        return f"wrong images: PROVED if at most {count} are, at {float(eps)!r} px: {', '.join(named)}"
 
-    def refuted(self, groups: Any, eps: F, beside: str | None) -> None:
-        """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""
-        family = []
-        for group in array(groups):
-            numbers = [self.study.images.index(name) for name in array(group["images"])]
-            if beside is not None and beside not in group["images"]:
-                raise Refused("has a group without the image that it names")
-            if not self.accepted(group["certificate"], eps, numbers).claims.infeasible:
-                raise Refused("rests on a certificate that does not claim that there are no frames")
-            family.append(frozenset(name for name in group["images"] if name != beside))
-        if not family or meeting(family, self.outliers, self.certificates.budget.spend):
-            raise Refused("has groups of images that so many wrong ones could spoil")
+    def others(self) -> str:
+        return f" but those of {', '.join(self.result['left_out'])}" if self.result["left_out"] else ""

@@ -19,8 +19,12 @@ from .polynomial import (
     READINGS,
     Polynomial,
     Remainder,
+    applied,
     constant,
     dyadics,
+    inner,
+    minus,
+    plus,
     rotation_rows,
     shortened,
     signed,
@@ -251,7 +255,6 @@ def _collected(parts: Parts) -> dict[tuple[int, int], int]:
     return {pair: factor for pair, factor in sums.items() if factor}
 
 
-_AXES = (0, 1, 2)
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
 _SURE = ("plain", "lateral")
@@ -492,13 +495,12 @@ def _constraint(
     position, quaternion, reading, shortest = m
     a, b, offset, eps = x[:3], x[3:6], x[6], x[-1]
     s, fixed = y[3:6], rotation_rows(quaternion)
-    turned, norm = _total([c * c for c in s]), _total([c * c for c in quaternion])
+    turned, norm = inner(s, s), inner(quaternion, quaternion)
     kappa = norm * (one + turned)
-    p = [position[i] + y[i] for i in _AXES]
-    z = [p[i] - a[i] for i in _AXES]
-    arm = [_dot(row, b) for row in fixed]
-    along = _dot(z, [_dot(row, arm) for row in rotation_rows([one, *s])])
-    square = _total([c * c for c in (*z, *b)])
+    p = plus(position, y[:3])
+    z = minus(p, a)
+    along = inner(z, applied(rotation_rows([one, *s]), applied(fixed, b)))
+    square = inner((*z, *b), (*z, *b))
     if model == "lateral":
         square = square - x[7]
     body = kappa * square + along.times(2)
@@ -507,17 +509,17 @@ def _constraint(
     if model in ("gain", "linear"):
         length = length + x[7] * read
     if model == "linear":
-        of_position = _total([x[8 + i] * p[i] for i in _AXES])
-        scalar = quaternion[0] - _dot(s, quaternion[1:])
+        of_position = inner(x[8:11], p)
+        scalar = quaternion[0] - inner(s, quaternion[1:])
         moved = _cross(s, quaternion[1:])
-        vector = [quaternion[1 + i] + s[i] * quaternion[0] + moved[i] for i in _AXES]
-        of_rotation = (scalar * _dot(x[11:14], vector)).times(2)
+        vector = [v + c * quaternion[0] + m for v, c, m in zip(quaternion[1:], s, moved, strict=True)]
+        of_rotation = (scalar * inner(x[11:14], vector)).times(2)
         length = length + of_position
         if widest:  # divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
             low, high, of_square = length - eps, length + eps, of_rotation * of_rotation
             parts = norm * kappa, (norm * along).times(2), (norm * of_rotation).times(2)
             upper = parts[0] * (square - high * high) + parts[1] - parts[2] * high - of_square
-            less = one - _total([c * c for c in widest])
+            less = one - inner(widest, widest)
             parts = parts[0] * less.unit, parts[1] * less.unit, parts[2] * less.unit  # in the degree of what is added
             lower = parts[0] * (low * low - square) - parts[1] + parts[2] * low + less * of_square
         length = kappa * length + of_rotation
@@ -525,16 +527,8 @@ def _constraint(
     return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, eps.times(-1), upper, lower)
 
 
-def _total(parts: Sequence[Traced]) -> Traced:
-    return sum(parts[1:], start=parts[0])
-
-
-def _dot(p: Sequence[Traced], q: Sequence[Traced]) -> Traced:
-    return _total([c * d for c, d in zip(p, q, strict=True)])
-
-
 def _cross(p: Sequence[Traced], q: Sequence[Traced]) -> list[Traced]:
-    return [p[i - 2] * q[i - 1] - p[i - 1] * q[i - 2] for i in _AXES]
+    return [p[i - 2] * q[i - 1] - p[i - 1] * q[i - 2] for i in range(3)]
 
 
 # campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------

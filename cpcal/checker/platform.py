@@ -19,26 +19,30 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from math import isqrt
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .certificate import Accepted, Given, polynomial
 from .files import ACCURACY_NAME, content, leg_work, parsed
-from .frames import AXES, dot, rotation
+from .frames import AXES, rotation
 from .leg import NAME, ExactCampaign
-from .polynomial import Polynomial, Spend, combined, dyadics, least, signed, substituted, unknown
-from .readers import Refused, array, finite, up
-from .rule import Box, Unknowns
-from .run import (
-    INFORMATION,
-    STRANGE,
-    Json,
-    LegCertificates,
-    compare,
-    exact,
-    of_the_campaign,
-    reason_of,
-    same,
+from .polynomial import (
+    Polynomial,
+    Spend,
+    applied,
+    combined,
+    dyadics,
+    inner,
+    least,
+    minus,
+    plus,
+    signed,
+    substituted,
+    transposed,
+    unknown,
 )
+from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up
+from .rule import Box, Unknowns
+from .run import INFORMATION, LegCertificates, of_the_campaign
 
 LEGS = 6  # as many equations as unknowns (p, s)
 _LENGTH_BITS, _BOX_BITS, _WEIGHT_BITS = 40, 60, 50
@@ -48,6 +52,7 @@ _PASS_WORK = 60_000
 ACCURACY_FORMAT = "cpcal-accuracy/5"
 POSE_WORK = 1_000_000  # of a run, for each pose, beyond that of its legs
 _BOUNDS = ("lo", "hi", "position_bound", "rotation_bound")
+_POSITION, _QUATERNION, _PARAMETERS = (many(exact, count) for count in (3, 4, 7))
 _ROUNDED, _TINY = 1.0 + 2.0**-30, 2.0**-200
 Vector = Sequence[F]
 
@@ -80,15 +85,11 @@ class Commanded:
         self.position = position
         self.turn, self.norm = rotation(quaternion)  # R |q|^2 and |q|^2
 
-    def turned(self, b: Vector) -> list[F]:
-        """|q|^2 R b."""
-        return [dot(row, b) for row in self.turn]
-
     def length(self, controller: Vector) -> F:
         """Of the controller's leg, at most 2^-40 mm too short."""
-        arm = self.turned(controller[3:6])
-        leg = [p - a + r / self.norm for p, a, r in zip(self.position, controller[:3], arm, strict=True)]
-        square = dot(leg, leg)
+        arm = [r / self.norm for r in applied(self.turn, controller[3:6])]
+        leg = plus(minus(self.position, controller[:3]), arm)
+        square = inner(leg, leg)
         return F(isqrt((square * 4**_LENGTH_BITS).__floor__()), 2**_LENGTH_BITS)
 
     def scale(self, length: F) -> F:
@@ -105,11 +106,11 @@ class Commanded:
         n, length = self.norm, self.length(controller)
         scale = self.scale(length)
         rest = length - controller[6]  # what the controller reads
-        terms: dict[tuple[int, ...], F] = {(): n * (dot(self.position, self.position) - rest * rest)}
+        terms: dict[tuple[int, ...], F] = {(): n * (inner(self.position, self.position) - rest * rest)}
         terms[6,], terms[6, 6] = -2 * n * rest, F(-n)
-        for i in AXES:
+        for i, back in enumerate(applied(transposed(self.turn), self.position)):
             terms[i,], terms[i, i], terms[3 + i, 3 + i] = -2 * n * self.position[i], F(n), F(n)
-            terms[3 + i,] = F(2 * sum(self.position[j] * self.turn[j][i] for j in AXES))
+            terms[3 + i,] = F(2 * back)
             terms |= {(i, 3 + j): F(-2 * self.turn[i][j]) for j in AXES}
         return tuple((m, c / scale) for m, c in terms.items() if c)
 
@@ -151,11 +152,10 @@ class _Row:
 
     def __init__(self, pose: Commanded, leg: Leg, spend: Spend) -> None:
         n, believed = pose.norm, pose.length(leg.controller)
-        middle = [(a + b) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
-        off = [(b - a) / 2 for a, b in zip(leg.lo, leg.hi, strict=True)]
-        self._norm, self._arm = n, pose.turned(middle[3:6])
-        self._place = [p - a for p, a in zip(pose.position, middle[:3], strict=True)]
-        sizes = (off[:3], [dot(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
+        middle, off = ([v / 2 for v in way(leg.hi, leg.lo)] for way in (plus, minus))
+        self._norm, self._arm = n, applied(pose.turn, middle[3:6])
+        self._place = minus(pose.position, middle[:3])
+        sizes = (off[:3], [inner(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
         self._sizes = [_sizes(values) for values in sizes]
         scale, length = pose.scale(believed), believed - leg.controller[6]
         longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
@@ -237,7 +237,7 @@ def _longest(found: _Solved, rows: Sequence[_Row], box: Box, three: slice) -> F:
         sums = [[c + w * v for c, w in zip(one, weights, strict=True)] for one in sums for v in row.value]
     off = [(b - a) / 2 for a, b in rest]
     most = [max(-a, b) for a, b in zip(box.lo[three], box.hi[three], strict=True)]
-    return min(_root(max(dot(one, one) for one in sums)) + _root(dot(off, off)), _root(dot(most, most)))
+    return min(_root(max(inner(one, one) for one in sums)) + _root(inner(off, off)), _root(inner(most, most)))
 
 
 def _slope(form: Polynomial, i: int) -> float:
@@ -281,7 +281,7 @@ def _sizes(values: Iterable[F]) -> list[float]:
 def _turning(s: Sequence[float], r: Sequence[float]) -> list[float]:
     """At most so large are the components of s x r + s x (s x r)."""
     once = _crossed(s, r)
-    return [a + b for a, b in zip(once, _crossed(s, once), strict=True)]
+    return plus(once, _crossed(s, once))
 
 
 def _crossed(p: Sequence[float], q: Sequence[float]) -> list[float]:
@@ -301,26 +301,22 @@ def stated(bounds: PoseBounds) -> tuple[tuple[float, ...], tuple[float, ...], fl
 
 def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
     """For each statement of accuracy.json whether it is accepted, and a sentence. Raises Unusable, Refused."""
-    try:
+    with reading(ACCURACY_NAME):
         result = parsed(content(folder / ACCURACY_NAME), finite)
         same("format", result["format"], ACCURACY_FORMAT)
         return list(_statements(folder, result, ExactCampaign(folder / NAME), work))
-    except (Refused, *STRANGE) as error:
-        if isinstance(error, Refused) and error.code in ("campaign", "limit"):
-            raise
-        raise Refused(f"{ACCURACY_NAME} {reason_of(error)}", "run", 0) from None
 
 
 def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) -> Iterator[tuple[bool, str]]:
     count = len(campaign)
     compare(of_the_campaign(result["campaign"], campaign))
     same("number of legs", LEGS, campaign.legs)
-    poses = [Commanded(_list(one["position"], 3), _list(one["quaternion"], 4)) for one in result["poses"]]
-    controller = [_list(row, 7) for row in array(result["parameters"], LEGS)]
+    poses = [Commanded(_POSITION(one["position"]), _QUATERNION(one["quaternion"])) for one in result["poses"]]
+    controller, boxes = many(_PARAMETERS, LEGS)(result["parameters"]), array(result["boxes"], LEGS)
     budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
     certificates, enclosed = LegCertificates(folder, campaign, budget), list[Accepted]()
     for leg, (row, box, error) in enumerate(
-        zip(controller, array(result["boxes"], LEGS), array(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
+        zip(controller, boxes, array(result[INFORMATION]["assumed"], LEGS), strict=True), start=1
     ):
         accepted = certificates.proved(box["certificate"])
         # of a run without poses nothing is said of the forms
@@ -330,35 +326,49 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
         yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
-    certificates.names_all([box["certificate"] for box in result["boxes"]])
+    certificates.names_all([box["certificate"] for box in boxes])
     none = [k for k, one in enumerate(enclosed, start=1) if one.claims.infeasible]
     same("refuted", result["refuted"], none)
     if none:
         same("poses", result["poses"], [])
         return
-    reach, turn = _list(result["within"], 2)
+    reach, turn = many(exact, 2)(result["within"])
     if not (0 < reach < 10**6 and 0 < turn <= 1):
         raise Refused("speaks of no poses within its box")
-    found = [
-        _of_the_pose(k, one, pose, controller, enclosed, reach, turn / 2, certificates.budget.spend)
-        for k, (one, pose) in enumerate(zip(result["poses"], poses, strict=True))
-    ]
-    proved = [bounds for bounds in found if bounds is not None]
+    proved = []
+    for k, (one, pose) in enumerate(zip(result["poses"], poses, strict=True)):
+        if one["proved"] is not True:
+            same(f"bounds of pose {k}", (one["proved"], *(one.get(key) for key in _BOUNDS)), (False, *[None] * 4))
+            continue
+        legs = []
+        for row, accepted in zip(controller, enclosed, strict=True):
+            lo, hi = accepted.claims.enclosure or ((), ())
+            legs.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
+        bounds = pose_bounds(pose, legs, reach, turn / 2, certificates.budget.spend)
+        if bounds is None:
+            raise Refused(f"states bounds of pose {k} that are not proved")
+        *sides, position_bound, rotation_bound = stated(bounds)
+        said = [many(exact, 6)(one[key]) for key in _BOUNDS[:2]], [exact(one[key]) for key in _BOUNDS[2:]]
+        same(
+            f"bounds of pose {k}",
+            said,
+            ([tuple(map(F, side)) for side in sides], [F(position_bound), F(rotation_bound)]),
+        )
+        proved.append(bounds)
     if proved:
         position, angle = max(one.position for one in proved), 2 * max(one.half_turn for one in proved)
+        most_shown = [(value * 10**6).__ceil__() / 10**6 for value in (position, angle)]
         inside = f"+-{float(reach)!r} mm and +-{float(turn)!r} rad"
         yield (
             True,
             f"{len(proved)} of {len(poses)} poses: PROVED, every pose within {inside} that the legs allow is within "
-            f"{_shown(position)} mm and {_shown(angle)} rad",
+            f"{most_shown[0]} mm and {most_shown[1]} rad",
         )
     if result[INFORMATION]["workspace"] is not None:
         yield True, "no certificate holds the bounds of the workspace's cells"
 
 
-def _of_the_set(
-    leg: int, box: Json, accepted: Accepted, delta: F, count: int, forms: Sequence[Given]
-) -> Iterator[tuple[str, Any, Any]]:
+def _of_the_set(leg: int, box: Json, accepted: Accepted, delta: F, count: int, forms: Sequence[Given]) -> Stated:
     claims, eps, there = accepted.claims, exact(box["eps"]), [dict(form) for form in accepted.forms]
     yield "leg", (box["leg"], accepted.leg, accepted.model), (leg, leg, "plain")
     yield "number of measurements", (len(accepted.chosen), accepted.count), (count + len(forms),) * 2
@@ -370,39 +380,3 @@ def _of_the_set(
     sides = ([], []) if claims.infeasible or claims.enclosure is None else claims.enclosure
     yield "box", [[exact(v) for v in box[side]] for side in ("lo", "hi")], [list(side[:7]) for side in sides]
     yield "claim", (claims.infeasible or claims.enclosure is not None, claims.point), (True, None)
-
-
-def _of_the_pose(
-    k: int,
-    one: Json,
-    pose: Commanded,
-    controller: Sequence[Vector],
-    enclosed: Sequence[Accepted],
-    reach: F,
-    half_turn: F,
-    spend: Spend,
-) -> PoseBounds | None:
-    """What is proved of a pose, if it is stated to be, and stated so."""
-    if one["proved"] is not True:
-        same(f"bounds of pose {k}", (one["proved"], *(one.get(key) for key in _BOUNDS)), (False, *[None] * 4))
-        return None
-    legs = []
-    for row, accepted in zip(controller, enclosed, strict=True):
-        assert accepted.claims.enclosure is not None
-        lo, hi = accepted.claims.enclosure
-        legs.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
-    bounds = pose_bounds(pose, legs, reach, half_turn, spend)
-    if bounds is None:
-        raise Refused(f"states bounds of pose {k} that are not proved")
-    proved = stated(bounds)
-    said = [_list(one[key], 6) for key in _BOUNDS[:2]], [exact(one[key]) for key in _BOUNDS[2:]]
-    same(f"bounds of pose {k}", said, ([[*map(F, side)] for side in proved[:2]], [*map(F, proved[2:])]))
-    return bounds
-
-
-def _list(value: Any, count: int) -> list[F]:
-    return [exact(v) for v in array(value, count)]
-
-
-def _shown(value: F) -> float:
-    return (value * 10**6).__ceil__() / 10**6

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 from functools import lru_cache, reduce
-from operator import itemgetter, or_
+from operator import add, itemgetter, mul, or_, sub
 from typing import Any, NamedTuple
 
 from .readers import Refused
@@ -167,6 +167,35 @@ def rotation_rows(h: Sequence[Any]) -> list[list[Any]]:
         [xy + wz, ww + yy - (xx + zz), yz - wx],
         [xz - wy, yz + wx, ww + zz - (xx + yy)],
     ]
+
+
+# vectors and matrices over any ring: fractions, whole numbers, intervals, traced polynomials ------------------------
+
+Row = Sequence[Any]
+
+
+def inner(x: Iterable[Any], y: Iterable[Any]) -> Any:
+    return reduce(add, map(mul, x, y))
+
+
+def plus(x: Row, y: Row) -> list[Any]:
+    return list(map(add, x, y))
+
+
+def minus(x: Row, y: Row) -> list[Any]:
+    return list(map(sub, x, y))
+
+
+def applied(matrix: Iterable[Row], x: Row) -> list[Any]:
+    return [inner(row, x) for row in matrix]
+
+
+def product(left: Iterable[Row], right: Sequence[Row]) -> list[list[Any]]:
+    return [applied(transposed(right), row) for row in left]
+
+
+def transposed(matrix: Sequence[Row]) -> list[Row]:
+    return list(zip(*matrix, strict=True))
 
 
 class Kept(dict[int, Polynomial]):

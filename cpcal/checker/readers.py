@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from fractions import Fraction as F
 from itertools import pairwise
 from math import inf, isfinite, nextafter
@@ -31,6 +32,53 @@ class Refused(Exception):
 class Unusable(Exception):
     """There is nothing to check: a file is missing or cannot be read."""
 
+
+STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file is refused: its own values may raise whatever is STRANGE."""
+    if isinstance(error, KeyError):
+        return f"lacks the key {shown(error.args[0])}"
+    return str(error) if isinstance(error, (Refused, Unusable)) else "holds a value of the wrong kind"
+
+
+@contextmanager
+def reading(name: str) -> Iterator[None]:
+    """What is wrong with the file of that name is a reason to refuse the run."""
+    try:
+        yield
+    except (Refused, *STRANGE) as error:
+        code = error.code if isinstance(error, Refused) else "run"
+        if code == "campaign":
+            raise
+        raise Refused(f"{name} {reason_of(error)}", "limit" if code == "limit" else "run", 0) from None
+
+
+# what a file states beside what is proved ---------------------------------------------------------------------------
+
+Json = dict[str, Any]
+Stated = Iterator[tuple[str, Any, Any]]  # what, as it is stated, as it must be
+
+
+def compare(stated: Iterable[tuple[str, Any, Any]]) -> None:
+    for what, value, proved in stated:
+        same(what, value, proved)
+
+
+def same(what: str, stated: Any, proved: Any) -> None:
+    """Equal, and of the same kind: true is not 1."""
+    if stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
+        raise Refused(f"states another {what} than is proved")
+
+
+def exact(value: Any) -> F:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Refused(f"holds {shown(value)} where a number is needed")
+    return F(value)
+
+
+# readers ------------------------------------------------------------------------------------------------------------
 
 Reader = Callable[[Any], Any]
 _HIGHEST_POWER = 1100
@@ -139,11 +187,7 @@ def anything(value: Any) -> Any:
 
 def array(value: Any, count: int | None = None) -> list[Any]:
     """A list of whatever there is in it; of so many."""
-    if not isinstance(value, list):
-        raise Refused("a list is needed here")
-    if count is not None and len(value) != count:
-        raise Refused(f"holds a list that is not of {count}")
-    return value
+    return list(many(anything, count)(value))
 
 
 def dyadic(value: Any) -> F:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -11,16 +11,26 @@ from typing import Any
 from .certificate import Accepted, Certificates, problem_of
 from .files import WORK, Budget, Lines, content, leg_work, parsed
 from .leg import EXTRA, NAME, PARAMETERS, ExactCampaign, check_model
-from .readers import Refused, Unusable, finite, shown
+from .readers import (
+    STRANGE,
+    Json,
+    Refused,
+    Stated,
+    Unusable,
+    compare,
+    exact,
+    finite,
+    reading,
+    reason_of,
+    same,
+    shown,
+)
 from .rule import Box, Problem, meeting
 
 RESULT_NAME, INFORMATION = "result.json", "information"
 RESULT_FORMAT = "cpcal-result/9"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
-STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
-Json = dict[str, Any]
-Stated = Iterator[tuple[str, Any, Any]]  # what, as it is stated, as it must be
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
     """The run as a whole is checked; what is given checks each of its legs. Raises as `check_run`."""
     if not folder.is_dir():
         raise Unusable(f"{shown(folder.name)} is no folder")
-    try:
+    with reading(RESULT_NAME):
         text = content(folder / RESULT_NAME)
         campaign = ExactCampaign(folder / NAME)
         result = parsed(text, finite)
@@ -73,15 +83,11 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
         legs: list[Json] = result["legs"]
         others = [of for leg in legs for of in (leg["ranges"], leg["support"]["proof"]) if of is not None]
         brackets = [leg["bracket"] for leg in legs]
-        named = {str(of["certificate"]) for of in (*brackets, *others)}
-        named |= {str(name) for of in brackets for name in (*of["proofs"], of["point_certificate"])}
+        named = [of["certificate"] for of in (*brackets, *others)]
+        named += [name for of in brackets for name in (*of["proofs"], of["point_certificate"])]
         work = work // max(len(legs), 1) or leg_work(len(legs), len(campaign))
-        LegCertificates(folder, campaign, work).names_all(named)
+        LegCertificates(folder, campaign, work).names_all(set(map(str, named)))
         return [_Leg(LegCertificates(folder, campaign, work), campaign, result, leg).checked for leg in legs]
-    except (Refused, *STRANGE) as error:
-        if isinstance(error, Refused) and error.code == "campaign":
-            raise
-        raise Refused(f"{RESULT_NAME} {reason_of(error)}", "run", 0) from None
 
 
 def _of_the_run(result: Json, campaign: ExactCampaign) -> Stated:
@@ -304,26 +310,3 @@ def nothing_beside(of: Json, *proved: str) -> None:
     for key in proved:
         if key in of:
             raise Refused(f"states {key} without a proof")
-
-
-def compare(stated: Iterable[tuple[str, Any, Any]]) -> None:
-    for what, value, proved in stated:
-        same(what, value, proved)
-
-
-def same(what: str, stated: Any, proved: Any) -> None:
-    """Equal, and of the same kind: true is not 1."""
-    if stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
-        raise Refused(f"states another {what} than is proved")
-
-
-def exact(value: Any) -> F:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise Refused(f"holds {shown(value)} where a number is needed")
-    return F(value)
-
-
-def reason_of(error: Exception) -> str:
-    if isinstance(error, KeyError):
-        return f"lacks the key {shown(error.args[0])}"
-    return str(error) if isinstance(error, (Refused, Unusable)) else "holds a value of the wrong kind"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import cache, cached_property, lru_cache
@@ -19,39 +19,53 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from .certificate import FORMAT, Certificates
-from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
-from .frames import EQUATIONS, Terms, polynomial, turn_equation
-from .lens import (
-    NEAREST,
+from .bounds import (
     ONE,
     UNIT,
     ZERO,
     Bounds,
-    Cameras,
     Matrix,
     Vector,
-    applied,
     between,
+    bounds_of,
+    box_of,
     half_turn,
-    inner,
-    minus,
+    matrix,
+    multiple,
     number,
-    plus,
+    numbers,
     rotation,
+    sizes,
     total,
-    transposed,
 )
-from .lens import product as matrix_product
-from .polynomial import Polynomial, Spend
-from .readers import Refused, Unusable, ascending, choice, dyadic, many, maybe, record, shown, text, whole
+from .certificate import FORMAT, Certificates
+from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
+from .frames import EQUATIONS, Terms, polynomial, turn_equation
+from .lens import NEAREST, Cameras
+from .polynomial import Polynomial, Spend, applied, inner, minus, plus, transposed
+from .polynomial import product as matrix_product
+from .readers import (
+    STRANGE,
+    Refused,
+    Unusable,
+    anything,
+    ascending,
+    choice,
+    dyadic,
+    many,
+    maybe,
+    reason_of,
+    record,
+    shown,
+    text,
+    whole,
+)
 from .rule import Box, Problem
 
 FARTHEST = number(1 << 20)  # mm
 AXES, TURN, PLACE = range(3), range(9), range(9, 12)
 SIDES = ("u+", "u-", "v+", "v-", "depth", "turn+", "turn-", "ball")
-_BITS, _FORM, _PLANE = 160, 44, 36  # behind the point: of bounds, of a dot's place, of a plane
-_OUTWARD = 60  # and of boxes
+_FORM, _PLANE, _OUTWARD = 44, 36, 60  # bits behind the point: of a dot's place, of a plane, of boxes
 _DOT_WORK, _CAMERA_WORK = 16_000, 6_000  # of a dot, and more for each number of t
 _MOST_SPREAD = 100
 _PAIR = many(dyadic, 2)
@@ -105,32 +119,34 @@ class Sight:
         Those of larger and smaller plates too: one that is 1 + tau times as large has the same image so much farther
         away, and turned alike. That moves P by tau (C'c + P + R p).
         """
-        placed, moved = [number(v) for v in pose], ends(box)
-        s = half_turn(_matrix(turned(moved[:9], turn, pose[3:])))
-        away = [v.size for v in minus(moved[9:12], placed[:3])]
-        swing = [v.size.times(2) for v in s]
+        place, moved = numbers(pose[:3]), bounds_of(box)
+        away = sizes(minus(moved[9:12], place))
+        swing = [2 * v.size for v in half_turn(matrix(turned(moved[:9], turn, pose[3:])))]
         camera, arm = self.turns[0], self.target[:3]
-        origin = plus(placed[:3], applied(rotation(placed[3:]), arm))
+        origin = plus(place, applied(rotation(numbers(pose[3:])), arm))
         origin = plus(origin, applied(transposed(camera), self.camera[:3]))
-        swung = total(swing) * total(a.size for a in arm)
+        swung = total(swing) * total(sizes(arm))
         more = [self.scale * (o.size + m + swung) for o, m in zip(origin, away, strict=True)]
         return [*plus(away, more), *swing]
 
     def anywhere(self) -> Box:
         """Of all poses."""
-        far = [FARTHEST + c.size for c in self.camera[:3]]
-        reach = [total(c.size * f for c, f in zip(row, far, strict=True)) for row in transposed(self.turns[0])]
-        arm = total(v.size for v in self.target[:3])
-        return rounded([*[UNIT] * 9, *(ZERO.around(r + arm) for r in reach)], self.cameras.size)
+        far, arm = plus([FARTHEST] * 3, sizes(self.camera[:3])), total(sizes(self.target[:3]))
+        reach = [inner(sizes(row), far) + arm for row in transposed(self.turns[0])]
+        return self.rooted([*[UNIT] * 9, *map(ZERO.around, reach)])
+
+    def rooted(self, parts: Vector) -> Box:
+        """Outward; t in [-1, 1] behind them."""
+        return box_of([*parts, *[UNIT] * self.cameras.size], _OUTWARD)
 
 
 def sight_of(inputs: Any) -> Sight:
     """What is assumed, read and checked. Raises Refused."""
     _, _, pixels, camera, target, frames = _INPUTS(inputs)
-    of, numbers, lo, hi = pixels
+    of, named, lo, hi = pixels
     radius, dots, widths, scale = target
-    count = len(numbers)
-    if {len(lo), len(hi), len(dots), len(widths)} != {count} or len(set(numbers)) < count or not count:
+    count = len(named)
+    if {len(lo), len(hi), len(dots), len(widths)} != {count} or len(set(named)) < count or not count:
         raise Refused("there is not one box of pixels, one place and one box of places for each dot")
     if any(a > b for one, other in zip(lo, hi, strict=True) for a, b in zip(one, other, strict=True)):
         raise Refused("a box of pixels is empty")
@@ -141,18 +157,13 @@ def sight_of(inputs: Any) -> Sight:
         raise Refused("the camera's spread is no matrix")
     if any(not any(frame[3:]) for frame in frames):
         raise Refused("a quaternion is zero")
+    boxes = ([between(*ends) for ends in zip(*one, strict=True)] for one in zip(lo, hi, strict=True))
     listed = tuple(
-        Dot(
-            [number(x), number(y), ZERO],
-            [number(w) for w in widths[k]],
-            [between(*ends) for ends in zip(lo[k], hi[k], strict=True)],
-        )
-        for k, (x, y) in enumerate(dots)
+        Dot(numbers([*dot, 0]), numbers(width), box) for dot, width, box in zip(dots, widths, boxes, strict=True)
     )
-    one, other = ([number(v) for v in frame] for frame in frames)
-    return Sight(
-        listed, of == "images", _cameras(values, spread, ball, field), number(radius), one, other, number(scale)
-    )
+    cameras = _cameras(values, spread, ball, field)
+    one, other = map(numbers, frames)
+    return Sight(listed, of == "images", cameras, number(radius), one, other, number(scale))
 
 
 @lru_cache(maxsize=4)
@@ -161,30 +172,11 @@ def _cameras(values: tuple[F, ...], spread: tuple[tuple[F, ...], ...], ball: boo
     return Cameras(values, spread, ball, field)
 
 
-# boxes --------------------------------------------------------------------------------------------------------------
-
-
-def ends(box: Box) -> list[Bounds]:
-    return [between(lo, hi) for lo, hi in zip(box.lo, box.hi, strict=True)]
-
-
-def rounded(parts: Vector, size: int) -> Box:
-    """Outward; t (size) in [-1, 1] behind them."""
-    cut = _BITS - _OUTWARD
-    lo = [F(v.lo >> cut, 1 << _OUTWARD) for v in parts]
-    hi = [F(-(-v.hi >> cut), 1 << _OUTWARD) for v in parts]
-    return Box((*lo, *[F(-1)] * size), (*hi, *[F(1)] * size))
-
-
 def turned(entries: Vector, before: Sequence[F], after: Sequence[F]) -> list[Bounds]:
     """D about another quaternion: D R(before) R(after)'."""
-    one, other = (rotation([number(v) for v in q]) for q in (before, after))
-    found = matrix_product(_matrix(entries), matrix_product(one, transposed(other)))
+    one, other = (rotation(numbers(q)) for q in (before, after))
+    found = matrix_product(matrix(entries), matrix_product(one, transposed(other)))
     return [v.within(-1, 1) for row in found for v in row]
-
-
-def _matrix(entries: Vector) -> list[Vector]:
-    return [entries[3 * a : 3 * a + 3] for a in AXES]
 
 
 # rows ---------------------------------------------------------------------------------------------------------------
@@ -206,28 +198,19 @@ class Rows:
 
     def __init__(self, sight: Sight, dots: Sequence[int], turn: Sequence[F], root: Box, placed: bool) -> None:
         self.sight, self.dots, self.root, self.placed = sight, tuple(dots), root, placed
-        self._ends = ends(root)
+        self._ends = bounds_of(root)
         camera, target = sight.turns
-        about = rotation([number(v) for v in turn])
+        about = rotation(numbers(turn))
         self._turn, self._arm = matrix_product(about, target), applied(about, sight.target[:3])
-        held = matrix_product(camera, matrix_product(_matrix(self._ends[:9]), self._turn))
+        held = matrix_product(camera, matrix_product(matrix(self._ends[:9]), self._turn))
         self._held = [[v.within(-1, 1) for v in row] for row in held]  # the target's rotation before the camera
         self._seen: dict[int, _Seen] = {}
-
-    @cached_property
-    def unknowns(self) -> tuple[str, ...]:
         names = *(f"D{a}{b}" for a in "123" for b in "123"), "Px", "Py", "Pz"
-        return *names, *(f"t{j + 1}" for j in range(self.sight.cameras.size))
-
-    def tags(self) -> Iterator[tuple[str, int]]:
-        yield from ((side, k) for k in self.dots for side in SIDES[:5])
-        yield from product(SIDES[5:7], range(EQUATIONS))
-        if self.sight.cameras.size and self.sight.cameras.ball:
-            yield SIDES[7], 0
-
-    @property
-    def count(self) -> int:
-        return max(EQUATIONS, len(self.sight.dots))
+        self.unknowns = *names, *(f"t{j + 1}" for j in range(sight.cameras.size))
+        self.count = max(EQUATIONS, len(sight.dots))
+        ball = [(SIDES[7], 0)] if sight.cameras.size and sight.cameras.ball else []
+        self.tags = [*((s, k) for k in dots for s in SIDES[:5]), *product(SIDES[5:7], range(EQUATIONS)), *ball]
+        self._known = frozenset(self.tags)
 
     def dot_of(self, side: str, k: int) -> int | None:
         """The dot that a row is of."""
@@ -235,27 +218,21 @@ class Rows:
 
     def row(self, side: str, k: int) -> Terms:
         """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
-        if side in SIDES[5:7] and k < EQUATIONS:
+        if (side, k) not in self._known:
+            raise Refused(f"there is no row {side} {k}")
+        if side in SIDES[5:7]:
             sign = 1 if side == SIDES[5] else -1
             return {m: sign * c for m, c in turn_equation(TURN, k).items()}
-        cameras = self.sight.cameras
-        if side == SIDES[7] and k == 0 and cameras.size and cameras.ball:
-            return {(12 + j, 12 + j): 1 for j in range(cameras.size)} | {(): -1}
-        if side not in SIDES[:5] or k not in self._members:
-            raise Refused(f"there is no row {side} {k}")
+        if side == SIDES[7]:
+            return {(12 + j, 12 + j): 1 for j in range(self.sight.cameras.size)} | {(): -1}
         seen = self.seen(k)
         if side == SIDES[4]:
-            off = total(w * v.size for w, v in zip(self.sight.dots[k].widths, self._held[2], strict=True))
-            found = {m: -c for m, c in seen.forms[2].items()}
+            off = inner(self.sight.dots[k].widths, sizes(self._held[2]))
             nearest = number(NEAREST) * self.sight.radius - off - seen.off[2]
-            found[()] = found.get((), 0) + (nearest.lo >> (_BITS - _FORM))
+            found = {m: -c for m, c in seen.forms[2].items()}
+            found[()] = found.get((), 0) + nearest.floor(_FORM)
             return found
-        plane, shared = seen.planes[SIDES.index(side)]
-        return self._plane(k, seen, plane, shared)
-
-    @cached_property
-    def _members(self) -> frozenset[int]:
-        return frozenset(self.dots)
+        return self._plane(k, seen, *seen.planes[SIDES.index(side)])
 
     def _plane(self, k: int, seen: _Seen, plane: Sequence[int], shared: Sequence[int]) -> Terms:
         """g . X + Z k . t, less what it may be off: by rounding, and as the dot is off its place."""
@@ -267,16 +244,16 @@ class Rows:
             if factor:
                 for m, c in seen.forms[2].items():
                     found[(*m, 12 + j)] = factor * c
-        g = [Bounds(v << (_BITS - _PLANE), v << (_BITS - _PLANE)) for v in plane]
-        most = self.sight.cameras.most([Bounds(v << (_BITS - _PLANE), v << (_BITS - _PLANE)) for v in shared])
-        lost = total(v.size * e for v, e in zip(g, seen.off, strict=True)) + most * seen.off[2]
+        g, by_t = ([multiple(v, _PLANE) for v in part] for part in (plane, shared))
+        most = self.sight.cameras.most(by_t)
+        lost = inner(sizes(g), seen.off) + most * seen.off[2]
         widths = self.sight.dots[k].widths
         if any(w.hi for w in widths):
             longest = inner(g, g).root.most
             for j, w in enumerate(widths):
                 along = inner(g, [row[j] for row in self._held]).size
                 lost = lost + w * (Bounds(0, min(along.hi, longest.hi)) + most * self._held[2][j].size)
-        found[()] = found.get((), 0) - (-(-lost.hi >> (_BITS - _PLANE - _FORM)))
+        found[()] = found.get((), 0) - lost.ceiling(_PLANE + _FORM)
         return found
 
     def seen(self, k: int) -> _Seen:
@@ -294,48 +271,35 @@ class Rows:
             for a in AXES:
                 parts.append(((PLACE[a],), camera[i][a], self._ends[PLACE[a]].size))
                 parts += [((3 * a + b,), camera[i][a] * v[b], ONE) for b in AXES]
-            form: Terms = {}
-            error = ZERO
-            for m, c, size in parts:
-                form[m] = (c.middle.lo + (1 << (_BITS - _FORM - 1))) >> (_BITS - _FORM)
-                cut = form[m] << (_BITS - _FORM)
-                error = error + (c - Bounds(cut, cut)).size * size
+            form = {m: (c.middle + multiple(1, _FORM + 1)).floor(_FORM) for m, c, _ in parts}
             forms.append({m: c for m, c in form.items() if c})
-            off.append(error)
-        return _Seen(tuple(forms), off, self._planes(dot.pixels if not sight.of_images else self._moved(dot, v)))
+            off.append(total((c - multiple(form[m], _FORM)).size * size for m, c, size in parts))
+        return _Seen(tuple(forms), off, self._planes(self._moved(dot, v) if sight.of_images else dot.pixels))
 
     def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
         """The box of pixels of a dot's centre, of one of the centre of its image."""
         sight, cameras = self.sight, self.sight.cameras
         if not self.placed:
             return minus(dot.pixels, cameras.field_bias)
-        base = plus(self._ends[9:12], applied(_matrix(self._ends[:9]), v))
+        base = plus(self._ends[9:12], applied(matrix(self._ends[:9]), v))
         at = plus(sight.camera[:3], applied(sight.turns[0], base))
-        at = [
-            x.around(total(w * m.size for w, m in zip(dot.widths, row, strict=True)))
-            for x, row in zip(at, self._held, strict=True)
-        ]
+        at = [x.around(inner(dot.widths, sizes(row))) for x, row in zip(at, self._held, strict=True)]
         depth = Bounds(max(at[2].lo, (number(NEAREST) * sight.radius).lo), at[2].hi)
         x = [at[0] / depth, at[1] / depth]
         return minus(dot.pixels, cameras.bias(x, sight.radius / depth, [row[2] for row in self._held]))
 
     def _planes(self, pixels: Vector) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
         """g . X + Z k . t <= 0 for all points X whose pixel is in the box, by side."""
-        one, cut, found = self.sight.cameras.linear(pixels), _BITS - _PLANE, []
-        x0 = [number(v) for v in one.ray]
+        one, found = self.sight.cameras.linear(pixels), []
         for k in range(2):
-            slope = [s.middle.lo >> cut for s in one.slope[k]]
-            shared = [b.middle.lo >> cut for b in one.by[k]]
-            own = [Bounds(s << cut, s << cut) for s in slope]
+            slope, shared = ([v.middle.floor(_PLANE) for v in part] for part in (one.slope[k], one.by[k]))
+            own, cut = ([multiple(v, _PLANE) for v in part] for part in (slope, shared))
             # what is cut off counts for |x - x0| <= rho and |t_j| <= 1
-            lost = one.rest[k] + total((a - b).size for a, b in zip(one.slope[k], own, strict=True)) * one.size
-            lost = lost + total((a - Bounds(b << cut, b << cut)).size for a, b in zip(one.by[k], shared, strict=True))
-            middle = one.value[k] - inner(own, x0)
+            lost = one.rest[k] + total(sizes(minus(one.slope[k], own))) * one.size + total(sizes(minus(one.by[k], cut)))
+            middle = one.value[k] - inner(own, numbers(one.ray))
             above, below = middle - pixels[k].most - lost, pixels[k].least - middle - lost
-            found += [
-                ((*slope, above.lo >> cut), tuple(shared)),
-                ((*(-s for s in slope), below.lo >> cut), tuple(-b for b in shared)),
-            ]
+            found.append(((*slope, above.floor(_PLANE)), tuple(shared)))
+            found.append(((*(-s for s in slope), below.floor(_PLANE)), tuple(-b for b in shared)))
         return tuple(found)
 
     def problem(self, spend: Spend) -> Problem:
@@ -351,13 +315,12 @@ class Rows:
 
     def fails(self, k: int) -> bool:
         """Whether a dot is outside of its box of pixels for every pose of the box."""
-        size = [v.size for v in self._ends]
         for side in SIDES[:5]:
             low, unit = ZERO, _FORM if side == SIDES[4] else _FORM + _PLANE
             for m, c in self.row(side, k).items():
-                part = Bounds(c << (_BITS - unit), c << (_BITS - unit))
+                part = multiple(c, unit)
                 for i in m:
-                    part = part * (self._ends[i] if len(m) < 2 else ZERO.around(size[i]))
+                    part = part * (self._ends[i] if len(m) < 2 else ZERO.around(self._ends[i].size))
                 low = low + part
             if low.lo > 0:
                 return True
@@ -381,8 +344,8 @@ _FAILING_WORK = 60_000  # of a dot that is shown to be wrong
 
 _CLAIM = record(
     {
-        "format": text,
-        "inputs": lambda value: value,
+        "format": choice(POSE_SET_FORMAT),
+        "inputs": anything,
         "outliers": whole(_MOST_DOTS),
         "refuted": choice(True, False),
         "pose": many(dyadic, 7),
@@ -445,16 +408,12 @@ def check_pose_set(path: Path, *, work: int | Budget = WORK) -> PoseSetChecked:
     name = path.name.removesuffix(POSE_SET_SUFFIX)
     try:
         return _checked(path, name, work if isinstance(work, Budget) else Budget(work))
-    except Refused as error:
-        return PoseSetChecked(name, refused=str(error))
-    except (KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError, MemoryError):
-        return PoseSetChecked(name, refused="holds a value of the wrong kind")
+    except (Refused, *STRANGE) as error:
+        return PoseSetChecked(name, refused=reason_of(error))
 
 
 def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
-    form, inputs, outliers, refuted, pose, position, turn, wrong, after = _CLAIM(parsed(content(path)))
-    if form != POSE_SET_FORMAT:
-        raise Refused(f"the format is not {POSE_SET_FORMAT}")
+    _, inputs, outliers, refuted, pose, position, turn, wrong, after = _CLAIM(parsed(content(path)))
     sight = sight_of(inputs)
     if inputs["name"] != name:
         raise Refused("it speaks of another image than its file is named after")
@@ -474,25 +433,18 @@ def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
     radii = None
     if left is not None:
         radii = (*position, *turn)
-        _compare_radii(sight.radii(left, about, pose), radii)
+        for proved, value in zip(sight.radii(left, about, pose), numbers(radii), strict=True):
+            if proved.hi > value.lo:
+                raise Refused("its certificates prove a wider box than it states")
+            if value.hi > proved.hi + (proved.hi >> 40) + 1:
+                raise Refused("it states a wider box than its certificates prove")
     files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
     return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, tuple(certificates.known))
 
 
 def digest_of(inputs: dict[str, Any]) -> str:
     """SHA-256 of the canonical JSON: keys sorted, no white space."""
-    canonical = json.dumps(inputs, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-    return hashlib.sha256(canonical.encode("ascii")).hexdigest()
-
-
-def _compare_radii(proved: Sequence[Bounds], stated: Sequence[F]) -> None:
-    """The stated radii are those that are proved, rounded up."""
-    for found, value in zip(proved, stated, strict=True):
-        radius = between(value, value)
-        if found.hi > radius.lo:
-            raise Refused("its certificates prove a wider box than it states")
-        if radius.hi > found.hi + (found.hi >> 40) + 1:
-            raise Refused("it states a wider box than its certificates prove")
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True, separators=(",", ":")).encode("ascii")).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -533,9 +485,8 @@ def rows_of(sight: Sight, dots: Sequence[int], turn: Sequence[F], before: tuple[
     if before is None:
         return Rows(sight, dots, turn, sight.anywhere(), placed=False)
     about, box = before
-    held = ends(box)
-    root = rounded([*turned(held[:9], about, turn), *held[9:12]], sight.cameras.size)
-    return Rows(sight, dots, turn, root, placed=True)
+    held = bounds_of(box)
+    return Rows(sight, dots, turn, sight.rooted([*turned(held[:9], about, turn), *held[9:12]]), placed=True)
 
 
 class PoseCertificates(Certificates):
@@ -575,16 +526,16 @@ class PoseCertificates(Certificates):
             raise Refused("it names no dots, a wrong one, or one that is not there")
         if not any(turn):
             raise Refused("a quaternion is zero")
-        if not after:
-            if outliers or wrong:
-                raise Refused("a first certificate is of dots that are all right")
-            rows = rows_of(self.sight, dots, turn, None)
-            return said, rows.problem(self.budget.spend), rows.root
-        about, box = self.joined(after)
-        if box is None:
-            raise Refused("it follows what leaves nothing")
-        if outliers != self.outliers - len(wrong):
-            raise Refused("it allows for another number of wrong dots than the claim")
-        self.show_wrong(wrong, about, box)
-        rows = rows_of(self.sight, dots, turn, (about, box))
+        before = None
+        if after:
+            about, box = self.joined(after)
+            if box is None:
+                raise Refused("it follows what leaves nothing")
+            if outliers != self.outliers - len(wrong):
+                raise Refused("it allows for another number of wrong dots than the claim")
+            self.show_wrong(wrong, about, box)
+            before = about, box
+        elif outliers or wrong:
+            raise Refused("a first certificate is of dots that are all right")
+        rows = rows_of(self.sight, dots, turn, before)
         return said, replace(rows.problem(self.budget.spend), wrong=outliers, tag=rows.dot_of), rows.root

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cpcal.cli.options import Status, Talk, answer, argument, numbers_of, option, output
+from cpcal.cli.options import Status, argument, numbers_of, option, output
+from cpcal.cli.terminal import Talk, answer
 from cpcal.cli.verify import refusals
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY
 from cpcal.files.tables import load_poses
@@ -18,27 +19,22 @@ from cpcal.report.accuracy_page import assumption, sentences, write_accuracy
 
 
 def accuracy(
-    run: Annotated[Path, argument("RUN", "Folder that certify wrote, with all six legs.")],
-    folder: Annotated[
-        Path, output("DIR", "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.")
-    ],
-    workspace: Annotated[
-        str | None, option("BOX", "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).")
-    ] = None,
-    poses: Annotated[Path | None, option("CSV", "Poses: pose,x,y,z,qw,qx,qy,qz.")] = None,
-    count: Annotated[int, option("N", "Poses to measure next, by each of two rules.", "--next", min=0)] = 4,
-    model_error: Annotated[
-        str | None,
-        option("MM", "ASSUMED model error everywhere: one number, or one a leg.", show_default="suggested"),
-    ] = None,
-    controller: Annotated[
-        Literal["nominal", "fit", "proved"], option(None, "Whose parameters the controller has.")
-    ] = "fit",
-    validation: Annotated[
-        Path | None, option("CAMPAIGN", "More poses to judge the model error by, same frames.")
-    ] = None,
-    gap: Annotated[float, option(None, "Relative width at which the worst of the workspace is settled.")] = 0.2,
-    cells: Annotated[int, option(None, "Of the workspace, at most.")] = 600,
+    run: Path = argument("RUN", "Folder that certify wrote, with all six legs."),
+    folder: Path = output(
+        "DIR", "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there."
+    ),
+    workspace: str | None = option(
+        None, "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).", "BOX"
+    ),
+    poses: Path | None = option(None, "Poses: pose,x,y,z,qw,qx,qy,qz.", "CSV"),
+    count: int = option(4, "Poses to measure next, by each of two rules.", "N", "--next", min=0),
+    model_error: str | None = option(
+        None, "ASSUMED model error everywhere: one number, or one a leg.", "MM", show_default="suggested"
+    ),
+    controller: Literal["nominal", "fit", "proved"] = option("fit", "Whose parameters the controller has."),
+    validation: Path | None = option(None, "More poses to judge the model error by, same frames.", "CAMPAIGN"),
+    gap: float = option(0.2, "Relative width at which the worst of the workspace is settled."),
+    cells: int = option(600, "Of the workspace, at most."),
     *,
     talk: Talk,
 ) -> Status:
@@ -48,7 +44,7 @@ def accuracy(
     measured. It also says which poses to measure next: those where the certified sets leave most open (estimates).
     """
     if workspace is None and poses is None:
-        raise InputError([Problem("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")])
+        raise unusable("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")
     space = None if workspace is None else Workspace.parsed(workspace)
     named = None if poses is None else NamedPoses(*load_poses(poses))
     error = numbers_of(model_error, float, "mm: give one, or one for each leg: 0.2,0.3,...", "--model-error")
@@ -57,7 +53,7 @@ def accuracy(
 
     def find(draft: Path) -> Accuracy:
         if refused := refusals(run):
-            raise InputError([Problem(str(run), f"is refused: {refused[0]}", "certify again")])
+            raise unusable(str(run), f"is refused: {refused[0]}", "certify again")
         return certify_accuracy(
             campaign,
             result,

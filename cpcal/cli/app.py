@@ -5,22 +5,25 @@ from __future__ import annotations
 import ast
 import contextlib
 import errno
+import inspect
 import os
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.options import Status, command
+from cpcal.cli.options import Status, option, warn
+from cpcal.cli.terminal import Talk, recorded
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
-from cpcal.solver.execution.stopping import Reason, Stopped
+from cpcal.solver.compiled import QUIET
+from cpcal.solver.execution.stopping import Reason, Stopped, raising
 
 # ------------------------------------------------------------------------------------------------------------------
 # How errors leave the program: one message on stderr and an exit status; never a traceback.
@@ -34,7 +37,7 @@ _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadPar
 @contextlib.contextmanager
 def leaving() -> Iterator[None]:
     """Turns what was raised inside into a message and an exit status (`cpcal.cli`), warnings into a line each."""
-    shown, warnings.showwarning = warnings.showwarning, lambda message, *_, **__: _say(f"warning: {message}")
+    shown, warnings.showwarning = warnings.showwarning, lambda message, *_, **__: warn(f"warning: {message}")
     try:
         yield
         sys.stdout.flush()
@@ -66,13 +69,9 @@ def leaving() -> Iterator[None]:
         warnings.showwarning = shown
 
 
-def _say(*lines: str) -> None:
-    with contextlib.suppress(OSError):
-        typer.echo("cpcal: " + "\n".join(map(printable, lines)), err=True)
-
-
 def _leave(status: Status, *message: str) -> None:
-    _say(*message)
+    with contextlib.suppress(OSError):
+        typer.echo("cpcal: " + "\n".join(map(printable, message)), err=True)
     raise typer.Exit(status) from None
 
 
@@ -182,6 +181,38 @@ GROUPS = {
 }
 
 
+def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
+    """The function that typer makes a command of: options are listed one by one, and the record of `Talk` is kept."""
+    hints, groups, listed = get_type_hints(verb), dict[str, Any](), list[inspect.Parameter]()
+    for key, parameter in inspect.signature(verb).parameters.items():
+        declared, types = {key: parameter.default}, hints
+        if hasattr(hints[key], "declared"):
+            groups[key], declared, types = hints[key], hints[key].declared, get_type_hints(hints[key])
+        for one, info in declared.items():
+            if info.default is False and not info.param_decls:  # else it could be switched off, too
+                info.param_decls = (f"--{one.replace('_', '-')}",)
+            listed.append(inspect.Parameter(one, inspect.Parameter.KEYWORD_ONLY, default=info, annotation=types[one]))
+
+    def run(**given: Any) -> None:
+        for key, kind in groups.items():
+            given[key] = kind(**{one: given.pop(one) for one in kind.declared})
+        talk = given.get("talk", Talk())
+        hushed = talk.quiet and QUIET not in os.environ  # no word of compilation, from workers either
+        if hushed:
+            os.environ[QUIET] = "1"
+        try:
+            with raising(), recorded(talk.log, name):
+                raise typer.Exit(verb(**given) or 0)
+        finally:
+            if hushed:
+                del os.environ[QUIET]
+
+    run.__doc__ = verb.__doc__
+    run.__signature__ = inspect.Signature(listed)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in listed}
+    return run
+
+
 class _Verbs(TyperGroup):
     """Imports a verb when it is asked for. Whatever is raised leaves as one message and a status: see `leaving`."""
 
@@ -265,8 +296,6 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _cpcal(
-    version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True)
-    ] = False,
+    version: bool = option(False, "Print the version and leave.", "--version", callback=_version, is_eager=True),
 ) -> None:
     """Certified calibration of parallel robots: how small the model error can be, proved from both sides."""

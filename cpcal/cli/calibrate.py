@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Literal
 
 from cpcal.calibration import (
     RECORD_NAME,
@@ -16,64 +17,42 @@ from cpcal.calibration import (
     save_record,
 )
 from cpcal.calibration.statistics import Of
-from cpcal.cli.certify import warned
-from cpcal.cli.options import (
-    CAMPAIGN,
-    VALIDATION,
-    Talk,
-    argument,
-    check_writable,
-    option,
-    output,
-    refuse_options,
-)
-from cpcal.cli.sections import show_table
-from cpcal.common.errors import InputError, Problem
+from cpcal.cli.certify import show_table, warned
+from cpcal.cli.options import CAMPAIGN, VALIDATION, argument, check_writable, option, options, output, refuse_options
+from cpcal.cli.terminal import Talk
+from cpcal.common.errors import unusable
 from cpcal.common.files import unwritable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_page
 from cpcal.report.study_page import summary
 
-
-def _input(metavar: str, help: str) -> Any:
-    panel = "Uncertainty budget (GUM): standard uncertainties of what all readings share"
-    return option(metavar, help, rich_help_panel=panel)
+_input = partial(option, panel="Uncertainty budget (GUM): standard uncertainties of what all readings share")
 
 
-@dataclass(frozen=True)
+@options
 class BudgetFlags:
     """The arguments of `Inputs`. Left out: not stated. The budget is made where any is given."""
 
-    camera_scale: Annotated[
-        float | None, _input("REL", "Of the distances that the camera gives (focal length), relative.")
-    ] = None
-    target_scale: Annotated[float | None, _input("REL", "Of the target's dots, relative.")] = None
-    lens: Annotated[float | None, _input("MM", "Of a position, by the rest of the distortion, from pose to pose.")] = (
-        None
-    )
-    sensor_scale: Annotated[float | None, _input("REL", "Of each leg's sensor, relative.")] = None
-    temperature: Annotated[float | None, _input("K", "Between target and robot; with the expansion of steel.")] = None
-    trials: Annotated[
-        int | None, _input("N", "Check U by Monte Carlo with so many simulated studies (GUM Supplement 1).")
-    ] = None
+    camera_scale: float | None = _input(None, "Of the distances that the camera gives (focal length), relative.", "REL")
+    target_scale: float | None = _input(None, "Of the target's dots, relative.", "REL")
+    lens: float | None = _input(None, "Of a position, by the rest of the distortion, from pose to pose.", "MM")
+    sensor_scale: float | None = _input(None, "Of each leg's sensor, relative.", "REL")
+    temperature: float | None = _input(None, "Between target and robot; with the expansion of steel.", "K")
+    trials: int | None = _input(None, "Check U by Monte Carlo with so many simulated studies (GUM Supplement 1).", "N")
 
 
 def calibrate(
-    study: Annotated[Path, argument("STUDY", "Folder of study.toml and two tables of poses.")],
-    folder: Annotated[Path, output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there.")],
-    factor: Annotated[float, option(None, "Half-width of the reading sets, in standard deviations.")] = 3.0,
-    of: Annotated[
-        Of,
-        option(
-            None,
-            "Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
-            "reading (the paper's choice; wider by the root of the number of repeats).",
-        ),
-    ] = "mean",
-    frame: Annotated[
-        Literal["measured", "drawing"],
-        option(None, "In which the parameters are printed: measured (of camera and target), or laid on the drawing."),
-    ] = "drawing",
+    study: Path = argument("STUDY", "Folder of study.toml and two tables of poses."),
+    folder: Path = output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there."),
+    factor: float = option(3.0, "Half-width of the reading sets, in standard deviations."),
+    of: Of = option(
+        "mean",
+        "Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
+        "reading (the paper's choice; wider by the root of the number of repeats).",
+    ),
+    frame: Literal["measured", "drawing"] = option(
+        "drawing", "In which the parameters are printed: measured (of camera and target), or laid on the drawing."
+    ),
     *,
     options: BudgetFlags,
     talk: Talk,
@@ -84,7 +63,7 @@ def calibrate(
     on from.
     """
     if not 0.0 < factor < float("inf"):
-        raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
+        raise unusable("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")
     stated = {name: value for name, value in asdict(options).items() if value is not None}
     trials = stated.pop("trials", None)
     if trials is not None and not stated:

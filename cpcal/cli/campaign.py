@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from cpcal.cli.options import (
-    CampaignFolder,
-    Force,
-    Status,
-    Talk,
-    argument,
-    check_new,
-    option,
-    output,
-    refuse_options,
-)
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.cli.options import FORCE, Status, argument, check_new, option, options, output, refuse, refuse_options
+from cpcal.cli.terminal import Talk
+from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
 from cpcal.files import (
-    LogSettings,
+    Settings,
     campaign_of_log,
     load_campaign,
     load_settings,
@@ -48,12 +40,10 @@ from cpcal.simulate import simulate_study
 
 
 def robot(
-    action: Annotated[
-        Literal["init", "list"], argument("ACTION", "list: the robots that cpcal knows. init: a campaign.toml.")
-    ],
-    name: Annotated[str | None, argument("[NAME]", "A known robot, or what your own is to be called.")] = None,
-    file: Annotated[Path, output("FILE", "The file for init, which must not be there yet.")] = Path("campaign.toml"),
-    legs: Annotated[int, option(None, "Legs of your own robot.")] = 6,
+    action: Literal["init", "list"] = argument("ACTION", "list: the robots that cpcal knows. init: a campaign.toml."),
+    name: str | None = argument("[NAME]", "A known robot, or what your own is to be called.", None),
+    file: Path = output("FILE", "The file for init, which must not be there yet.", Path("campaign.toml")),
+    legs: int = option(6, "Legs of your own robot."),
 ) -> None:
     """List the robots with published dimensions, or write a commented campaign.toml to fill in for a robot.
 
@@ -64,9 +54,8 @@ def robot(
         talk.say(*(f"{key}: {one.robot.name}, {one.robot.legs} legs. {one.source}" for key, one in ROBOTS.items()))
         return
     if name is None:
-        raise InputError([Problem("robot init", "lacks a name", "name a known robot, or your own")])
-    if os.path.lexists(file):
-        raise InputError([Problem(str(file), "is there already", "choose another file with -o, or remove it")])
+        raise unusable("robot init", "lacks a name", "name a known robot, or your own")
+    refuse((os.path.lexists(file), str(file), "is there already", "choose another file with -o, or remove it"))
     write_file(file, settings_template(name, legs))
     talk.say(f"{file}: replace every nan, then use it as --robot of `cpcal import`, or as it stands.")
 
@@ -77,52 +66,45 @@ def robot(
 _PREVIEWED = 3  # rows
 
 
-@dataclass(frozen=True)
+@options
 class ImportFlags:
     """What a log does not say of itself."""
 
-    robot: Annotated[
-        str, option("NAME|FILE", "A robot of `cpcal robot list`, or a campaign.toml (`cpcal robot init`).")
-    ]
-    columns: Annotated[
-        str,
-        option(
-            "MAP",
-            'Which columns are which, with units: "x=Tx[m], r1=Rx, L1=#8". Not needed for columns with the names of '
-            "measurements.csv.",
-            "--map",
-        ),
-    ] = ""
-    rotation: Annotated[
-        str,
-        option(
-            "FORM",
-            "quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
-            "euler-ZYX-deg (turned axes), ... Columns: qw..qz, r11..r33, rx ry rz, or r1 r2 r3 in the order of the "
-            "letters.",
-        ),
-    ] = "quaternion-wxyz"
-    sigma: Annotated[
-        str | None,
-        option(
-            "SIGMAS",
-            'Standard deviations: "position=0.05[mm], rotation=0.01[deg], length=0.02[mm]".',
-            show_default="those of the campaign.toml",
-        ),
-    ] = None
-    factor: Annotated[float, option(None, "Half-widths are this many standard deviations.")] = 3.0
-    exact: Annotated[bool, option(None, "Call all readings exact instead.", "--exact")] = False
-    separator: Annotated[str | None, option("NAME", "comma, semicolon, tab or blank.", show_default="guessed")] = None
-    decimal: Annotated[str | None, option("NAME", "point or comma.", show_default="guessed")] = None
-    header: Annotated[int | None, option("LINE", "The line that names the columns.", show_default="guessed")] = None
-    preview: Annotated[bool, option(None, "Show what would be written, and write nothing.", "--preview")] = False
-    anyway: Annotated[bool, option(None, "Write also what looks mixed up.", "--anyway")] = False
-    force: Force = False
+    robot: str = option(..., "A robot of `cpcal robot list`, or a campaign.toml (`cpcal robot init`).", "NAME|FILE")
+    columns: str = option(
+        "",
+        'Which columns are which, with units: "x=Tx[m], r1=Rx, L1=#8". Not needed for columns with the names of '
+        "measurements.csv.",
+        "MAP",
+        "--map",
+    )
+    rotation: str = option(
+        "quaternion-wxyz",
+        "quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
+        "euler-ZYX-deg (turned axes), ... Columns: qw..qz, r11..r33, rx ry rz, or r1 r2 r3 in the order of the "
+        "letters.",
+        "FORM",
+    )
+    sigma: str | None = option(
+        None,
+        'Standard deviations: "position=0.05[mm], rotation=0.01[deg], length=0.02[mm]".',
+        "SIGMAS",
+        show_default="those of the campaign.toml",
+    )
+    factor: float = option(3.0, "Half-widths are this many standard deviations.")
+    exact: bool = option(False, "Call all readings exact instead.")
+    separator: str | None = option(None, "comma, semicolon, tab or blank.", "NAME", show_default="guessed")
+    decimal: str | None = option(None, "point or comma.", "NAME", show_default="guessed")
+    header: int | None = option(None, "The line that names the columns.", "LINE", show_default="guessed")
+    preview: bool = option(False, "Show what would be written, and write nothing.")
+    anyway: bool = option(False, "Write also what looks mixed up.")
+    force: bool = FORCE
 
 
 def import_log(
-    file: Annotated[Path, argument("FILE", "The log: a table as text, in any usual form.")],
-    folder: Annotated[Path, output("DIR", "Folder for the campaign.")],
+    file: Path = argument("FILE", "The log: a table as text, in any usual form."),
+    folder: Path = output("DIR", "Folder for the campaign."),
+    *,
     options: ImportFlags,
 ) -> Status:
     """Make a campaign of a log: poses and leg readings in any units, rotation form and separators.
@@ -132,7 +114,7 @@ def import_log(
     """
     check_new(folder, force=options.force or options.preview)
     log = read_log(file, separator=options.separator, decimal=options.decimal, header=options.header)
-    campaign = campaign_of_log(log, _settings(options))
+    campaign = campaign_of_log(log, _settings(options), options.columns, options.rotation)
     talk = Talk()
     mistake = _preview(talk, campaign)
     if mistake is not None and not options.anyway:
@@ -146,33 +128,31 @@ def import_log(
     return Status.ANSWERED
 
 
-def _settings(options: ImportFlags) -> LogSettings:
+def _settings(options: ImportFlags) -> Settings:
     """The robot, and how far readings may be off: what the options say counts before what a campaign.toml says."""
-    if options.exact and options.sigma is not None:
-        raise InputError([Problem("option --sigma", "is given, and readings are called exact", "give one of the two")])
-    if Path(options.robot).exists():
-        read = load_settings(options.robot)
-        assert read.robot is not None  # what keeps it from being read was raised
-        base = LogSettings(read.robot, read.uncertainty, options.columns, options.rotation, read.provenance, read.model)
+    sigma, path = options.sigma is not None, Path(options.robot)
+    refuse(
+        (options.exact and sigma, "option --sigma", "is given, and readings are called exact", "give one of the two")
+    )
+    if path.exists():
+        base = load_settings(path)
     else:
-        if options.robot.casefold() not in ROBOTS and ("." in options.robot or "/" in options.robot):
-            raise InputError([Problem(options.robot, "does not exist", "make it with `cpcal robot init`")])
+        unknown, typed = options.robot.casefold() not in ROBOTS, "." in options.robot or "/" in options.robot
+        refuse((unknown and typed, options.robot, "does not exist", "make it with `cpcal robot init`"))
         robot = known_robot(options.robot).robot
-        base = LogSettings(robot, None, options.columns, options.rotation, {})
-        if not options.exact and options.sigma is None:
-            remedy = f"give --sigma or --exact; or a campaign.toml as --robot: {EXACT_OR_NOT}"
-            raise InputError([Problem("uncertainty", "is not stated", remedy)])
+        base = Settings(robot, robot.legs)
+        remedy = f"give --sigma or --exact; or a campaign.toml as --robot: {EXACT_OR_NOT}"
+        refuse((not (options.exact or sigma), "uncertainty", "is not stated", remedy))
     if options.exact:
         return replace(base, uncertainty=None)
-    return base if options.sigma is None else replace(base, uncertainty=_uncertainty(base.robot.legs, options))
+    return replace(base, uncertainty=_uncertainty(options, base.legs or 0)) if sigma else base
 
 
-def _uncertainty(legs: int, options: ImportFlags) -> Uncertainty | None:
+def _uncertainty(options: ImportFlags, legs: int) -> Uncertainty | None:
     """What --sigma says. Raises InputError."""
-    problems = Problems()
-    sigmas: dict[str, float | None] = dict.fromkeys(KINDS)
+    problems, sigmas = Problems(), dict[str, float | None].fromkeys(KINDS)
     for kind, source in column_map(options.sigma or "", KINDS).items():
-        units: dict[str, float] = dict(ANGLES) if kind == "rotation" else {k: float(v) for k, v in LENGTHS.items()}
+        units = {unit: float(size) for unit, size in (ANGLES if kind == "rotation" else LENGTHS).items()}
         if kind == "rotation" and source.unit is None:  # 57 times too wide a set hides any error
             problems.add(Problem("option --sigma", "rotation has no unit", f"write {kind}={source.name}[deg] or [rad]"))
             continue
@@ -218,7 +198,7 @@ def _off(each: Sequence[float]) -> str:
 # `cpcal check`: is the data good enough before a long run?
 
 
-def check(campaign: CampaignFolder) -> Status:
+def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measurements.csv.")) -> Status:
     """Look for what is wrong with a CAMPAIGN before it is certified: units, orders, frames, odd rows, open parameters.
 
     Says what each leg's parameters can be expected to be known to. Estimates in floating point: nothing is proved.
@@ -249,8 +229,6 @@ def check(campaign: CampaignFolder) -> Status:
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate`. None: not given; what is simulated has its own default.
 
-_STUDY = "Study: the paper's experiment (--study)"
-_LEGS = "Imperfect legs (--study): what seven parameters a leg leave out; 0: perfect"
 _OF_CAMPAIGNS = ("extremal", "factor")
 _OF_STUDIES = (
     *("validation_runs", "images", "render"),
@@ -258,74 +236,57 @@ _OF_STUDIES = (
 )
 
 
-def _study(metavar: str | None, help: str, *names: str) -> Any:
-    return option(metavar, help, *names, rich_help_panel=_STUDY)
+_study = partial(option, panel="Study: the paper's experiment (--study)")
+_leg = partial(option, panel="Imperfect legs (--study): what seven parameters a leg leave out; 0: perfect")
 
 
-def _leg(metavar: str, help: str) -> Any:
-    return option(metavar, help, rich_help_panel=_LEGS)
-
-
-@dataclass(frozen=True)
+@options
 class SimulateFlags:
     """The arguments of `cpcal.simulate` and `cpcal.simulate_study`."""
 
-    seed: Annotated[
-        int, option(None, "The same seed gives the same files, with the same cpcal, numpy and kind of processor.")
-    ] = 1
-    runs: Annotated[int | None, option(None, "Measurements of each configuration [default: 1; of a study: 11]")] = None
-    random_poses: Annotated[
-        int | None,
-        option(None, "Random configurations, on top of the extremal ones [default: 0], or to validate a study [64]"),
-    ] = None
-    joint_error: Annotated[float, option("MM", "Amplitude of an error that 7 parameters a leg cannot describe.")] = 0.0
-    noise: Annotated[float, option(None, "Scale of the paper's standard deviations.")] = 1.0
-    truncate: Annotated[float | None, option(None, "Draw noise beyond this many standard deviations again.")] = None
-    deviation: Annotated[float, option("MM", "Standard deviation of true parameters from nominal ones.")] = 1.0
-    stroke: Annotated[
-        tuple[float, float] | None,
-        option("SHORT LONG", "Shortest and longest reading, mm.", show_default="the robot's"),
-    ] = None
-    extremal: Annotated[
-        bool | None, option(None, "Whether to take the 64 extremal configurations.", "--extremal/--no-extremal")
-    ] = None
-    factor: Annotated[
-        float | None,
-        option(None, "Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"),
-    ] = None
-    study: Annotated[bool, _study(None, "A study: a target seen by a camera, both frames unknown.", "--study")] = False
-    validation_runs: Annotated[int | None, _study(None, "Runs of each random configuration [default: 10]")] = None
-    images: Annotated[
-        int | None, _study(None, "Rows of single images in each run [default: one row, the mean of 10]")
-    ] = None
-    render: Annotated[
-        bool | None,
-        _study(
-            None,
-            "Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
-            "--render",
-        ),
-    ] = None
-    axis_offset: Annotated[float | None, _leg("MM", "Distance of the two axes of each lower joint.")] = None
-    joint_offset: Annotated[float | None, _leg("MM", "Offsets of the three axes of each upper joint.")] = None
-    backlash: Annotated[float | None, _leg("MM", "Clearance along each leg; its side follows the load.")] = None
-    friction: Annotated[
-        float | None,
-        _leg(
-            "WEIGHTS",
-            "By how many platform weights the direction of approach, random in each run, shifts the load that "
-            "decides the side of the backlash [default: 0.2]",
-        ),
-    ] = None
-    sag: Annotated[float | None, _leg("MM", "Shortening of a leg lying flat, by its weight.")] = None
-    gain: Annotated[float | None, _leg("REL", "Relative error of each length sensor, about mid-stroke.")] = None
+    seed: int = option(1, "The same seed gives the same files, with the same cpcal, numpy and kind of processor.")
+    runs: int | None = option(None, "Measurements of each configuration [default: 1; of a study: 11]")
+    random_poses: int | None = option(
+        None, "Random configurations, on top of the extremal ones [default: 0], or to validate a study [64]"
+    )
+    joint_error: float = option(0.0, "Amplitude of an error that 7 parameters a leg cannot describe.", "MM")
+    noise: float = option(1.0, "Scale of the paper's standard deviations.")
+    truncate: float | None = option(None, "Draw noise beyond this many standard deviations again.")
+    deviation: float = option(1.0, "Standard deviation of true parameters from nominal ones.", "MM")
+    stroke: tuple[float, float] | None = option(
+        None, "Shortest and longest reading, mm.", "SHORT LONG", show_default="the robot's"
+    )
+    extremal: bool | None = option(None, "Whether to take the 64 extremal configurations.", "--extremal/--no-extremal")
+    factor: float | None = option(
+        None, "Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"
+    )
+    study: bool = _study(False, "A study: a target seen by a camera, both frames unknown.")
+    validation_runs: int | None = _study(None, "Runs of each random configuration [default: 10]")
+    images: int | None = _study(None, "Rows of single images in each run [default: one row, the mean of 10]")
+    render: bool | None = _study(
+        None,
+        "Write images instead of poses, for `cpcal image detect`, with target, camera and leg readings.",
+        "--render",
+    )
+    axis_offset: float | None = _leg(None, "Distance of the two axes of each lower joint.", "MM")
+    joint_offset: float | None = _leg(None, "Offsets of the three axes of each upper joint.", "MM")
+    backlash: float | None = _leg(None, "Clearance along each leg; its side follows the load.", "MM")
+    friction: float | None = _leg(
+        None,
+        "By how many platform weights the direction of approach, random in each run, shifts the load that "
+        "decides the side of the backlash [default: 0.2]",
+        "WEIGHTS",
+    )
+    sag: float | None = _leg(None, "Shortening of a leg lying flat, by its weight.", "MM")
+    gain: float | None = _leg(None, "Relative error of each length sensor, about mid-stroke.", "REL")
 
 
 def simulate(
-    robot: Annotated[str, argument("ROBOT", f"One of: {', '.join(ROBOTS)}.")],
-    folder: Annotated[Path, output("DIR", "Folder for what is simulated.")],
+    robot: str = argument("ROBOT", f"One of: {', '.join(ROBOTS)}."),
+    folder: Path = output("DIR", "Folder for what is simulated."),
+    force: bool = FORCE,
+    *,
     options: SimulateFlags,
-    force: Force = False,
 ) -> None:
     """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study.
 
@@ -350,7 +311,7 @@ def _write_campaign(nominal: KnownRobot, folder: Path, given: dict[str, Any]) ->
         where = {"workspace": nominal.workspace}
         if "stroke" in given:
             what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
-            raise InputError([Problem("option --stroke", what, "leave it out")])
+            raise unusable("option --stroke", what, "leave it out")
     campaign = simulate_campaign(nominal.robot, **where | given)
     save_campaign(campaign, folder)
     return f"{len(campaign):,} measurements"

@@ -6,29 +6,26 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import typer
 from rich.text import Text
 
 from cpcal.cli.options import (
-    NoChecker,
+    NO_CHECKER,
     Status,
-    Talk,
     Where,
-    answer,
     argument,
     expert,
     numbers_of,
     option,
+    options,
     output,
-    record,
     refuse_options,
     warn,
 )
-from cpcal.cli.progress import Legs, counted, line
-from cpcal.cli.sections import STYLES, show, show_table
-from cpcal.common.errors import CpcalError, InputError, OutputError, Problem, printable
+from cpcal.cli.terminal import Talk, answer, counted, leg_progress, line, record
+from cpcal.common.errors import CpcalError, InputError, OutputError, Problem, printable, unusable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import stated
 from cpcal.common.version import __version__
@@ -60,6 +57,7 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
+from cpcal.report.section import Mark, Section, Table, Words
 from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
@@ -75,6 +73,47 @@ def warned(campaign: Campaign) -> Campaign:
     for sentence in suspicions(campaign):
         warn(f"warning: {sentence}")
     return campaign
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Sections of a page on a terminal: what `cpcal.report` says of an answer, without figures.
+
+STYLES = {  # by the kind of a verdict
+    "explained": "bold green",
+    "unexplained": "bold red",
+    "bounded": "bold cyan",
+    "undecided": "bold yellow",
+    "undetermined": "bold magenta",
+    "uncompared": "bold yellow",
+}
+_LOOKS = {**STYLES, "quantifier": "italic"}
+
+
+def show(talk: Talk, *sections: Section) -> None:
+    """Titles, sentences, lists, tables and data of the sections, and of their parts."""
+    for section in sections:
+        if section.title:
+            talk.say(text_of(section.title, "bold"))
+        talk.say(*map(text_of, (*section.sentences, *section.items)))
+        for table in section.tables:
+            show_table(talk, table)
+        for name, words in section.data.items():
+            talk.say(Text(f"{printable(name)}: ").append_text(text_of(words)))
+        show(talk, *section.parts)
+
+
+def show_table(talk: Talk, table: Table, title: str = "") -> None:
+    """Names and words at the left, numbers at the right."""
+    left = [k for k, (_, style, _) in enumerate(table.cells(table.head)) if not k or "word" in style]
+    talk.table(table.head, [tuple(map(text_of, row)) for row in table.rows], left, title)
+
+
+def text_of(words: Words, style: str = "") -> Text:
+    if isinstance(words, str):
+        return Text(printable(words), style=style)
+    if isinstance(words, Mark):
+        return text_of(words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style))
+    return Text().join(text_of(part, style) for part in words)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -142,7 +181,7 @@ def certified_into(
         here = replace(question, certificates=draft, checkpoints=kept)
         try:
             with line(talk.console()) as shown:
-                result = answered(replace(here, progress=Legs(shown)), place)
+                result = answered(replace(here, progress=leg_progress(shown)), place)
         except LostWorkerError as error:
             result = _kept_until(error, here)
         except MemoryError as error:
@@ -327,41 +366,32 @@ _NOT_WITH_OUTLIERS = ("tolerance", "eps", "gap", "node_limit", "contractors", "a
 _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_width")
 
 
-@dataclass(frozen=True)
+@options
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
 
-    tolerance: Annotated[float | None, option("MM", "The error that the legs may have: each passes or fails.")] = None
-    outliers: Annotated[
-        int, option("Q", "Measurements of a leg that may be wrong, at most, nobody knows which.", min=0)
-    ] = 0
-    model: Annotated[
-        str | None,
-        option("A,B", "Leg model, such as plain or gain; several are compared.", show_default="the campaign's"),
-    ] = None
-    legs: Annotated[str | None, option("1,3", "Legs, counted from 1.", show_default="all")] = None
-    time_limit: Annotated[float | None, option("S", "Seconds a leg, at most.", min=0.0)] = None
-    eps: Annotated[float | None, expert("MM", "Ask instead whether any parameters reach this eps.")] = None
-    delta: Annotated[float, expert("MM", "Half-width of the box of parameters.")] = 100.0
-    center: Annotated[
-        Literal["fit", "plain", "nominal"], expert(None, "Middle of that box: a least-squares fit, or nominal.")
-    ] = "fit"
-    gap: Annotated[float, expert(None, "Relative width at which the bracket counts as closed.")] = 1e-6
-    node_limit: Annotated[int | None, expert("N", "Boxes a leg, at most.", min=1)] = None
-    contractors: Annotated[str, expert("A,B", "See `cpcal plugins`.")] = "lifted"
-    arithmetic: Annotated[Literal["float64", "arb"], expert(None, "Rigorous arithmetic.")] = "float64"
-    support: Annotated[
-        Literal["few", "irreducible", "none"],
-        expert(None, "Few measurements that prove the bound alone, or none that could be left out."),
-    ] = "few"
-    method: Annotated[
-        Literal["bound", "timeout"],
-        expert(None, "Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
-    ] = "bound"
-    half_width: Annotated[
-        list[str] | None, expert("NAME=X", "Of an extra parameter of the model; repeat for others.")
-    ] = None
-    no_checker: NoChecker = False
+    tolerance: float | None = option(None, "The error that the legs may have: each passes or fails.", "MM")
+    outliers: int = option(0, "Measurements of a leg that may be wrong, at most, nobody knows which.", "Q", min=0)
+    model: str | None = option(
+        None, "Leg model, such as plain or gain; several are compared.", "A,B", show_default="the campaign's"
+    )
+    legs: str | None = option(None, "Legs, counted from 1.", "1,3", show_default="all")
+    time_limit: float | None = option(None, "Seconds a leg, at most.", "S", min=0.0)
+    eps: float | None = expert(None, "Ask instead whether any parameters reach this eps.", "MM")
+    delta: float = expert(100.0, "Half-width of the box of parameters.", "MM")
+    center: Literal["fit", "plain", "nominal"] = expert("fit", "Middle of that box: a least-squares fit, or nominal.")
+    gap: float = expert(1e-6, "Relative width at which the bracket counts as closed.")
+    node_limit: int | None = expert(None, "Boxes a leg, at most.", "N", min=1)
+    contractors: str = expert("lifted", "See `cpcal plugins`.", "A,B")
+    arithmetic: Literal["float64", "arb"] = expert("float64", "Rigorous arithmetic.")
+    support: Literal["few", "irreducible", "none"] = expert(
+        "few", "Few measurements that prove the bound alone, or none that could be left out."
+    )
+    method: Literal["bound", "timeout"] = expert(
+        "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
+    )
+    half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
+    no_checker: bool = NO_CHECKER
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
@@ -391,15 +421,13 @@ def names_of(text: str) -> tuple[str, ...]:
 
 
 def certify(
-    campaigns: Annotated[list[Path], argument("CAMPAIGN...", "Folders of campaign.toml, measurements.csv.")],
-    run: Annotated[
-        Path,
-        output(
-            "RUN",
-            "Folder for result.json, campaign.json, a page and certificates; replaced there. Of several campaigns each "
-            "has a folder in it.",
-        ),
-    ],
+    campaigns: list[Path] = argument("CAMPAIGN...", "Folders of campaign.toml, measurements.csv."),
+    run: Path = output(
+        "RUN",
+        "Folder for result.json, campaign.json, a page and certificates; replaced there. Of several campaigns each "
+        "has a folder in it.",
+    ),
+    *,
     options: CertifyFlags,
     where: Where,
     talk: Talk,
@@ -416,7 +444,7 @@ def certify(
     models, checker, given = names_of(options.model or ""), not options.no_checker, options.given()
     if len(campaigns) > 1:
         if options.outliers or len(models) > 1:
-            raise InputError([Problem("options", "--outliers and several models ask about one campaign", "name one")])
+            raise unusable("options", "--outliers and several models ask about one campaign", "name one")
         with where.place() as place:
             return _certified_all(campaigns, run, CampaignWork(given, checker, where.resume), place, talk)
     (campaign,) = campaigns

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import typer
@@ -18,21 +18,20 @@ from cpcal.cli.image import IMAGES, TABLES, detected, enclosed, shot_study, writ
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
+    FORCE,
     PIXEL_CAMPAIGN,
     PIXEL_RUN,
     PIXEL_SETS,
     RUN,
     STUDY,
     TIMEOUT,
-    Force,
     Status,
-    Talk,
     check_new,
     option,
     output,
 )
-from cpcal.cli.progress import Legs, line
 from cpcal.cli.report import study_found
+from cpcal.cli.terminal import Talk, leg_progress, line
 from cpcal.common.files import write_file
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
@@ -74,15 +73,11 @@ PLAN = DemoPlan()
 
 
 def demo(
-    folder: Annotated[Path, output("DIR", "Folder for the study and all that follows from it.")] = Path("cpcal-demo"),
-    seed: Annotated[int, option(None, "Of the simulated robot and its readings.")] = 1,
-    images: Annotated[
-        bool, option(None, "Render images of the study, and find its poses in them.", "--images")
-    ] = False,
-    force: Force = False,
-    resume: Annotated[
-        bool, option(None, "Go on in DIR, from where a stopped demo of the same options was.", "--resume")
-    ] = False,
+    folder: Path = output("DIR", "Folder for the study and all that follows from it.", Path("cpcal-demo")),
+    seed: int = option(1, "Of the simulated robot and its readings."),
+    images: bool = option(False, "Render images of the study, and find its poses in them."),
+    force: bool = FORCE,
+    resume: bool = option(False, "Go on in DIR, from where a stopped demo of the same options was."),
     *,
     talk: Talk,
 ) -> Status:
@@ -149,7 +144,7 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     talk.say(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
     limits: dict[str, Any] = {"time_limit": PLAN.timeout_seconds, "gap": PLAN.timeout_gap}
     with line(talk.console()) as shown:
-        timeout = certify(campaign, legs=legs, method="timeout", progress=Legs(shown), **limits)
+        timeout = certify(campaign, legs=legs, method="timeout", progress=leg_progress(shown), **limits)
     save_result(timeout, folder, campaign)
     show_result(replace(talk, verbose=False), campaign, timeout, PLAIN)
     return timeout

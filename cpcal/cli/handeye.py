@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.cli.options import Force, Status, Talk, answer, argument, check_new, option, output, warn
-from cpcal.common.errors import InputError, Problem
+from cpcal.cli.options import FORCE, Status, argument, check_new, option, output, refuse, warn
+from cpcal.cli.terminal import Talk, answer
+from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
 from cpcal.files import load_study
-from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG
+from cpcal.files.run_folder import HANDEYE
 from cpcal.models.hand_eye import (
     HandEyeStudy,
     Setup,
@@ -39,17 +39,16 @@ from cpcal.models.hand_eye_sources import (
 from cpcal.questions import load_result
 from cpcal.questions.hand_eye import (
     GAP,
+    JOINTS,
     HandEyeResult,
     Within,
     certify_hand_eye,
-    find_wrong_images,
+    legs_in_frames,
     load_hand_eye_result,
     save_hand_eye_result,
-    save_wrong_images,
 )
-from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
-from cpcal.questions.next_images import next_poses
-from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye, write_wrong_images, wrong_sentences
+from cpcal.questions.next_measurement import next_images
+from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -57,25 +56,25 @@ from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 
 def study(
-    folder: Annotated[Path, output("DIR", "Folder for the study.")],
-    setup: Annotated[Setup, option(None, "Where the camera is.")] = "eye-in-hand",
-    photos: Annotated[Path | None, option("DIR", "Photographs of a board.")] = None,
-    board: Annotated[str | None, option("BOARD", REMEDY.replace("write ", "Write ") + ".")] = None,
-    camera: Annotated[Path | None, option("FILE", "Of the photographs.")] = None,
-    poses: Annotated[Path | None, option("CSV", "Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.")] = None,
-    pairs: Annotated[Path | None, option("YAML", "Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")] = None,
-    millimetres: Annotated[bool, option(None, "Translations of --pairs are in mm, not m.", "--mm")] = False,
-    robot: Annotated[
-        Path | None, option("STUDY", "A parallel robot's study: its drawing and legs say where the platform is.")
-    ] = None,
-    off: Annotated[str | None, option("MM,DEG", "How far each pose of the robot may be off, on each axis.")] = None,
-    size: Annotated[float, option("MM", "Of the square that stands in for a marker.")] = 100.0,
-    simulated: Annotated[int | None, option("N", "Simulate N images.", "--simulate")] = None,
-    pixel_error: Annotated[float, option("PX", "With --simulate: at most, on each axis.")] = 0.2,
-    position_error: Annotated[float, option("MM", "With --simulate: of the robot.")] = 0.0,
-    rotation_error: Annotated[float, option("DEG", "With --simulate: of the robot.")] = 0.0,
-    seed: Annotated[int, option(None, "With --simulate.")] = 1,
-    force: Force = False,
+    folder: Path = output("DIR", "Folder for the study."),
+    setup: Setup = option("eye-in-hand", "Where the camera is."),
+    photos: Path | None = option(None, "Photographs of a board.", "DIR"),
+    board: str | None = option(None, REMEDY.replace("write ", "Write ") + ".", "BOARD"),
+    camera: Path | None = option(None, "Of the photographs.", "FILE"),
+    poses: Path | None = option(None, "Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.", "CSV"),
+    pairs: Path | None = option(None, "Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.", "YAML"),
+    millimetres: bool = option(False, "Translations of --pairs are in mm, not m.", "--mm"),
+    robot: Path | None = option(
+        None, "A parallel robot's study: its drawing and legs say where the platform is.", "STUDY"
+    ),
+    off: str | None = option(None, "How far each pose of the robot may be off, on each axis.", "MM,DEG"),
+    size: float = option(100.0, "Of the square that stands in for a marker.", "MM"),
+    simulated: int | None = option(None, "Simulate N images.", "N", "--simulate"),
+    pixel_error: float = option(0.2, "With --simulate: at most, on each axis.", "PX"),
+    position_error: float = option(0.0, "With --simulate: of the robot.", "MM"),
+    rotation_error: float = option(0.0, "With --simulate: of the robot.", "DEG"),
+    seed: int = option(1, "With --simulate."),
+    force: bool = FORCE,
 ) -> None:
     """Make a study for `cpcal handeye certify`: from --photos of a board, from --pairs of poses, or with --simulate.
 
@@ -84,7 +83,7 @@ def study(
     """
     if sum([bool(photos or robot), bool(pairs), simulated is not None]) != 1:
         remedy = "give --photos, --pairs, --simulate N, or --robot with or without --photos"
-        raise InputError([Problem("handeye study", "needs one source", remedy)])
+        raise unusable("handeye study", "needs one source", remedy)
     check_new(folder, force=force)
     left: list[str] = []
     if photos is not None:
@@ -96,7 +95,7 @@ def study(
     else:
         images = simulated or 0
         if not 3 <= images <= 1000:
-            raise InputError([Problem("option --simulate", f"is {images}", "give a number of images from 3 to 1000")])
+            raise unusable("option --simulate", f"is {images}", "give a number of images from 3 to 1000")
         made = simulate_hand_eye(
             setup=setup,
             images=images,
@@ -125,7 +124,7 @@ def _of_photos(
 ) -> tuple[HandEyeStudy, list[str]]:
     if board is None or camera is None or (poses is None) == (robot is None):
         remedy = "give --board, --camera and --poses (or --robot) too"
-        raise InputError([Problem("option --photos", "is not enough", remedy)])
+        raise unusable("option --photos", "is not enough", remedy)
     if poses is not None:
         given = load_hand_poses(poses)
     else:
@@ -146,26 +145,20 @@ def _of_photos(
 
 
 def certify(
-    folder: Annotated[Path, argument("STUDY", "Folder of handeye.toml, a camera file, poses.csv, points.csv.")],
-    run: Annotated[
-        Path | None, output("DIR", "Folder for the run; replaced there.", show_default="required, but with --next")
-    ] = None,
-    tolerance: Annotated[
-        float | None, option("PX", "Largest error allowed.", show_default="ranges at 1.1 eps*")
-    ] = None,
-    wrong: Annotated[int | None, option("Q", "So many images may be wrong, nobody knows which.", min=0)] = None,
-    count: Annotated[
-        int | None, option("N", "Certify nothing; choose N of --poses that shrink the ranges most.", "--next")
-    ] = None,
-    poses: Annotated[
-        Path | None, option("CSV", "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.")
-    ] = None,
-    images: Annotated[str | None, option("A,B", "Names of the images to use.", show_default="all")] = None,
-    within: Annotated[
-        str, option("DEG,MM", "Search within these of the classical answer; 'any' for all rotations.")
-    ] = "any,2000",
-    gap: Annotated[float, option(None, "Relative width of the bracket that is asked for.")] = GAP,
-    time_limit: Annotated[float | None, option("S", "Seconds for each proof, at most.")] = None,
+    folder: Path = argument("STUDY", "Folder of handeye.toml, a camera file, poses.csv, points.csv."),
+    run: Path | None = output(
+        "DIR", "Folder for the run; replaced there.", None, show_default="required, but with --next"
+    ),
+    tolerance: float | None = option(None, "Largest error allowed.", "PX", show_default="1.1 eps*"),
+    wrong: int = option(0, "So many images may be wrong, nobody knows which.", "Q", min=0),
+    count: int | None = option(
+        None, "Certify nothing; choose N of --poses that shrink the ranges most.", "N", "--next"
+    ),
+    poses: Path | None = option(None, "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.", "CSV"),
+    images: str | None = option(None, "Names of the images to use.", "A,B", show_default="all"),
+    within: str = option("any,2000", "Search within these of the classical answer; 'any' for all rotations.", "DEG,MM"),
+    gap: float = option(GAP, "Relative width of the bracket that is asked for."),
+    time_limit: float | None = option(None, "Seconds for each proof, at most.", "S"),
     *,
     talk: Talk,
 ) -> Status:
@@ -176,43 +169,33 @@ def certify(
     With --wrong the bracket holds whichever Q images are left out (a slipped board, a wrong robot pose, a wrong name),
     and images that must be wrong are named. With --next the widths are first-order estimates, not proofs.
     """
-    if (count is None) != (poses is None):
-        raise InputError([Problem("options", "--next and --poses go together", "give both, or none")])
-    if count is None and run is None:
-        raise InputError([Problem("option --output", "is missing", "name a folder for the run")])
-    if wrong is not None and (gap != GAP or time_limit is not None):
-        raise InputError([Problem("options", "--gap and --time-limit have no meaning with --wrong", "leave them out")])
+    together, alone = "--next and --poses go together", "--gap and --time-limit have no meaning with --wrong"
+    refuse(
+        ((count is None) != (poses is None), "options", together, "give both, or none"),
+        (count is None and run is None, "option --output", "is missing", "name a folder for the run"),
+        (wrong and (gap != GAP or time_limit is not None), "options", alone, "leave them out"),
+    )
     study = _chosen(load_hand_eye(folder), images)
     asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}
     if count is not None and poses is not None:
         return _next(study, poses, count, asked, talk)
     assert run is not None
-    asked["within"] = Within.parsed(within)
+    asked |= {"outliers": wrong, "within": Within.parsed(within), "gap": gap}
+    asked["time_limit"] = np.inf if time_limit is None else time_limit
 
-    limit = np.inf if time_limit is None else time_limit
-
-    def find(draft: Path) -> Any:
+    def find(draft: Path) -> HandEyeResult:
         (draft / STUDY_NAME).write_bytes(study_json(study))  # for whoever checks the run
-        if wrong is None:
-            return certify_hand_eye(study, certificates=draft, gap=gap, time_limit=limit, **asked)
-        return find_wrong_images(study, wrong, draft, **asked)
+        return certify_hand_eye(study, certificates=draft, **asked)
 
     def show(found: HandEyeResult) -> None:
         talk.say(*sentences(found))
-        if not found.ranges.empty:
+        if found.ranges is not None and not found.ranges.empty:
             sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
             rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]
             talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
 
-    if wrong is None:
-        found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
-        good = found.complete if found.tolerance is None else found.passes
-    else:
-        page = partial(write_wrong_images, study)
-        some = answer(
-            run, HANDEYE_WRONG, find, save_wrong_images, page, lambda found: talk.say(*wrong_sentences(found)), talk
-        )
-        good = some.eps_lo > 0.0
+    found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
+    good = found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes
     return Status.ANSWERED if good else Status.UNKNOWN
 
 
@@ -223,12 +206,12 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
     strange = [name for name in names if name not in study.images]
     if strange or len(set(names)) < len(names):
         what = f"names {strange[0]!r:.60}, which is no image" if strange else "names an image twice"
-        raise InputError([Problem("option --images", what, "give names of poses.csv, each once, by commas")])
+        raise unusable("option --images", what, "give names of poses.csv, each once, by commas")
     return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
 
 
 def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:
-    found = next_poses(study, load_hand_poses(poses), count, **asked)
+    found = next_images(study, load_hand_poses(poses), count, **asked)
     rows = []
     for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
         widths = [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
@@ -248,8 +231,8 @@ def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], t
 
 
 def legs(
-    run: Annotated[Path, argument("RUN", "Of cpcal certify, with --tolerance.")],
-    frames: Annotated[Path, option("RUN", "Of cpcal handeye certify: camera and target of that robot.")],
+    run: Path = argument("RUN", "Of cpcal certify, with --tolerance."),
+    frames: Path = option(..., "Of cpcal handeye certify: camera and target of that robot.", "RUN"),
     *,
     talk: Talk,
 ) -> None:
@@ -258,17 +241,17 @@ def legs(
     The campaign must be in the frames of camera and target, as `cpcal calibrate` makes it: eps* of a leg then needs no
     frames. Proved, if `cpcal verify` accepts both runs; the camera is taken as exact.
     """
-    known = load_hand_eye_result(frames)
-    found = legs_in_frames(load_result(run), known)
-    rows = []
-    for leg in found:
-        low, high = bracket_text(leg.eps_lo, leg.eps_hi)
-        for k, (name, a, b) in enumerate(zip(JOINTS, leg.low, leg.high, strict=True)):
+    result, known = load_result(run), load_hand_eye_result(frames)
+    joints, rows = legs_in_frames(result, known), []
+    for leg in result.legs:
+        low, high = bracket_text(leg.bracket.lo, leg.bracket.hi)
+        for k, (name, a, b) in enumerate(zip(JOINTS, *joints[leg.leg], strict=True)):
             first = ("", "") if k else (str(leg.leg), f"[{low}, {high}]")
             rows.append((*first, name, rounded_down(a, 3), rounded_up(b, 3), at_most(b - a, 3)))
     talk.table(("leg", "eps* [mm]", "joint", "at least", "at most", "width"), rows, left=(2,))
+    tolerances = sorted({at_least(leg.ranges.eps, 4) for leg in result.legs if leg.ranges is not None})
     talk.say(
-        f"For every pair of frames that explains the pixels to {at_least(known.ranges.eps, 4)} px, and all parameters "
-        f"of a leg at its tolerance ({', '.join(sorted({at_least(leg.eps, 4) for leg in found}))} mm). Base in the "
-        "drawing's base frame, mobile in its mobile frame."
+        f"For every pair of frames that explains the pixels to {at_least(known.eps, 4)} px, and all parameters of a "
+        f"leg at its tolerance ({', '.join(tolerances)} mm). Base in the drawing's base frame, mobile in its mobile "
+        "frame."
     )

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from cpcal.cli.options import (
-    Status,
-    Talk,
-    TargetFile,
-    argument,
-    option,
-    output,
-    record,
-)
-from cpcal.cli.progress import counted
+from cpcal.cli.options import TARGET_FILE, Status, argument, option, output, refuse
+from cpcal.cli.terminal import Talk, counted, record
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import Problems, unusable
 from cpcal.common.files import listed, unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
-from cpcal.files.tables import file_cell, guarded
+from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.detections_page import write_detections_page
 from cpcal.robot import Robot, Study
@@ -102,14 +92,14 @@ def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image camera`: a camera from one kind of file to another. `cpcal image target`: the plate that it sees.
 
-Images = Annotated[Path, argument("IMAGES", "Folder of PNG, JPEG or TIFF files, and below.")]
-Workers = Annotated[int | None, option(None, "Processes [default: one a core]", min=1)]
+IMAGE_FOLDER = argument("IMAGES", "Folder of PNG, JPEG or TIFF files, and below.")
+WORKERS = option(None, "Processes [default: one a core]", min=1)
 
 
 def camera(
-    source: Annotated[Path, argument("FILE", "camera.toml, or a YAML file of OpenCV or ROS.")],
-    file: Annotated[Path, output("FILE", "Ends in .toml, .yaml or .yml.")],
-    style: Annotated[Literal["opencv", "ros"], option(None, "Who shall read the YAML.", "--as")] = "ros",
+    source: Path = argument("FILE", "camera.toml, or a YAML file of OpenCV or ROS."),
+    file: Path = output("FILE", "Ends in .toml, .yaml or .yml."),
+    style: Literal["opencv", "ros"] = option("ros", "Who shall read the YAML.", "--as"),
 ) -> None:
     """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back."""
     record = load_camera(source)
@@ -118,7 +108,7 @@ def camera(
     elif file.suffix in YAML_SUFFIXES:
         write_file(file, camera_yaml().camera_yaml(record.camera, style))
     else:
-        raise InputError([Problem(str(file), "is neither a .toml nor a .yaml file", "name it so")])
+        raise unusable(str(file), "is neither a .toml nor a .yaml file", "name it so")
     seen = record.camera
     lost = record.covariance is not None and file.suffix != ".toml"
     more = "; the covariance is in camera.toml only" if lost else ""
@@ -126,23 +116,22 @@ def camera(
 
 
 def target(
-    file: Annotated[Path, output("FILE", "What to write: target.toml, or a .pdf or .svg page.")],
-    source: Annotated[Path | None, option("FILE", "Print the target of this target.toml.", "--from")] = None,
-    side: Annotated[float | None, option("MM", "As large as this: between the centres of the outermost dots.")] = None,
-    dark: Annotated[bool, option(None, "Dark dots on a bright plate.", "--dark")] = False,
-    paper: Annotated[
-        Literal["a4", "a3", "a2", "a1", "a0", "letter"] | None,
-        option(None, "Sheet to print on; the default target is made to fit it."),
-    ] = None,
+    file: Path = output("FILE", "What to write: target.toml, or a .pdf or .svg page."),
+    source: Path | None = option(None, "Print the target of this target.toml.", "FILE", "--from"),
+    side: float | None = option(None, "As large as this: between the centres of the outermost dots.", "MM"),
+    dark: bool = option(False, "Dark dots on a bright plate."),
+    paper: Literal["a4", "a3", "a2", "a1", "a0", "letter"] | None = option(
+        None, "Sheet to print on; the default target is made to fit it."
+    ),
 ) -> None:
     """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.
 
     Without --from, --side and --paper it is the one that the demo's images show, 300 mm wide, on A2.
     """
     if source is not None and side is not None:
-        raise InputError([Problem("options", "--from and --side exclude each other", "give one of them")])
+        raise unusable("options", "--from and --side exclude each other", "give one of them")
     if side is not None and not 1.0 <= side <= 1e5:
-        raise InputError([Problem("option --side", f"is {side:g}", "give mm, from 1 to 100000")])
+        raise unusable("option --side", f"is {side:g}", "give mm, from 1 to 100000")
     plate = replace(DELTALAB_TARGET, bright=not dark) if source is None else load_target(source)
     if side is not None:
         plate = resized(plate, side / float(np.ptp(plate.dots, axis=0).max()))
@@ -161,28 +150,30 @@ def target(
 _NAMED = 3  # files for each reason
 
 
+def _names(folder: Path) -> list[str]:
+    """Of the images in a folder. Raises InputError where there is none."""
+    names = list(ImageFolder(folder).names) if folder.is_dir() else []
+    if not names:
+        what = "is not a folder" if folder.exists() else "does not exist"
+        what = "holds no PNG, JPEG or TIFF files" if folder.is_dir() else what
+        raise unusable(str(folder), what, "give a folder with images")
+    return names
+
+
 def detect(
-    images: Images,
-    file: Annotated[Path, output("FILE", "What to write: poses.csv, or camera.toml.")],
-    target: TargetFile,
-    camera: Annotated[Path | None, option("FILE", "The camera: camera.toml.")] = None,
-    readings: Annotated[
-        Path | None, option("FILE", "Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png.")
-    ] = None,
-    table: Annotated[
-        Path | None, option("FILE", "With --readings: the table of a study to write, such as calibration.csv.")
-    ] = None,
-    overlays: Annotated[Path | None, option("DIR", "Pictures of what was found, and why not.", "--overlay")] = None,
-    workers: Workers = None,
-    scheduler: Annotated[
-        str | None, option("ADDRESS", "Dask scheduler of a cluster, instead; its workers read IMAGES.")
-    ] = None,
-    calibrate: Annotated[
-        bool, option(None, "The camera from IMAGES, instead of poses; FILE is a camera.toml.", "--calibrate")
-    ] = False,
-    refine_dots: Annotated[
-        bool, option(None, "With --calibrate: the places of the dots on the plate, too.", "--refine-dots")
-    ] = False,
+    images: Path = IMAGE_FOLDER,
+    file: Path = output("FILE", "What to write: poses.csv, or camera.toml."),
+    target: Path = TARGET_FILE,
+    camera: Path | None = option(None, "The camera: camera.toml.", "FILE"),
+    readings: Path | None = option(None, "Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png.", "FILE"),
+    table: Path | None = option(
+        None, "With --readings: the table of a study to write, such as calibration.csv.", "FILE"
+    ),
+    overlays: Path | None = option(None, "Pictures of what was found, and why not.", "DIR", "--overlay"),
+    workers: int | None = WORKERS,
+    scheduler: str | None = option(None, "Dask scheduler of a cluster, instead; its workers read IMAGES.", "ADDRESS"),
+    calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
+    refine_dots: bool = option(False, "With --calibrate: the places of the dots on the plate, too."),
     *,
     talk: Talk,
 ) -> None:
@@ -192,36 +183,29 @@ def detect(
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
     images with what was found, where residuals point, time.
     """
-    problems = []
-    if calibrate and (camera or readings or table):
-        problems.append(Problem("options", "--calibrate goes with none of --camera, --readings, --table", "choose"))
-    if not calibrate and camera is None:
-        problems.append(Problem("option --camera", "is missing", "name a camera.toml, or make one with --calibrate"))
-    if refine_dots and not calibrate:
-        problems.append(Problem("option --refine-dots", "has no meaning without --calibrate", "leave it out"))
-    if (readings is None) != (table is None):
-        problems.append(Problem("options", "--readings and --table go together", "give both, or none"))
-    if not images.is_dir():
-        what = "is not a folder" if images.exists() else "does not exist"
-        problems.append(Problem(str(images), what, "give a folder with images"))
-    elif not ImageFolder(images).names:
-        problems.append(Problem(str(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
-    if problems:
-        raise InputError(problems)
+    problems = Problems()
+    with problems.noted():
+        many = bool(camera or readings or table)
+        refuse(
+            (calibrate and many, "option --calibrate", "goes with none of --camera, --readings, --table", "choose"),
+            (not (calibrate or camera), "option --camera", "is missing", "name one, or make it with --calibrate"),
+            (refine_dots and not calibrate, "option --refine-dots", "has no meaning without --calibrate", "drop it"),
+            (bool(readings) != bool(table), "options", "--readings and --table go together", "give both, or none"),
+        )
+    with problems.noted():
+        names = _names(images)
+    problems.raise_any()
     if camera is None:
-        _calibrate(images, load_target(target), file, refine_dots, talk)
+        files = [image_path(images, name) for name in names]
+        _calibrate(files, load_target(target), file, refine_dots, talk)
         return
-    loads: tuple[tuple[Callable[[Path], Any], Path | None], ...]
-    loads = (load_target, target), (load_camera, camera), (load_readings, readings)
-    loaded: list[Any] = []
-    for load, name in loads:
-        try:
-            loaded.append(None if name is None else load(name))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    plate, lens, known = loaded
+    with problems.noted():
+        plate = load_target(target)
+    with problems.noted():
+        lens = load_camera(camera)
+    with problems.noted():
+        known = {} if readings is None else load_readings(readings)
+    problems.raise_any()
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     found = detected(source, plate, lens, file, talk, workers=workers, scheduler=scheduler, overlays=overlays)
     if table is not None:
@@ -260,9 +244,8 @@ def detected(
     return found
 
 
-def _calibrate(images: Path, plate: Target, file: Path, refine_dots: bool, talk: Talk) -> None:
+def _calibrate(files: list[Path], plate: Target, file: Path, refine_dots: bool, talk: Talk) -> None:
     """The camera; with refined dots also the target that was found, beside it."""
-    files = [image_path(images, name) for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), file)
     talk.say(*str(found).split("\n"))
@@ -283,37 +266,28 @@ _TOLD = 5  # images by name
 
 
 def sets(
-    images: Images,
-    folder: Annotated[Path, output("DIR", "Folder for certificates; replaced.")],
-    target: TargetFile,
-    camera: Annotated[Path, option("FILE", "The camera: camera.toml.")],
-    half_width: Annotated[float, option("PX", "How far the centre of a dot's image is off, at most.", min=0.0)] = 0.05,
-    factor: Annotated[
-        float,
-        option(
-            None,
-            "The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds 99.7 % "
-            "of all calibrations. The plate's scale_sigma and dot_sigma count as many times.",
-            min=0.1,
-        ),
-    ] = 5.0,
-    camera_exact: Annotated[
-        bool, option(None, "Assume that the camera is exactly as its file says.", "--camera-exact")
-    ] = False,
-    plate_exact: Annotated[
-        bool, option(None, "Assume that the plate is exactly as its file says.", "--plate-exact")
-    ] = False,
-    dots: Annotated[
-        float | None,
-        option(
-            "MM",
-            "How far a dot is off its place in the plate along an axis, at most.",
-            min=0.0,
-            show_default="--factor times dot_sigma",
-        ),
-    ] = None,
-    outliers: Annotated[int, option(None, "Dots of an image that may be anywhere, at most.", min=0, max=3)] = 0,
-    workers: Workers = None,
+    images: Path = IMAGE_FOLDER,
+    folder: Path = output("DIR", "Folder for certificates; replaced."),
+    target: Path = TARGET_FILE,
+    camera: Path = option(..., "The camera: camera.toml.", "FILE"),
+    half_width: float = option(0.05, "How far the centre of a dot's image is off, at most.", "PX", min=0.0),
+    factor: float = option(
+        5.0,
+        "The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds 99.7 % "
+        "of all calibrations. The plate's scale_sigma and dot_sigma count as many times.",
+        min=0.1,
+    ),
+    camera_exact: bool = option(False, "Assume that the camera is exactly as its file says."),
+    plate_exact: bool = option(False, "Assume that the plate is exactly as its file says."),
+    dots: float | None = option(
+        None,
+        "How far a dot is off its place in the plate along an axis, at most.",
+        "MM",
+        min=0.0,
+        show_default="--factor times dot_sigma",
+    ),
+    outliers: int = option(0, "Dots of an image that may be anywhere, at most.", min=0, max=3),
+    workers: int | None = WORKERS,
     *,
     talk: Talk,
 ) -> Status:
@@ -324,15 +298,30 @@ def sets(
     """
     plate, lens = load_target(target), load_camera(camera)
     plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
+    names = _names(images)
+    stems: dict[str, str] = {}
+    for name in names:
+        if (other := stems.setdefault(stem_of(name), name)) != name:
+            what = f"{name} and {other} would have certificates of one name"
+            raise unusable(str(images), what, "rename one of them")
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
-    names = list(source.names)
-    _check_names(names, images)
     sources = {path.name: path.read_bytes() for path in (camera, target)}
-    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources)
-    found = enclosed(work, names, talk, workers)
-    proved = _say(found, folder, talk)
-    talk.say(*assumptions(folder))
-    record("enclosed", images=len(found), proved=proved, output=str(folder))
+    rows = enclosed(Enclosing(source, plates, cameras, half_width, outliers, folder, sources), names, talk, workers)
+    found = [one.found for one in rows if one.found is not None]
+    proved = [one for one in found if one.verdict is Verdict.PROVED]
+    refuted = sum(one.verdict is Verdict.REFUTED for one in found)
+    talk.say(
+        f"{len(rows)} images: {len(proved)} poses enclosed, {refuted} refuted (no pose shows the dots so), both "
+        f"proved; {len(found) - len(proved) - refuted} unknown, {len(rows) - len(found)} not measured.",
+        *[f"  {one.file}: {one.reason}" for one in rows if one.reason][:_TOLD],
+    )
+    if proved:
+        position = np.median([one.position_radius for one in proved], axis=0)
+        turn = np.degrees(np.median([one.rotation_radius for one in proved], axis=0))
+        widths = [" x ".join(at_most(float(v), 2) for v in side) for side in (position, turn)]
+        talk.say(f"Half-widths, median: {widths[0]} mm, {widths[1]} degrees. Table: {folder / TABLE}")
+    talk.say(f"Certificates: cpcal verify {folder}", *assumptions(folder))
+    record("enclosed", images=len(rows), proved=len(proved), output=str(folder))
     return Status.ANSWERED if proved else Status.UNKNOWN
 
 
@@ -348,73 +337,42 @@ def enclosed(work: Enclosing, names: Sequence[str], talk: Talk, workers: int | N
             found += some
             progress(len(found), len(names))
         found.sort(key=lambda one: one.file)
-        (draft / TABLE).write_text(_table(found), encoding="utf-8")
+        (draft / TABLE).write_bytes(csv_table(("file", "verdict", "reason", *NUMBERS), map(_cells, found), files=True))
     return found
+
+
+def _cells(one: Enclosed) -> list[str | float | None]:
+    """A row of the table."""
+    if (found := one.found) is None:
+        return [one.file, "unknown", one.reason, *[None] * len(NUMBERS)]
+    numbers: list[float | None] = [None] * len(NUMBERS)
+    if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:
+        parts = found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius
+        numbers = np.concatenate(parts).tolist()
+    return [one.file, found.verdict.value, one.reason or found.reason, *numbers]
 
 
 def _stated(
     plate: Target, lens: CameraRecord, dots: float | None, factor: float, plate_exact: bool, camera_exact: bool
 ) -> tuple[TargetSet, CameraSet]:
     """What the files and options state of plate and camera. Raises InputError: nothing is exact unless it is said."""
-    problems = []
-    within = factor * plate.dot_sigma if dots is None else dots
-    if not (plate_exact or within or plate.scale_sigma):
-        what = "has neither dot_sigma nor scale_sigma: nothing says how far its dots may be off"
-        problems.append(Problem("the target", what, "add them to its file, give --dots MM, or say --plate-exact"))
-    if lens.covariance is None and not camera_exact:
-        what = "has no covariance: nothing says how far its numbers may be off"
-        remedy = "calibrate with `cpcal image detect --calibrate`, or say --camera-exact"
-        problems.append(Problem("the camera", what, remedy))
-    if problems:
-        raise InputError(problems)
+    within, says = factor * plate.dot_sigma if dots is None else dots, "nothing says how far its"
+    refuse(
+        (
+            not (plate_exact or within or plate.scale_sigma),
+            "the target",
+            f"has neither dot_sigma nor scale_sigma: {says} dots may be off",
+            "add them to its file, give --dots MM, or say --plate-exact",
+        ),
+        (
+            lens.covariance is None and not camera_exact,
+            "the camera",
+            f"has no covariance: {says} numbers may be off",
+            "calibrate with `cpcal image detect --calibrate`, or say --camera-exact",
+        ),
+    )
     known = None if camera_exact else lens.covariance
     cameras = CameraSet(lens.camera) if known is None else CameraSet.ellipsoid(lens.camera, known, factor)
     if plate_exact:
         return TargetSet.of(plate), cameras
     return TargetSet.within(plate, [within, within, 0.0], factor * plate.scale_sigma), cameras
-
-
-def _check_names(names: list[str], images: Path) -> None:
-    if not names:
-        raise InputError([Problem(str(images), "holds no images", "give a folder of PNG, JPEG or TIFF files")])
-    stems: dict[str, str] = {}
-    for name in names:
-        other = stems.setdefault(stem_of(name), name)
-        if other != name:
-            what = f"{name} and {other} would have certificates of one name"
-            raise InputError([Problem(str(images), what, "rename one of them")])
-
-
-def _table(rows: Sequence[Enclosed]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("file", "verdict", "reason", *NUMBERS))
-    for one in rows:
-        numbers, found = [""] * len(NUMBERS), one.found
-        if found is not None and found.pose is not None:
-            parts = (found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius)
-            numbers = [repr(value) for part in parts if part is not None for value in part.tolist()]
-        verdict = "unknown" if found is None else found.verdict.value
-        reason = one.reason or ("" if found is None else found.reason)
-        writer.writerow([file_cell(one.file), verdict, guarded(reason), *numbers])
-    return text.getvalue()
-
-
-def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> int:
-    """Counts, reasons and widths; how many are proved."""
-    sets = [one.found for one in rows if one.found is not None]
-    proved = [one for one in sets if one.verdict is Verdict.PROVED]
-    refuted = sum(one.verdict is Verdict.REFUTED for one in sets)
-    talk.say(
-        f"{len(rows)} images: {len(proved)} poses enclosed, {refuted} refuted (no pose shows the dots so), both "
-        f"proved; {len(sets) - len(proved) - refuted} unknown, {len(rows) - len(sets)} not measured."
-    )
-    for one in [one for one in rows if one.reason][:_TOLD]:
-        talk.say(f"  {one.file}: {one.reason}")
-    if proved:
-        position = np.median([one.position_radius for one in proved], axis=0)
-        turn = np.degrees(np.median([one.rotation_radius for one in proved], axis=0))
-        widths = [" x ".join(at_most(float(v), 2) for v in side) for side in (position, turn)]
-        talk.say(f"Half-widths, median: {widths[0]} mm, {widths[1]} degrees. Table: {folder / TABLE}")
-    talk.say(f"Certificates: cpcal verify {folder}")
-    return len(proved)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Literal, TypeVar
 
 import typer
 
@@ -11,20 +12,20 @@ from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
+    NO_CHECKER,
+    ORIGINAL_CAMPAIGN,
     PIXEL_RUN,
     PIXEL_SETS,
     RUN,
     TIMEOUT,
-    NoChecker,
-    OriginalCampaign,
     Status,
-    Talk,
     argument,
     option,
     output,
 )
+from cpcal.cli.terminal import Talk
 from cpcal.cli.verify import check_all, checked_certificates, refusals
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, REPORT_NAME
@@ -35,6 +36,8 @@ from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
+
+T = TypeVar("T")
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is refused has no page, and no parameters.
@@ -55,7 +58,7 @@ def _checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Res
     kept = load_campaign_json(run)
     if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
         what = "is another campaign than the run's: its SHA-256 differs"
-        raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
+        raise unusable(str(campaign), what, "name the campaign that was certified, or leave it out")
     return kept, load_result(run)
 
 
@@ -87,10 +90,10 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
 
 
 def report(
-    run: Annotated[Path, argument("RUN", "Folder that certify wrote, or demo.")],
-    campaign: OriginalCampaign = None,
-    page: Annotated[Path | None, output("FILE", "The page; replaced.", show_default="RUN/report.html")] = None,
-    no_checker: NoChecker = False,
+    run: Path = argument("RUN", "Folder that certify wrote, or demo."),
+    campaign: Path | None = ORIGINAL_CAMPAIGN,
+    page: Path | None = output("FILE", "The page; replaced.", None, show_default="RUN/report.html"),
+    no_checker: bool = NO_CHECKER,
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
 
@@ -100,13 +103,13 @@ def report(
     """
     file = run / REPORT_NAME if page is None else page
     if file.is_dir():
-        raise InputError([Problem(str(file), "is a folder", "name a file, such as report.html")])
+        raise unusable(str(file), "is a folder", "name a file, such as report.html")
     if not (run / RECORD_NAME).is_file():
         text = render(*_checked_run(run, campaign), run=None if no_checker else run)
     else:  # the folder of a study
         if campaign is not None:
             what = "has no meaning for a study, which holds its own"
-            raise InputError([Problem("option --campaign", what, "leave it out")])
+            raise unusable("option --campaign", what, "leave it out")
         _accepted(*(run / part for part in (RUN, PIXEL_RUN, FITS) if (run / part).is_dir()))
         text = render_study(study_found(run)[1], None if no_checker else run / RUN)
     write_file(file, text)
@@ -118,8 +121,11 @@ def report(
 
 Format = Literal["toml", "json", "yaml", "csv", "ros2", "easy-handeye", "urdf", "opencv"]
 _YAML = (".yaml", ".yml")
-_SUFFIXES = {name: (f".{name}",) for name in get_args(Format)} | {
+_SUFFIXES = {
+    "toml": (".toml", ""),
+    "json": (".json",),
     "yaml": _YAML,
+    "csv": (".csv",),
     "ros2": (".py",),
     "easy-handeye": _YAML,
     "urdf": (".urdf", ".xacro", ".xml"),
@@ -128,15 +134,14 @@ _SUFFIXES = {name: (f".{name}",) for name in get_args(Format)} | {
 
 
 def export(
-    run: Annotated[Path, argument("RUN", "Folder that certify or handeye wrote.")],
-    format: Annotated[
-        Format | None, option(None, "Of what is written.", "--format", "-f", show_default="as FILE is called, or toml")
-    ] = None,
-    file: Annotated[Path | None, output("FILE", "The file; replaced.", show_default="print")] = None,
-    frames: Annotated[
-        Path | None,
-        option("DIR", "Folder of the campaign's calibration.json: write the drawing's frames, not camera's, target's."),
-    ] = None,
+    run: Path = argument("RUN", "Folder that certify or handeye wrote."),
+    format: Format | None = option(
+        None, "Of what is written.", "--format", "-f", show_default="as FILE is called, or toml"
+    ),
+    file: Path | None = output("FILE", "The file; replaced.", None, show_default="print"),
+    frames: Path | None = option(
+        None, "Folder of the campaign's calibration.json: write the drawing's frames, not camera's, target's.", "DIR"
+    ),
 ) -> None:
     """Check a RUN as `verify` does, and write its parameters: certified, with ranges, and of least squares.
 
@@ -144,14 +149,14 @@ def export(
     run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
     """
     if (run / HANDEYE.head).exists():
-        chosen = _chosen(format, file, list(HAND_EYE_FORMS))
+        write = _chosen(format, file, HAND_EYE_FORMS)
         _accepted(run)
-        text = HAND_EYE_FORMS[chosen](load_hand_eye_result(run))
+        text = write(load_hand_eye_result(run))
     else:
-        chosen = _chosen(format, file, list(WRITERS))
+        form = _chosen(format, file, WRITERS)
         campaign, result = _checked_run(run)
         moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
-        text = WRITERS[chosen](exported(campaign, result, moved))
+        text = form(exported(campaign, result, moved))
     if file is None:
         typer.echo(text, nl=False)
     else:
@@ -159,23 +164,16 @@ def export(
         Talk().say(f"Parameters: {file}")
 
 
-def _chosen(asked: str | None, file: Path | None, known: list[str]) -> str:
-    """One of the formats `known` of a run: what was asked for, or what the file's name says. Raises InputError."""
+def _chosen(asked: str | None, file: Path | None, known: Mapping[str, T]) -> T:
+    """What writes one of the `known` formats: the one asked for, or that of the file's name. Raises InputError."""
     suffix = "" if file is None else file.suffix.lower()
     fit = [name for name in known if suffix in _SUFFIXES[name]]
-    what, remedy = "", f"of this run write one of {', '.join(known)}"
-    if asked is None and len(fit) == 1:
-        return fit[0]
-    if asked is None and not suffix and "toml" in known:
-        return "toml"
-    if asked is None:
-        what = "is missing" + ("" if file is None else f", and the name {file.name} does not say it")
-    elif asked not in known:
-        what = f"is {asked}"
-    if what:
-        raise InputError([Problem("option --format", what, remedy)])
-    assert asked is not None
-    if asked not in fit and any(suffix in some for some in _SUFFIXES.values()):
-        remedy = f"call the file *{_SUFFIXES[asked][0]}, or leave --format out"
-        raise InputError([Problem("option --output", f"is {file}, and the format {asked}", remedy)])
-    return asked
+    name = asked or (fit[0] if len(fit) == 1 else "")
+    if name not in known:
+        unsaid = "" if file is None else f", and the name {file.name} does not say it"
+        what = f"is {asked}" if asked else f"is missing{unsaid}"
+        raise unusable("option --format", what, f"of this run write one of {', '.join(known)}")
+    if suffix and name not in fit and any(suffix in some for some in _SUFFIXES.values()):
+        remedy = f"call the file *{_SUFFIXES[name][0]}, or leave --format out"
+        raise unusable("option --output", f"is {file}, and the format {name}", remedy)
+    return known[name]

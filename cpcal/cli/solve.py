@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-from cpcal.cli.options import Status, Talk, Where, argument, check_writable, option, output, record
-from cpcal.cli.progress import SearchProgress, line
+from cpcal.cli.options import Status, Where, argument, check_writable, option, output
+from cpcal.cli.terminal import SearchProgress, Talk, line, record
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
@@ -25,16 +24,14 @@ _SHOWN = 20  # solutions in the terminal
 
 
 def solve(
-    source: Annotated[Path, argument("FILE", "A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
-    file: Annotated[Path, output("FILE", "The answer: .json, or .sol for AMPL.")],
-    width: Annotated[
-        float | None, option("W", "Of boxes not divided further; else 1e-6, coarser along curves.")
-    ] = None,
-    gap: Annotated[float, option("G", "Of the objective's bracket, relative.")] = 1e-6,
-    time_limit: Annotated[float | None, option("S", "Seconds.", min=0.0)] = None,
-    node_limit: Annotated[int | None, option("N", "Boxes.", min=1)] = None,
-    certificate: Annotated[Path | None, option("FILE", "Of a minimisation: the proof, for cpcal verify.")] = None,
-    picture: Annotated[Path | None, option("FILE.svg", "Of all solutions in the first two unknowns.")] = None,
+    source: Path = argument("FILE", "A problem: Minibex (.bch, .mbx) or AMPL (.nl)."),
+    file: Path = output("FILE", "The answer: .json, or .sol for AMPL."),
+    width: float | None = option(None, "Of boxes not divided further; else 1e-6, coarser along curves.", "W"),
+    gap: float = option(1e-6, "Of the objective's bracket, relative.", "G"),
+    time_limit: float | None = option(None, "Seconds.", "S", min=0.0),
+    node_limit: int | None = option(None, "Boxes.", "N", min=1),
+    certificate: Path | None = option(None, "Of a minimisation: the proof, for cpcal verify.", "FILE"),
+    picture: Path | None = option(None, "Of all solutions in the first two unknowns.", "FILE.svg"),
     *,
     where: Where,
     talk: Talk,

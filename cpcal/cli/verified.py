@@ -16,7 +16,7 @@ import numpy as np
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
-from cpcal.common.errors import InputError, PluginError, Problem, Problems
+from cpcal.common.errors import InputError, PluginError, Problem, Problems, unusable
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME, unfinished
@@ -147,7 +147,7 @@ def of_runs(folder: Path) -> Iterator[Statement]:
         with suppress(InputError):  # which is refused already
             found = load_result(run)
             rows += [row_of(run.name, found)] if found.legs else []
-    if table.exists() and table.read_bytes() != summary_table(rows).encode():
+    if table.exists() and table.read_bytes() != summary_table(rows):
         yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 
 
@@ -248,7 +248,7 @@ def _same_source(path: Path, found: Sequence[PoseSetChecked]) -> Statement:
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
+        raise unusable(str(path), f"cannot be read: {error.strerror}", "name a file") from None
     stated = {sha for one in found for name, sha in one.files if name == path.name}
     if stated == {digest}:
         return True, f"{path.name}: the file that the pose sets name, by its SHA-256"

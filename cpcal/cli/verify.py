@@ -8,7 +8,6 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Annotated
 
 from cpcal.checker import (
     POSE_SET_SUFFIX,
@@ -21,10 +20,11 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.options import OriginalCampaign, Status, Talk, argument, option, record
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.cli.options import ORIGINAL_CAMPAIGN, Status, argument, option
+from cpcal.cli.terminal import Talk, record
+from cpcal.common.errors import InputError, printable, unusable
 from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
-from cpcal.files.run_folder import ACCURACY, HANDEYE, HANDEYE_WRONG, RUN, unfinished
+from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
 Statement = tuple[bool, str]  # whether it is accepted, and a sentence
@@ -177,7 +177,7 @@ def _accepted(path: Path, check: Callable[[Path], Accepted]) -> Accepted | str:
 
 
 def _nothing(target: Path, reason: object) -> InputError:
-    return InputError([Problem(str(target), str(reason), "name the folder of a run, or a certificate")])
+    return unusable(str(target), str(reason), "name the folder of a run, or a certificate")
 
 
 def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, str]:
@@ -194,7 +194,7 @@ def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, st
 # ------------------------------------------------------------------------------------------------------------------
 # Whatever a folder holds, or one file of it: statements. What other verbs write is loaded where it is found.
 
-_KINDS = (RUN, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
+_KINDS = (RUN, ACCURACY, HANDEYE)  # of folders with certificates
 
 
 class NothingCertifiedError(InputError):
@@ -229,7 +229,7 @@ def _of_folder(folder: Path) -> Iterator[Statement]:
     try:
         if len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
-        if heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
+        if heads == [HANDEYE.head]:
             from cpcal.questions.hand_eye import verify_hand_eye
 
             yield from verify_hand_eye(folder)
@@ -264,14 +264,14 @@ def _there(folder: Path) -> None:
     """Raises InputError where a folder without result.json has nothing to check."""
     if unfinished(folder):
         what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
-        raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
+        raise unusable(str(folder), what, "wait for it, or run certify again")
     if not any(folder.glob("*.cert.jsonl")):
         raise _nothing(folder, f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)")
 
 
 def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
     """Whether the run's campaign, or hand-eye study, is another than the one in the folder. Raises InputError."""
-    if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
+    if (target / HANDEYE.head).exists():
         from cpcal.models.hand_eye import load_hand_eye, load_study_json
 
         if load_study_json(target) != load_hand_eye(campaign):
@@ -292,11 +292,11 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
 
 
 def verify(
-    target: Annotated[Path, argument("RUN|CERTIFICATE", "A run, or one certificate in it.")],
-    campaign: OriginalCampaign = None,
-    source: Annotated[
-        list[Path] | None, option("FILE", "Of pose sets: a camera.toml or target.toml that must be the one they name.")
-    ] = None,
+    target: Path = argument("RUN|CERTIFICATE", "A run, or one certificate in it."),
+    campaign: Path | None = ORIGINAL_CAMPAIGN,
+    source: list[Path] | None = option(
+        None, "Of pose sets: a camera.toml or target.toml that must be the one they name.", "FILE"
+    ),
     *,
     talk: Talk,
 ) -> Status:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -74,6 +75,11 @@ class OutputError(InputError):
     about = "with the output"
 
 
+def unusable(where: str, what: str, remedy: str, line: int | None = None) -> InputError:
+    """What to raise for one problem."""
+    return InputError([Problem(where, what, remedy, line)])
+
+
 class ModelError(CpcalError):
     """A constraint network has no meaning (shapes, names, comparisons)."""
 
@@ -119,6 +125,16 @@ class Problems:
         if len(self.listed) < LISTED:  # the search is slow, and a file of rubbish holds many names
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """The problems of an InputError in this block are added, and it goes on behind the block."""
+        try:
+            yield
+        except InputError as error:
+            for problem in error.problems:
+                self.add(problem)
+            self.omitted += error.omitted
 
     def raise_any(self, see: str = "") -> None:
         """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""

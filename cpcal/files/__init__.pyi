@@ -8,11 +8,11 @@ from .folders import (
 )
 from .log import (
     Log,
-    LogSettings,
     campaign_of_log,
     read_log,
 )
 from .settings import (
+    Settings,
     save_campaign,
     save_study,
     settings_template,
@@ -20,7 +20,7 @@ from .settings import (
 
 __all__ = [
     "Log",
-    "LogSettings",
+    "Settings",
     "campaign_of_log",
     "campaign_sha256",
     "load_campaign",

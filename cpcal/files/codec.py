@@ -22,7 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from cpcal.common.errors import CpcalError, InputError, Problem, shown
+from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.files import write_file
 from cpcal.files.tables import json_object
 from cpcal.solver.interval import Box
@@ -58,12 +58,12 @@ def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:
     """The dataclass that `save` wrote. Raises InputError, which says `remedy`."""
     data = json_object(path, remedy, remedy)
     if data.pop("format", None) != format:
-        raise InputError([Problem(str(path), f"is not of format {format}", remedy)])
+        raise unusable(str(path), f"is not of format {format}", remedy)
     try:
         return cast(T, decoded(kind, data))
     except (ValueError, CpcalError) as error:
         reason = error.problems[0].what if isinstance(error, InputError) else error
-        raise InputError([Problem(str(path), f"lacks or garbles a field: {reason}", remedy)]) from None
+        raise unusable(str(path), f"lacks or garbles a field: {reason}", remedy) from None
 
 
 def encoded(value: Any) -> Any:

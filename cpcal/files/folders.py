@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, unusable
 from cpcal.common.files import write_file
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, fill
 from cpcal.files.settings import (
     CALIBRATION_NAME,
     CSV_NAME,
@@ -21,13 +21,12 @@ from cpcal.files.settings import (
     TOML_NAME,
     VALIDATION_NAME,
     Settings,
-    StudySettings,
     csv_bytes,
     read_settings,
     read_study_settings,
     toml_bytes,
 )
-from cpcal.files.tables import Table, read_table, small_file
+from cpcal.files.tables import Table, read_table
 from cpcal.robot import Campaign, PoseTable, Robot, Study
 from cpcal.robot.robot import KINDS, Uncertainty
 from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, half_widths
@@ -47,14 +46,9 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
 
     Raises one InputError that lists every problem of both files.
     """
-    folder = Path(path)
-    problems = Problems()
-    if not folder.is_dir():
-        what = "is not a folder" if folder.exists() else "does not exist"
-        problems.add(Problem(str(folder), what, _ABSENT))
-        problems.raise_any(YOUR_DATA)
+    folder, problems = _existing(path, _ABSENT, YOUR_DATA), Problems()
     of_settings, of_table = hashlib.sha256(), hashlib.sha256()
-    settings = _settings(folder / TOML_NAME, problems, of_settings.update)
+    settings = read_settings(folder / TOML_NAME, problems, _ABSENT, of_settings.update)
     table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT, of_table.update)
     problems.raise_any(YOUR_DATA)
     robot = settings.robot
@@ -69,30 +63,30 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
         radii[:, :3],
         radii[:, 3:6],
         radii[:, 6:],
-        settings.uncertainty,
-        settings.provenance,
-        settings.model,
+        uncertainty=settings.uncertainty,
+        provenance=settings.provenance,
+        model=settings.model,
     )
-    files = ((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest()))
-    object.__setattr__(campaign, "files", files)
+    fill(campaign, files=((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest())))
     return campaign
+
+
+def _existing(path: str | os.PathLike[str], absent: str, see: str = "") -> Path:
+    """The folder. Raises InputError where there is none."""
+    folder = Path(path)
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        raise InputError([Problem(str(folder), what, absent)], see=see)
+    return folder
 
 
 def load_settings(path: str | os.PathLike[str]) -> Settings:
     """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
     file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
     problems = Problems()
-    settings = _settings(file, problems, lambda _: None)
+    settings = read_settings(file, problems, _ABSENT, lambda _: None)
     problems.raise_any(YOUR_DATA)
     return settings
-
-
-def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) -> Settings:
-    content = small_file(path, problems, _ABSENT)
-    if content is None:
-        return Settings(None, None, None, {})
-    saw(content)
-    return read_settings(content, str(path), problems)
 
 
 def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
@@ -116,32 +110,18 @@ _REMEDY = "certify the campaign again"
 
 def campaign_json(campaign: Campaign) -> bytes:
     """The file's bytes: of equal campaigns from equal files, the same."""
-    uncertainty, model, robot = campaign.uncertainty, campaign.model, campaign.robot
-    head: dict[str, Any] = {
+    stated, model, robot = campaign.uncertainty, campaign.model, campaign.robot
+    head = {
         "format": JSON_FORMAT,
         "files": [{"name": name, "sha256": digest} for name, digest in _files(campaign)],
-        "robot": {
-            "name": robot.name,
-            "base": _texts(robot.base),
-            "mobile": _texts(robot.mobile),
-            "offset": _texts(robot.offset),
-        },
-        "uncertainty": None
-        if uncertainty is None
-        else {
-            "factor": None if uncertainty.factor is None else repr(float(uncertainty.factor)),
-            "position": _texts(uncertainty.position),
-            "rotation": _texts(uncertainty.rotation),
-            "length": _texts(uncertainty.length),
-        },
-        "model": None
-        if model is None
-        else {"name": model.name, "half_widths": {k: repr(float(v)) for k, v in model.half_widths.items()}},
-        "provenance": dict(campaign.provenance),
+        "robot": {key: getattr(robot, key) for key in ("name", "base", "mobile", "offset")},
+        "uncertainty": stated and {key: getattr(stated, key) for key in ("factor", *KINDS)},
+        "model": model and {"name": model.name, "half_widths": model.half_widths},
+        "provenance": campaign.provenance,
     }
     numbers = _texts(np.concatenate([getattr(campaign, name) for name in _ARRAYS], axis=1))
     rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
-    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    lines = [f"{json.dumps(key)}: {json.dumps(_texts(value))}" for key, value in head.items()]
     table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)
     return ("{" + ",\n ".join([*lines, f'"measurements": [\n  {table}\n ]']) + "}\n").encode()
 
@@ -159,7 +139,7 @@ def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str], name:
     content, path = campaign_json(campaign), Path(folder) / name
     if len(content) > _LARGEST:
         what = f"takes {len(content):,} bytes as {NAME}, more than {_LARGEST:,}"
-        raise InputError([Problem("campaign", what, "certify parts of it, or without certificates")])
+        raise unusable("campaign", what, "certify parts of it, or without certificates")
     write_file(path, content)
     return path
 
@@ -182,7 +162,7 @@ def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
             content = stream.read(_LARGEST + 1)
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise InputError([Problem(str(file), what, "name the folder of a run")]) from None
+        raise unusable(str(file), what, "name the folder of a run") from None
     try:
         if len(content) > _LARGEST:
             raise ValueError(f"is larger than {_LARGEST:,} bytes")
@@ -191,15 +171,14 @@ def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
             raise ValueError(f"is not of format {JSON_FORMAT}")
         campaign = _campaign(data)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise InputError([Problem(str(file), f"cannot be used: {error!r}", _REMEDY)]) from None
+        raise unusable(str(file), f"cannot be used: {error!r}", _REMEDY) from None
     if campaign_json(campaign) != content:
-        raise InputError([Problem(str(file), "is not as cpcal writes it", _REMEDY)])
+        raise unusable(str(file), "is not as cpcal writes it", _REMEDY)
     return campaign
 
 
 def _campaign(data: dict[str, Any]) -> Campaign:
     robot, stated, asked = data["robot"], data["uncertainty"], data["model"]
-    factor = None if stated is None or stated["factor"] is None else float(stated["factor"])
     rows: list[list[str]] = data["measurements"]
     legs = len(robot["offset"])
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
@@ -209,16 +188,12 @@ def _campaign(data: dict[str, Any]) -> Campaign:
         robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
         pose=tuple(row[0] for row in rows),
         run=tuple(row[1] for row in rows),
-        uncertainty=None
-        if stated is None
-        else Uncertainty(**{kind: _floats(stated[kind]) for kind in KINDS}, factor=factor),
+        uncertainty=stated and Uncertainty(**{key: value and _floats(value) for key, value in stated.items()}),
         provenance=data["provenance"],
-        model=None
-        if asked is None
-        else ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()}),
+        model=asked and ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()}),
         **arrays,
     )
-    object.__setattr__(campaign, "files", tuple((file["name"], file["sha256"]) for file in data["files"]))
+    fill(campaign, files=tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
 
 
@@ -230,14 +205,17 @@ def _files(campaign: Campaign) -> tuple[tuple[str, str], ...]:
     return tuple((name, hashlib.sha256(content).hexdigest()) for name, content in contents)
 
 
-def _texts(values: Any) -> Any:
-    """Floats of an array, or of nested lists, by repr."""
-    plain = values.tolist() if isinstance(values, np.ndarray) else values
-    return [_texts(v) for v in plain] if isinstance(plain, list) else repr(plain)
+def _texts(value: Any) -> Any:
+    """Numbers by repr, in arrays, lists and tables; texts as they are."""
+    if isinstance(value, Mapping):
+        return {key: _texts(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | list):
+        return [_texts(one) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    return value if value is None or isinstance(value, str) else repr(float(value))
 
 
-def _floats(values: Any) -> Any:
-    return np.array(values, dtype=str).astype(np.float64)
+def _floats(value: Any) -> Any:
+    return float(value) if isinstance(value, str) else np.array(value, dtype=str).astype(np.float64)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -255,16 +233,8 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
     Raises one InputError that lists every problem of the three files.
     """
-    folder = Path(path)
-    problems = Problems()
-    if not folder.is_dir():
-        what = "is not a folder" if folder.exists() else "does not exist"
-        problems.add(Problem(str(folder), what, _NO_STUDY))
-        problems.raise_any()
-    content = small_file(folder / STUDY_NAME, problems, _NO_STUDY)
-    settings = StudySettings(None, None, None, {})
-    if content is not None:
-        settings = read_study_settings(content, str(folder / STUDY_NAME), problems)
+    folder, problems = _existing(path, _NO_STUDY), Problems()
+    settings = read_study_settings(folder / STUDY_NAME, problems, _NO_STUDY)
     tables = [_study_table(folder / name, settings.legs, problems) for name in (CALIBRATION_NAME, VALIDATION_NAME)]
     problems.raise_any()
     robot = settings.robot

@@ -21,13 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX
 from cpcal.common.values import Floats
+from cpcal.files.settings import Settings
 from cpcal.files.tables import small_file
-from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
+from cpcal.robot import Campaign
 from cpcal.robot.campaign import mapped, table_arguments, unit_factor
-from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, is_length
+from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of
 
 LOG_MAX = 2**27  # bytes
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
@@ -136,7 +137,7 @@ def _guessed(
                 best = (score, mark, sign, width)
     if not best[0]:
         remedy = f"give a table with at least {_LEAST} numbers in a row, or state --separator and --decimal"
-        raise InputError([Problem(where, "holds no rows of numbers", remedy)])
+        raise unusable(where, "holds no rows of numbers", remedy)
     return best[1:]
 
 
@@ -166,27 +167,22 @@ def number_texts(log: Log, place: int, target: str, problems: Problems) -> Itera
 # From a log to a campaign: columns by a map, units and rotation form by name, what the log lacks from elsewhere.
 
 
-@dataclass(frozen=True)
-class LogSettings:
-    """What a log does not say. `uncertainty` None: readings are exact."""
+def campaign_of_log(
+    log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str = "quaternion-wxyz"
+) -> Campaign:
+    """The campaign in a log: `settings` say what it lacks (a robot; how far readings may be off, or None: exact),
+    `columns` which columns are which, `rotation` the form of the rotations.
 
-    robot: Robot
-    uncertainty: Uncertainty | None
-    columns: str | Mapping[str, str]
-    rotation: str
-    provenance: Mapping[str, str]
-    model: ModelChoice | None = None
-
-
-def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
-    """The campaign in a log. Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm.
+    Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm.
 
     Poses are named p1, p2, ... in the order of the rows unless a column is mapped to `pose`. Raises InputError with
     every cell that is no number, by its line.
     """
-    form = RotationForm.named(settings.rotation)
+    robot = settings.robot
+    assert robot is not None  # what keeps it from being read was raised
+    form = RotationForm.named(rotation)
     header = log.header or tuple(f"#{i}" for i in range(1, len(log.rows[0]) + 1))
-    found = mapped(settings.columns, header, settings.robot.legs, form)
+    found = mapped(columns, header, robot.legs, form)
     names: dict[str, list[str]] = {}
     values: dict[str, Floats] = {}
     problems = Problems()
@@ -199,7 +195,7 @@ def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
             values[target] = _column(log, place, target, source, form, problems)
     problems.raise_any(YOUR_DATA)
     try:
-        arguments = table_arguments(names, values, settings.robot, form, settings.uncertainty)
+        arguments = table_arguments(names, values, robot, form, settings.uncertainty)
     except InputError as error:
         raise _by_line(error, log) from None
     told = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": _told(found)}
@@ -209,7 +205,7 @@ def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
 
 def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
     texts = number_texts(log, place, target, problems)
-    if is_length(target):
+    if "mm" in units_of(target):
         size = LENGTHS[source.unit or "mm"]
         return np.array([float(Decimal(text) * size) for text in texts])
     return unit_factor(target, source, form) * np.array([float(text) for text in texts])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import DRAFT, draft_name, exclusive, put_in_place, unwritable
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("campaign.json")  # certificates alone
 HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))
-HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"study\.json",))
 POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 
@@ -96,10 +95,9 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
         return
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
-        raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
-    answered = any((folder / head).exists() for head in (HANDEYE.head, HANDEYE_WRONG.head))
-    if (folder / "handeye.toml").exists() and not answered:
-        raise InputError([Problem(str(folder), "is the folder of a hand-eye study", "choose another folder")])
+        raise unusable(str(folder), "is the folder of a campaign", "choose another folder")
+    if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
+        raise unusable(str(folder), "is the folder of a hand-eye study", "choose another folder")
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:
         raise InputError([Problem(str(folder / name), what, remedy) for name in strange])
@@ -138,7 +136,7 @@ def locked(folder: Path) -> Iterator[Lock]:
         lock = _locked(folder)
     except BlockingIOError:
         what = "is being written by another run of cpcal"
-        raise InputError([Problem(str(folder), what, "wait for it, or choose another folder")]) from None
+        raise unusable(str(folder), what, "wait for it, or choose another folder") from None
     except OSError as error:
         raise unwritable(folder, error) from error
     try:

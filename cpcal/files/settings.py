@@ -6,19 +6,20 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, write_folder
 from cpcal.common.values import Floats
-from cpcal.files.tables import csv_table, toml_document
+from cpcal.files.tables import csv_table, small_file, toml_document
 from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,
+    Campaign,
     Mechanisms,
     ModelChoice,
     Pose,
@@ -31,9 +32,6 @@ from cpcal.robot import (
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import FIELDS, KINDS, LARGEST, wrong_value
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
-
-if TYPE_CHECKING:
-    from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
 
 KeyPath = tuple[str, ...]
 Table = dict[str, object]
@@ -50,27 +48,34 @@ class TomlReader:
         self.document, self.lines, self.where, self.problems = document, lines, where, problems
 
     @classmethod
-    def of(cls, content: bytes, where: str, format_: str, sections: Iterable[str], problems: Problems) -> Self | None:
-        """A reader of the bytes of a file called `where`, its format and the names of its sections checked.
+    def opened(
+        cls,
+        path: Path,
+        format_: str,
+        sections: Iterable[str],
+        problems: Problems,
+        absent: str,
+        saw: Callable[[bytes], object] = lambda _: None,
+    ) -> Self | None:
+        """A reader of a file, its format and the names of its sections checked; `saw` is given its bytes.
 
-        None, with a problem added, where the file is no TOML.
+        None, with a problem added, where there is no such file (`absent` is the remedy), or it is no TOML.
         """
-        sections = ("format", *sections)
-        start = f'format = "{format_}"' + "".join(f" and [{name}]" for name in sections[1:2])
-        document = toml_document(content, where, problems, start)
+        content, where, sections = small_file(path, problems, absent), str(path), ("format", *sections, "provenance")
+        if content is None:
+            return None
+        saw(content)
+        document = toml_document(content, where, problems, f'format = "{format_}" and [{sections[1]}]')
         if document is None:
             return None
         reader = cls(document, line_numbers(content.decode("utf-8-sig"), document), where, problems)
         reader.known((), document, sections)
-        reader._format(format_)
+        found = document.get("format")
+        if "format" not in document:
+            reader.wrong((), "the key 'format' is missing", f'add the line format = "{format_}" at the top')
+        elif found != format_:
+            reader.wrong(("format",), f"the format is {shown(found)}", f'this program reads "{format_}" here')
         return reader
-
-    def _format(self, wanted: str) -> None:
-        found = self.document.get("format")
-        if "format" not in self.document:
-            self.wrong((), "the key 'format' is missing", f'add the line format = "{wanted}" at the top')
-        elif found != wanted:
-            self.wrong(("format",), f"the format is {shown(found)}", f'this program reads "{wanted}" here')
 
     def line(self, path: KeyPath) -> int | None:
         while path and path not in self.lines:
@@ -332,19 +337,11 @@ def csv_bytes(campaign: Campaign) -> bytes:
     values = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
     radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
     stated = np.zeros(6 + campaign.legs) if campaign.uncertainty is None else campaign.uncertainty.half_widths
-    differs = radii != stated
-    used = np.flatnonzero(differs.any(axis=0))
+    used = np.flatnonzero((radii != stated).any(axis=0))
     header = reading_columns(campaign.legs) + [override_columns(campaign.legs)[column] for column in used]
-    own: Iterable[list[float | None]] = ([] for _ in range(len(values)))
-    if len(used):
-        own = (
-            [value if differ else None for value, differ in zip(row, rows, strict=True)]
-            for row, rows in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
-        )
-    names = zip(campaign.pose, campaign.run, strict=True)
-    return csv_table(
-        header, ((ids, [*row, *extra]) for ids, row, extra in zip(names, values.tolist(), own, strict=True))
-    )
+    own = np.where(radii != stated, radii, np.array(None))[:, used].tolist()
+    rows = zip(campaign.pose, campaign.run, values.tolist(), own, strict=True)
+    return csv_table(header, ([pose, run, *row, *extra] for pose, run, row, extra in rows))
 
 
 def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
@@ -402,7 +399,7 @@ def table_bytes(table: PoseTable) -> bytes:
         header += SHARED_COLUMNS
         columns.append(table.shared)
     values = np.concatenate(columns, axis=1).tolist()
-    return csv_table(header, zip(zip(*names, strict=True), values, strict=True))
+    return csv_table(header, ([*ids, *row] for *ids, row in zip(*names, values, strict=True)))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -414,29 +411,28 @@ _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width"
 
 @dataclass(frozen=True)
 class Settings:
-    """What campaign.toml says; `robot` is None where it is unusable, `uncertainty` also where readings are exact.
-
-    `legs` is the number of legs as far as it can be told (to read on), or None.
+    """What campaign.toml or study.toml says; `robot` is None where it is unusable, `uncertainty` also where readings
+    are exact. `legs`: their number, as far as it can be told (to read on).
     """
 
-    robot: Robot | None
-    legs: int | None
-    uncertainty: Uncertainty | None
-    provenance: dict[str, str]
+    robot: Robot | None = None
+    legs: int | None = None
+    uncertainty: Uncertainty | None = None
     model: ModelChoice | None = None
+    truth: Truth | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
-    """The settings in the bytes of a campaign.toml called `where`; adds to `problems`."""
-    sections = ("robot", "uncertainty", "model", "provenance")
-    reader = TomlReader.of(content, where, FORMAT, sections, problems)
+def read_settings(path: Path, problems: Problems, absent: str, saw: Callable[[bytes], object]) -> Settings:
+    """The settings in a campaign.toml; adds to `problems`."""
+    reader = TomlReader.opened(path, FORMAT, ("robot", "uncertainty", "model"), problems, absent, saw)
     if reader is None:
-        return Settings(None, None, None, {})
+        return Settings()
     robot, legs = _robot(reader)
     remedy = 'add a name, such as name = "gain"'
     model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
     choice = None if model is None else ModelChoice(model["name"], model.get("half_widths", {}))
-    return Settings(robot, legs, _uncertainty(reader, legs), reader.provenance(), choice)
+    return Settings(robot, legs, _uncertainty(reader, legs), choice, provenance=reader.provenance())
 
 
 def _robot(reader: TomlReader) -> tuple[Robot | None, int | None]:
@@ -511,21 +507,11 @@ def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float
 _WHOLE = "add {key}, or take [truth] out"
 
 
-@dataclass(frozen=True)
-class StudySettings:
-    """What study.toml says; `robot` is None where it is unusable. `legs`: their number, as far as it can be told."""
-
-    robot: Robot | None
-    legs: int | None
-    truth: Truth | None
-    provenance: dict[str, str]
-
-
-def read_study_settings(content: bytes, where: str, problems: Problems) -> StudySettings:
-    """The settings in the bytes of a study.toml called `where`; adds to `problems`."""
-    reader = TomlReader.of(content, where, STUDY_FORMAT, ("robot", "provenance", "truth"), problems)
+def read_study_settings(path: Path, problems: Problems, absent: str) -> Settings:
+    """The settings in a study.toml; adds to `problems`."""
+    reader = TomlReader.opened(path, STUDY_FORMAT, ("robot", "truth"), problems, absent)
     if reader is None:
-        return StudySettings(None, None, None, {})
+        return Settings()
     robot, legs = _robot(reader)
     parameters = array((legs, 7), "ax, ay, az, bx, by, bz, l in mm", by_leg=True)
 
@@ -545,7 +531,7 @@ def read_study_settings(content: bytes, where: str, problems: Problems) -> Study
     if found is not None and robot is not None:
         found["robot"] = Robot.from_parameters(robot.name, found.pop("parameters"))
         truth = Truth(**found)
-    return StudySettings(robot, legs, truth, reader.provenance())
+    return Settings(robot, legs, truth=truth, provenance=reader.provenance())
 
 
 def _pose(reader: TomlReader, path: KeyPath, value: object) -> Pose | None:
@@ -597,7 +583,7 @@ def settings_template(name: str, legs: int) -> str:
     """
     known = ROBOTS.get(name.casefold())
     if known is None and not 1 <= legs <= _LEGS_MAX:
-        raise InputError([Problem("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")])
+        raise unusable("option legs", f"has no meaning: {legs}", f"give 1 to {_LEGS_MAX}")
     blank = np.full((legs, 3), np.nan)
     robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
     lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]

@@ -26,14 +26,15 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier
 from cpcal.robot import Pose
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
 from cpcal.robot.units import override_columns, reading_columns
 
-_CALLS = re.compile("[(|\uff08\uff5c]")  # a formula without one of these calls nothing
+# A formula without one of these calls nothing: the name of a file stays as it is then, for tables are joined by it.
+_CALLS = re.compile("[(|\uff08\uff5c]")
 _RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them
 
 
@@ -47,19 +48,20 @@ def unguarded(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _RUNS.match(cell) else cell
 
 
-def file_cell(name: str) -> str:
-    """The name of a file: as it is, for tables are joined by it, but for one that a spreadsheet would run."""
-    return guarded(name) if _CALLS.search(name) else name
-
-
-def csv_table(header: Sequence[str], rows: Iterable[tuple[Sequence[str], Iterable[float | None]]]) -> bytes:
-    """A CSV file of rows of names and numbers; floats by repr, so that they are read back bit for bit; None: empty."""
+def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]], *, files: bool = False) -> bytes:
+    """A CSV file. Floats by repr, so that they are read back bit for bit; None: empty. `files`: they come first."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(header)
-    for names, numbers in rows:
-        writer.writerow([*map(guarded, names), *("" if value is None else repr(value) for value in numbers)])
+    for row in rows:
+        first, *others = row
+        begin = first if files and isinstance(first, str) and not _CALLS.search(first) else _cell(first)
+        writer.writerow([begin, *map(_cell, others)])
     return buffer.getvalue().encode()
+
+
+def _cell(value: str | float | None) -> str:
+    return "" if value is None else guarded(value) if isinstance(value, str) else repr(value)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -163,7 +165,7 @@ def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
     except ValueError as error:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else None
         what = error.msg if isinstance(error, json.JSONDecodeError) else str(error)
-        raise InputError([Problem(str(path), f"is not JSON: {what}", again, line)]) from None
+        raise unusable(str(path), f"is not JSON: {what}", again, line) from None
 
 
 def parsed_object(content: bytes | str) -> dict[str, Any]:
@@ -277,206 +279,167 @@ def read_table(
     """
     try:
         with open_regular(path) as file:
-            return _table(file, str(path), legs, problems, saw, required, optional)
+            return _Reader(file, str(path), problems, saw).table(legs, required, optional)
     except OSError as error:
         problems.add(unreadable(path, error, absent))
         return Table()
 
 
-def _table(
-    file: BinaryIO,
-    where: str,
-    legs: int | None,
-    problems: Problems,
-    saw: Callable[[bytes], object],
-    required: Callable[[int], list[str]],
-    optional: Callable[[int], list[str]],
-) -> Table:
-    before, last, count = len(problems), b"", 0
+class _Reader:
+    """Checks the header, then checks and gathers the rows below it."""
 
-    def noted(line: bytes) -> None:
-        nonlocal last, count
-        last, count = line, count + 1
-        saw(line)
-
-    lines = _lines(file, where, problems, noted)
-    for number, cells in lines:
-        if cells is None:
-            return Table()  # an unreadable header; what follows would make no sense
-        columns = _header(cells, number, where, legs, problems, required, optional)
-        table = _Rows(columns, where, problems).read(lines) if columns else Table()
-        if table.values and not last.endswith(b"\n"):
-            what = f"{where}:{count}: the last line has no line end; if the file was cut, so may be its last number"
-            cell = shown(last.decode().rpartition(",")[2])
-            warnings.warn(f"{what}, {cell} -> compare it with what was measured, and end the line", stacklevel=3)
-        return table
-    if len(problems) == before:
-        problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
-    return Table()
-
-
-def _lines(
-    file: BinaryIO, where: str, problems: Problems, saw: Callable[[bytes], object]
-) -> Iterator[tuple[int, list[str] | None]]:
-    """Line numbers and cells of the lines that are not blank; None for a line that cannot be read at all."""
-    number = 0
-    while raw := file.readline(LINE_MAX):
-        saw(raw)
-        number += 1
-        if number == 1:
-            raw = raw.removeprefix(b"\xef\xbb\xbf")
-        if len(raw) == LINE_MAX and not raw.endswith(b"\n"):
-            what = f"the line is longer than {LINE_MAX:,} bytes; the rest of the file was not read"
-            remedy = "is this a CSV file? end each measurement's line"
-            problems.add(Problem(where, what, remedy, number), always=True)
-            return
-        try:
-            text = raw.decode()
-            if not text or text.isspace():
-                continue
-            plain = text.removesuffix("\n").removesuffix("\r")
-            if _SPECIAL.search(plain):
-                yield number, next(csv.reader((text,), strict=True))
-            else:
-                yield number, plain.split(",")
-        except UnicodeDecodeError:
-            problems.add(Problem(where, "the line is not UTF-8 text", "save the file as UTF-8 text", number))
-            yield number, None
-        except csv.Error as error:
-            remedy = "one measurement a line, cells separated by commas, quotes and line ends in order"
-            what = f"the line is not CSV: {str(error).partition(' - ')[0]}"
-            problems.add(Problem(where, what, remedy, number))
-            yield number, None
-
-
-def _header(
-    cells: list[str],
-    line: int,
-    where: str,
-    legs: int | None,
-    problems: Problems,
-    required_for: Callable[[int], list[str]],
-    optional: Callable[[int], list[str]],
-) -> list[str | None] | None:
-    """The name of each column, None where it is unknown or a repetition; no list when none is known."""
-    names = [cell.strip() for cell in cells]
-    if legs is None:
-        legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
-    required = required_for(legs)
-    known = {*required, *optional(legs)}
-    if not known.intersection(names):
-        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-            if len(cells) == 1 and known.intersection(part.strip() for part in cells[0].split(separator)):
-                remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
-                problems.add(Problem(where, f"the cells are separated by {name}", remedy, line))
-                return None
-        remedy = "start with the line " + shorter(",".join(required))
-        problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
-        return None
-    columns: list[str | None] = []
-    given: set[str] = set()
-    for name in names:
-        if name in given:
-            problems.add(Problem(where, f"the column {name!r} is there twice", "take one of them out", line))
-        elif name not in known:
-            otherwise = f"take it out, or check that the robot has {legs} legs"
-            problems.add_unknown(where, f"unknown column {shown(name)}", name, known, otherwise, line)
-        columns.append(name if name in known and name not in given else None)
-        if name in known:
-            given.add(name)
-    for name in required:
-        if name not in given:
-            problems.add(Problem(where, f"the column {name!r} is missing", f"add a column {name}", line))
-    return columns
-
-
-def shorter(text: str) -> str:
-    """At most some 100 characters of a header."""
-    return text if len(text) <= 100 else text[:100] + "..."
-
-
-def _listed(names: Iterable[str]) -> str:
-    """ "image", "pose and run", "pose, run and image"."""
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-class _Rows:
-    """Checks and gathers the rows below a header."""
-
-    def __init__(self, columns: list[str | None], where: str, problems: Problems) -> None:
-        self.where, self.problems = where, problems
-        self.columns = columns
-        place = {name: index for index, name in enumerate(columns) if name is not None}
-        self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
-        self.names = [name for name in place if name not in _IDENTIFIERS]
-        self.places = [place[name] for name in self.names]
-        self.optional = [name.startswith("d") for name in self.names]  # half-widths
+    def __init__(self, file: BinaryIO, where: str, problems: Problems, saw: Callable[[bytes], object]) -> None:
+        self.file, self.where, self.problems, self.saw = file, where, problems, saw
+        self.raw, self.line = b"", 0  # the last line, and its number
         self.last: dict[str, tuple[str, str]] = {}  # name as it stood in the last row, and as it is
-        self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
         self.seen: dict[tuple[str, ...], int] = {}
         self.numbers = array("d")
 
-    def read(self, lines: Iterator[tuple[int, list[str] | None]]) -> Table:
-        """The rows that are fit; stops after `BAD_ROWS_MAX` that are not."""
-        bad = 0
-        table = Table()
-        clean = not self.problems
-        line = 1
-        for line, cells in lines:
+    def wrong(self, what: str, remedy: str, *, always: bool = False) -> None:
+        """Of the line that was read last."""
+        self.problems.add(Problem(self.where, what, remedy, self.line), always=always)
+
+    def table(
+        self, legs: int | None, required: Callable[[int], list[str]], optional: Callable[[int], list[str]]
+    ) -> Table:
+        before, lines, table = len(self.problems), self.lines(), Table()
+        cells = next(lines, None)
+        if cells is None:  # with an unreadable header what follows would make no sense
+            if len(self.problems) == before:
+                self.line = 1
+                self.wrong("is empty", "write a header and one line for each measurement")
+            return table
+        columns = self.header([cell.strip() for cell in cells], legs, required, optional)
+        if not columns:
+            return table
+        place = {name: index for index, name in enumerate(columns) if name is not None}
+        self.ids = {name: place.pop(name) for name in _IDENTIFIERS if name in place}
+        self.names, self.places = list(place), list(place.values())
+        self.optional = [name.startswith("d") for name in self.names]  # half-widths
+        self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
+        self.rows(lines, len(columns), table)
+        if table.values and not self.raw.endswith(b"\n"):
+            where, what = (
+                f"{self.where}:{self.line}",
+                "the last line has no line end; if the file was cut, so may be its last number",
+            )
+            cell = shown(self.raw.decode().rpartition(",")[2])
+            warnings.warn(
+                f"{where}: {what}, {cell} -> compare it with what was measured, and end the line", stacklevel=3
+            )
+        return table
+
+    def lines(self) -> Iterator[list[str] | None]:
+        """The cells of the lines that are not blank; None for a line that cannot be read at all."""
+        while raw := self.file.readline(LINE_MAX):
+            self.saw(raw)
+            self.raw, self.line = raw, self.line + 1
+            if self.line == 1:
+                raw = raw.removeprefix(b"\xef\xbb\xbf")
+            if len(raw) == LINE_MAX and not raw.endswith(b"\n"):
+                what = f"the line is longer than {LINE_MAX:,} bytes; the rest of the file was not read"
+                self.wrong(what, "is this a CSV file? end each measurement's line", always=True)
+                return
+            try:
+                text = raw.decode()
+                if not text or text.isspace():
+                    continue
+                plain = text.removesuffix("\n").removesuffix("\r")
+                yield next(csv.reader((text,), strict=True)) if _SPECIAL.search(plain) else plain.split(",")
+                continue
+            except UnicodeDecodeError:
+                self.wrong("the line is not UTF-8 text", "save the file as UTF-8 text")
+            except csv.Error as error:
+                remedy = "one measurement a line, cells separated by commas, quotes and line ends in order"
+                self.wrong(f"the line is not CSV: {str(error).partition(' - ')[0]}", remedy)
+            yield None
+
+    def header(
+        self,
+        names: list[str],
+        legs: int | None,
+        required_for: Callable[[int], list[str]],
+        optional: Callable[[int], list[str]],
+    ) -> list[str | None]:
+        """The name of each column, None where it is unknown or a repetition; no list when none is known."""
+        if legs is None:
+            legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
+        required = required_for(legs)
+        known = {*required, *optional(legs)}
+        if not known.intersection(names):
+            for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+                if len(names) == 1 and known.intersection(part.strip() for part in names[0].split(separator)):
+                    remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
+                    self.wrong(f"the cells are separated by {name}", remedy)
+                    return []
+            start = ",".join(required)
+            remedy = "start with the line " + (start if len(start) <= 100 else start[:100] + "...")
+            self.wrong(f"no header: {shown(','.join(names))}", remedy)
+            return []
+        columns: list[str | None] = []
+        for name in names:
+            if name in columns:
+                self.wrong(f"the column {name!r} is there twice", "take one of them out")
+            elif name not in known:
+                otherwise = f"take it out, or check that the robot has {legs} legs"
+                what = f"unknown column {shown(name)}"
+                self.problems.add_unknown(self.where, what, name, known, otherwise, self.line)
+            columns.append(name if name in known and name not in columns else None)
+        for name in required:
+            if name not in columns:
+                self.wrong(f"the column {name!r} is missing", f"add a column {name}")
+        return columns
+
+    def rows(self, lines: Iterator[list[str] | None], width: int, table: Table) -> None:
+        """The rows that are fit, into the table; stops after `BAD_ROWS_MAX` that are not."""
+        bad, clean = 0, not self.problems
+        for cells in lines:
             before = len(self.problems)
             if cells is not None:
-                names = self.check(line, cells)
+                names = self.check(cells, width)
                 if clean:
                     for name, text in names.items():
                         getattr(table, name).append(text)
             if cells is None or len(self.problems) > before:
-                clean = False
-                self.numbers = array("d")
+                clean, self.numbers = False, array("d")
                 bad += 1
             if len(self.seen) > ROWS_MAX:
                 what = f"holds more than {ROWS_MAX:,} measurements: the rest of the file was not read"
-                self.problems.add(Problem(self.where, what, "divide it, or leave out what repeats", line), always=True)
+                self.wrong(what, "divide it, or leave out what repeats", always=True)
                 break
             if bad >= BAD_ROWS_MAX:
                 what = f"{bad:,} bad rows: the rest of the file was not read"
-                remedy = "mend these first, and check that this is the right file"
-                self.problems.add(Problem(self.where, what, remedy, line), always=True)
+                self.wrong(what, "mend these first, and check that this is the right file", always=True)
                 break
         if not self.seen and not bad:
-            remedy = "add one line for each measurement"
-            self.problems.add(Problem(self.where, "holds no measurements", remedy, line))
+            self.wrong("holds no measurements", "add one line for each measurement")
         if clean and self.seen and not self.problems:
             grid = np.frombuffer(self.numbers, dtype=np.float64).reshape(-1, len(self.names))
             table.values = {name: grid[:, index] for index, name in enumerate(self.names)}
-        return table
 
-    def wrong(self, line: int, what: str, remedy: str) -> None:
-        self.problems.add(Problem(self.where, what, remedy, line))
-
-    def check(self, line: int, cells: list[str]) -> dict[str, str]:
+    def check(self, cells: list[str], width: int) -> dict[str, str]:
         """Take note of what is wrong with a row, and keep its numbers. The row's names, by column."""
-        if len(cells) != len(self.columns):
-            what = f"{len(cells)} cells, but the header has {len(self.columns)}"
-            self.wrong(line, what, "give one cell for each column, separated by commas")
+        if len(cells) != width:
+            what = f"{len(cells)} cells, but the header has {width}"
+            self.wrong(what, "give one cell for each column, separated by commas")
             return {}
-        names = {column: self.name(line, cells[index], column) for column, index in self.ids.items()}
-        if len(names) > 1 or "image" in names:
-            first = self.seen.setdefault(tuple(names.values()), line)
-            if first != line:
-                which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
-                self.wrong(line, f"{which} was given on line {first} already", f"give each {_listed(names)} once")
-        else:
-            self.seen[()] = line
-        row = self.row(line, [cells[index] for index in self.places])
+        names = {column: self.name(cells[index], column) for column, index in self.ids.items()}
+        key = tuple(names.values()) if len(names) > 1 or "image" in names else ()
+        first = self.seen.setdefault(key, self.line)
+        if key and first != self.line:
+            which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
+            *some, last = names
+            each = f"{', '.join(some)} and {last}" if some else last
+            self.wrong(f"{which} was given on line {first} already", f"give each {each} once")
+        row = self.row([cells[index] for index in self.places])
         self.numbers.extend(row)
         if len(self.quaternion) == 4:
             norm = math.hypot(*(row[index] for index in self.quaternion))
             if abs(norm - 1.0) > QUATERNION_TOLERANCE:  # False for NaN, which was reported
-                self.wrong(line, *quaternion_problem(norm))
+                self.wrong(*quaternion_problem(norm))
         return names
 
-    def name(self, line: int, cell: str, column: str) -> str:
+    def name(self, cell: str, column: str) -> str:
         before, text = self.last.get(column, ("", ""))
         if before == cell and text:
             return text
@@ -485,10 +448,10 @@ class _Rows:
             self.last[column] = cell, text
         else:
             article = "an" if column == "image" else "a"
-            self.wrong(line, f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
+            self.wrong(f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
         return text
 
-    def row(self, line: int, cells: list[str]) -> list[float]:
+    def row(self, cells: list[str]) -> list[float]:
         """The numbers of a row, each looked at only where they are not all as they should be."""
         try:
             row = list(map(float, cells))
@@ -498,29 +461,28 @@ class _Rows:
                 return row
         except ValueError:
             pass
-        each = zip(self.names, cells, self.optional, strict=True)
-        return [self.number(line, name, cell, optional) for name, cell, optional in each]
+        return list(map(self.number, self.names, cells, self.optional))
 
-    def number(self, line: int, name: str, cell: str, optional: bool) -> float:
+    def number(self, name: str, cell: str, optional: bool) -> float:
         """The number in a cell; NaN where it is left empty and may be, or where it was reported."""
         try:
             value = float(cell)
         except ValueError:
             if cell and not cell.isspace():
-                self.wrong(line, f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
+                self.wrong(f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
             elif not optional:
-                self.wrong(line, f"{name} is empty", "give a number, or take the line out")
+                self.wrong(f"{name} is empty", "give a number, or take the line out")
             return math.nan
         if "_" in cell or not cell.isascii():
             remedy = "take the underscore out" if "_" in cell else "write it with the digits 0 to 9"
-            self.wrong(line, f"{name}: {shown(cell)} is not a number", remedy)
+            self.wrong(f"{name}: {shown(cell)} is not a number", remedy)
         elif not math.isfinite(value):
-            self.wrong(line, f"{name} is {shown(cell)}", "give a finite number, or take the line out")
+            self.wrong(f"{name} is {shown(cell)}", "give a finite number, or take the line out")
             return math.nan
         elif abs(value) > LARGEST:
-            self.wrong(line, f"{name} is {shown(cell)}", f"give a number up to {LARGEST:g}, or take the line out")
+            self.wrong(f"{name} is {shown(cell)}", f"give a number up to {LARGEST:g}, or take the line out")
         elif optional and value < 0:
-            self.wrong(line, f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
+            self.wrong(f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
         return value
 
 
@@ -537,5 +499,5 @@ def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
     table = read_table(Path(path), 0, problems, _REMEDY, required=lambda _: COLUMNS, optional=lambda _: ["run"])
     problems.raise_any()
     if len(set(table.pose)) < len(table.pose):
-        raise InputError([Problem(str(path), "gives a pose twice", "name each pose once")])
+        raise unusable(str(path), "gives a pose twice", "name each pose once")
     return tuple(table.pose), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))

@@ -21,7 +21,6 @@ from .leg import (
     model_residuals,
     model_statement,
     reading_sensitivities,
-    residuals,
 )
 from .platform import ProvedPose, Workspace, prove_pose
 
@@ -51,5 +50,4 @@ __all__ = [
     "model_statement",
     "prove_pose",
     "reading_sensitivities",
-    "residuals",
 ]

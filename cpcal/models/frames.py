@@ -217,7 +217,7 @@ class Prover:
             return bool(radius[places].max() < _NARROW)
 
         return contracted(
-            System(rows, lifted, asked, tuple(derived)), rows.root(frames), narrow=narrow, gain=_GAIN[stage],
+            System(rows, lifted, asked, tuple(derived)), rows.root, narrow=narrow, gain=_GAIN[stage],
             splits=places, most_boxes=boxes, end=end, tell=self._told(stage),
         )  # fmt: skip
 

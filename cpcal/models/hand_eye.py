@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,9 +24,9 @@ from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import write_folder
-from cpcal.common.values import Floats, Indices, Value, frozen_array
+from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
-from cpcal.files.tables import Table, csv_table, json_object, read_table, small_file
+from cpcal.files.tables import Table, csv_table, json_object, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.kinematics import normalised
 from cpcal.vision.camera import Camera
@@ -65,24 +65,19 @@ class HandEyeStudy(Value):
     pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        count = len(self.image)
+        count, n = len(self.image), len(self.images)
         if self.setup not in SETUPS:
             raise InputError([Problem("setup", f"is {self.setup!r}", f"give one of {', '.join(SETUPS)}")])
-        object.__setattr__(self, "pixels", frozen_array(self.pixels))
-        object.__setattr__(self, "points", frozen_array(self.points))
-        width = self.half_width if np.size(self.half_width) else np.zeros(count)
-        object.__setattr__(self, "half_width", frozen_array(width))
-        wide = self.pose_half_width if np.size(self.pose_half_width) else np.zeros((len(self.images), 6))
-        object.__setattr__(self, "pose_half_width", frozen_array(wide))
         places = np.array(self.image, dtype=np.intp)
         places.setflags(write=False)
-        object.__setattr__(self, "image", places)
-        shapes = (self.pixels.shape, self.points.shape, self.half_width.shape)
-        by_image = (self.poses.position.shape, self.pose_half_width.shape)
-        n = len(self.images)
-        if shapes != ((count, 2), (count, 3), (count,)) or by_image != ((n, 3), (n, 6)):
+        width = self.half_width if np.size(self.half_width) else np.zeros(count)
+        wide = self.pose_half_width if np.size(self.pose_half_width) else np.zeros((n, 6))
+        arrays = {"pixels": self.pixels, "points": self.points, "half_width": width, "pose_half_width": wide}
+        fill(self, image=places, **{name: frozen_array(values) for name, values in arrays.items()})
+        shapes = tuple(getattr(self, name).shape for name in arrays)
+        if (self.poses.position.shape, *shapes) != ((n, 3), (count, 2), (count, 3), (count,), (n, 6)):
             raise InputError([Problem("study", "has arrays that do not belong together", "see HandEyeStudy")])
-        if count and not 0 <= places.min() <= places.max() < len(self.images):
+        if count and not 0 <= places.min() <= places.max() < n:
             raise InputError([Problem("study", "has a point of an image without pose", "name the images by number")])
 
     @property
@@ -114,9 +109,8 @@ class HandEyeStudy(Value):
         new = np.full(len(self.images), -1)
         new[chosen] = np.arange(len(chosen))
         kept = np.flatnonzero(new[self.image] >= 0)
-        return HandEyeStudy(
-            setup=self.setup,
-            camera=self.camera,
+        return replace(
+            self,
             images=tuple(self.images[k] for k in chosen),
             poses=Pose(self.poses.position[chosen], self.poses.quaternion[chosen]),
             image=new[self.image[kept]],
@@ -145,8 +139,7 @@ class HandEyeFrames(Value):
     f_translation: Floats
 
     def __post_init__(self) -> None:
-        for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        fill(self, **{one.name: frozen_array(getattr(self, one.name)) for one in fields(self)})
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -195,14 +188,12 @@ def simulate_hand_eye(
     else:  # target on the hand, base in the camera
         e, f = far, on_hand
         poses = compose(compose(inverse(far), seen), inverse(on_hand))
-    if setup == "eye-in-hand":
-        poses = Pose(poses.position, poses.quaternion)
     turned = quaternion_from_rotation_vector(random.uniform(-rotation_error, rotation_error, (images, 3)))
     stated = Pose(
         poses.position + random.uniform(-position_error, position_error, (images, 3)),
         normalised(quaternion_product(turned, poses.quaternion)),
     )
-    x = np.einsum("nij,kj->nki", rotation_matrix(seen.quaternion), board) + seen.position[:, None, :]
+    x = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
     pixels = camera.project(x) + random.uniform(-pixel_error, pixel_error, (images, len(board), 2))
     count = len(board)
     study = HandEyeStudy(
@@ -215,26 +206,18 @@ def simulate_hand_eye(
         pixels=pixels.reshape(-1, 2),
         points=np.tile(board, (images, 1)),
     )
-    return SimulatedHandEye(study, HandEyeFrames(_matrix(e), e.position, _matrix(f), f.position))
-
-
-def _matrix(pose: Pose) -> Floats:
-    return rotation_matrix(pose.quaternion)
+    return SimulatedHandEye(study, HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
 
 
 def _views(images: int, random: np.random.Generator) -> Pose:
     """Poses of the target in the camera frame."""
-    axis = random.uniform(0.0, 2.0 * np.pi, images)
+    axis, level = random.uniform(0.0, 2.0 * np.pi, images), np.zeros(images)
     tilt = _TILT * np.sqrt(random.uniform(0.1, 1.0, images))
-    leaning = quaternion_from_rotation_vector(
-        np.stack([tilt * np.cos(axis), tilt * np.sin(axis), np.zeros(images)], axis=1)
-    )
+    leaning = quaternion_from_rotation_vector(np.column_stack([tilt * np.cos(axis), tilt * np.sin(axis), level]))
     roll = random.uniform(-np.pi, np.pi, images)
-    rolled = quaternion_from_rotation_vector(np.stack([np.zeros(images), np.zeros(images), roll], axis=1))
-    place = np.stack(
-        [random.uniform(-100.0, 100.0, images), random.uniform(-70.0, 70.0, images), random.uniform(500, 800, images)],
-        axis=1,
-    )
+    rolled = quaternion_from_rotation_vector(np.column_stack([level, level, roll]))
+    spans = ((-100.0, 100.0), (-70.0, 70.0), (500.0, 800.0))
+    place = np.column_stack([random.uniform(*span, images) for span in spans])
     return Pose(place, normalised(quaternion_product(leaning, rolled)))
 
 
@@ -271,10 +254,7 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     assert setup is not None  # what keeps these from being read is a problem, and was raised
     assert camera is not None
-    study = _study(folder, setup, camera, poses, points, problems)
-    problems.raise_any(_SEE)
-    assert study is not None
-    return study
+    return _study(folder, setup, camera, poses, points, problems)
 
 
 def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]]:
@@ -287,10 +267,7 @@ def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
-    content = small_file(folder / HANDEYE_NAME, problems, _ABSENT)
-    if content is None:
-        return None, None
-    reader = TomlReader.of(content, str(folder / HANDEYE_NAME), HANDEYE_FORMAT, ("study", "provenance"), problems)
+    reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     if reader is None:
         return None, None
     reader.provenance()
@@ -317,9 +294,7 @@ def _table(path: Path, required: list[str], optional: list[str], problems: Probl
     return read_table(path, 0, problems, _ABSENT, required=lambda _: required, optional=lambda _: optional)
 
 
-def _study(
-    folder: Path, setup: Setup, camera: Camera, poses: Table, points: Table, problems: Problems
-) -> HandEyeStudy | None:
+def _study(folder: Path, setup: Setup, camera: Camera, poses: Table, points: Table, problems: Problems) -> HandEyeStudy:
     where = str(folder / POINTS_NAME)
     number = {name: k for k, name in enumerate(poses.image)}
     for name in sorted(set(points.image) - set(number)):
@@ -331,8 +306,7 @@ def _study(
     for k in np.flatnonzero(np.isnan(camera.normalised(pixels)).any(axis=1)).tolist():
         what = f"the camera shows nothing at the pixel of {points.image[k]} {points.point[k]}"
         problems.add(Problem(where, what, "check the pixel, and the distortion in the camera file"))
-    if problems:
-        return None
+    problems.raise_any(_SEE)
     width = points.values.get("du", np.zeros(len(pixels)))
     return HandEyeStudy(
         setup=setup,
@@ -359,21 +333,19 @@ def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
 def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     """The bytes of the four files, by name."""
     settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, {})
-    moved = bool(study.pose_half_width.any())
-    columns = [study.poses.position, study.poses.quaternion, *([study.pose_half_width] if moved else [])]
-    poses = np.concatenate(columns, axis=1).tolist()
-    wide = bool(study.half_width.any())
-    parts = [study.pixels, study.points, *([study.half_width[:, None]] if wide else [])]
-    points = np.concatenate(parts, axis=1).tolist()
-    named = [(study.images[k], name) for k, name in zip(study.image, study.names, strict=True)]
+    pose_columns, point_columns = POSE_COLUMNS, POINT_COLUMNS
+    poses, points = [study.poses.position, study.poses.quaternion], [study.pixels, study.points]
+    if study.uncertain:
+        pose_columns, poses = [*pose_columns, *POSE_WIDTHS], [*poses, study.pose_half_width]
+    if study.half_width.any():
+        point_columns, points = [*point_columns, "du"], [*points, study.half_width[:, None]]
+    places, seen = (np.concatenate(parts, axis=1).tolist() for parts in (poses, points))
+    named = zip(study.image, study.names, seen, strict=True)
     return {
         HANDEYE_NAME: settings,
         CAMERA_NAME: camera_bytes(study.camera),
-        POSES_NAME: csv_table(
-            [*POSE_COLUMNS, *POSE_WIDTHS] if moved else POSE_COLUMNS,
-            zip(((name,) for name in study.images), poses, strict=True),
-        ),
-        POINTS_NAME: csv_table([*POINT_COLUMNS, "du"] if wide else POINT_COLUMNS, zip(named, points, strict=True)),
+        POSES_NAME: csv_table(pose_columns, ([name, *row] for name, row in zip(study.images, places, strict=True))),
+        POINTS_NAME: csv_table(point_columns, ([study.images[k], name, *row] for k, name, row in named)),
     }
 
 
@@ -412,16 +384,11 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
         camera, images, points = data["camera"], data["images"], data["points"]
         poses = np.array([row[1:] for row in images], dtype=np.float64).reshape(-1, 13)
         numbers = np.array([row[2:] for row in points], dtype=np.float64).reshape(-1, 8)
+        width, height = camera["size"]
+        focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
         return HandEyeStudy(
             setup=data["setup"],
-            camera=Camera(
-                width=camera["size"][0],
-                height=camera["size"][1],
-                focal=np.array(camera["focal"], np.float64),
-                center=np.array(camera["center"], np.float64),
-                distortion=np.array(camera["distortion"], np.float64),
-                model=camera["model"],
-            ),
+            camera=Camera(width, height, focal, center, distortion, camera["model"]),
             images=tuple(row[0] for row in images),
             poses=Pose(poses[:, :3], poses[:, 3:7]),
             image=np.array([row[0] for row in points], dtype=np.intp),

@@ -28,7 +28,8 @@ from cpcal.robot import (
     rotation_matrix,
 )
 from cpcal.solver.linear import Dense, LinearStatus
-from cpcal.solver.optimize.least_squares import Blocks, least_squares
+from cpcal.solver.optimize.least_squares import Blocks, Fit, least_squares
+from cpcal.vision.camera import Camera
 
 # ------------------------------------------------------------------------------------------------------------------
 # Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
@@ -52,6 +53,20 @@ class ReadFrames(Value):
         object.__setattr__(self, "readings", frozen_array(self.readings))
 
 
+def pixels_of(camera: Camera, x: Floats) -> Floats:
+    """(N, 2) of points (N, 3) in the camera frame, by a pinhole; infinite where a point is not in front of it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
+    return np.where(x[:, 2:] > 0.0, seen, np.inf)
+
+
+def slopes_of(camera: Camera, x: Floats, by: Floats) -> Floats:
+    """(2 N, K) of these pixels, first all along u and then all along v, from derivatives (N, 3, K) of the points."""
+    depth = x[:, 2]
+    rows = [camera.focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
+    return np.concatenate(rows)
+
+
 class PixelModel:
     """The residuals (2 N,) of frames with readings, first all along u and then all along v, in `size` unknowns."""
 
@@ -66,10 +81,7 @@ class PixelModel:
 
     def __call__(self, at: ReadFrames) -> Floats:
         """(2 N,) px; infinite where a point is not in front of the camera."""
-        x, camera = self.in_camera(at), self.study.camera
-        with np.errstate(divide="ignore", invalid="ignore"):
-            seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
-        return np.where(x[:, 2:] > 0.0, seen - self._rays, np.inf).T.ravel()
+        return (pixels_of(self.study.camera, self.in_camera(at)) - self._rays).T.ravel()
 
     def in_camera(self, at: ReadFrames) -> Floats:
         """x_ij (N, 3), mm."""
@@ -88,27 +100,20 @@ class PixelModel:
         frames, x = at.frames, on + at.frames.e_translation
         own = frames.e_rotation @ turn  # (N, 3, 3) of what is on the target's side of the pose
         by = [-cross_matrix(on), np.broadcast_to(np.eye(3), own.shape), -own @ cross_matrix(turned), own]
-        if not self._images:
-            return self._seen(x, np.concatenate(by, axis=2)), np.zeros((2 * len(x), 0))
-        on_hand = turned + frames.f_translation
-        if self.study.setup == "eye-to-hand":
-            lever = np.einsum("nij,nj->ni", turn, on_hand)
-            by += [np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross_matrix(lever)]
-        else:
-            place = read_poses(self.study.poses, at.readings).position[self.study.image]
-            by += [-own, own @ cross_matrix(on_hand - place)]
-        # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
-        half = 0.5 * at.readings[:, 3:]
-        turning = (np.eye(3) + cross_matrix(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
-        by[-1] = by[-1] @ turning[self.study.image]
-        slope = self._seen(x, np.concatenate(by, axis=2))
+        if self._images:
+            on_hand = turned + frames.f_translation
+            if self.study.setup == "eye-to-hand":
+                lever = np.einsum("nij,nj->ni", turn, on_hand)
+                by += [np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross_matrix(lever)]
+            else:
+                place = read_poses(self.study.poses, at.readings).position[self.study.image]
+                by += [-own, own @ cross_matrix(on_hand - place)]
+            # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
+            half = 0.5 * at.readings[:, 3:]
+            turning = (np.eye(3) + cross_matrix(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
+            by[-1] = by[-1] @ turning[self.study.image]
+        slope = slopes_of(self.study.camera, x, np.concatenate(by, axis=2))
         return slope[:, :PARAMETERS], slope[:, PARAMETERS:]
-
-    def _seen(self, x: Floats, by: Floats) -> Floats:
-        """(2 N, K) of the residuals, from derivatives (N, 3, K) of the points in the camera frame."""
-        focal, depth = self.study.camera.focal, x[:, 2]
-        rows = [focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
-        return np.concatenate(rows)
 
     def jacobian(self, at: ReadFrames) -> Floats:
         """(2 N, size): frames first, then the readings image by image."""
@@ -236,7 +241,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     Raises InputError for fewer than three images with six points each, for images without a pose, and where the
     motions of the hand do not determine the frames (the message names the axis).
     """
-    kept, seen = image_poses(study)
+    kept, seen, alone = image_poses(study)
     if len(kept) < _LEAST_IMAGES:
         what = f"has {len(kept)} images whose points determine a pose"
         raise InputError([Problem("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")])
@@ -252,7 +257,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     at = least_squares(exact, exact.jacobian, at, tolerance=1e-13, moved=exact.moved, steps=_STEPS).at
     residuals = model(at)
     covariance, weak = _covariance(exact.jacobian(at), residuals)
-    alone, rms = _single_rms(study, kept, seen), float(np.sqrt(np.mean(residuals**2)))
+    rms = float(np.sqrt(np.mean(residuals**2)))
     if study.uncertain:
         at, covariance = _weighted_fit(model, at, max(alone, _LEAST_PIXEL))
         residuals = model(at)
@@ -268,86 +273,66 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     )
 
 
-def _single_rms(study: HandEyeStudy, kept: list[int], seen: Pose) -> float:
-    """px per axis: what the poses of single images, each fitted to its own pixels, leave; no robot error enters."""
-    camera, rays, turn = study.camera, study.rays, seen.rotation
-    square, free = 0.0, 0
-    for k, image in enumerate(kept):
-        mine = np.flatnonzero(study.image == image)
-        x = study.points[mine] @ turn[k].T + seen.position[k]
-        off = camera.center + camera.focal * x[:, :2] / x[:, 2:] - rays[mine]
-        square, free = square + float(np.sum(off**2)), free + max(off.size - 6, 0)
-    return float(np.sqrt(square / max(free, 1)))
-
-
-def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose]:
-    """Images whose points determine a pose, and the target's pose in the camera frame in each."""
-    camera, rays = study.camera, study.rays
-    directions = (rays - camera.center) / camera.focal
-    kept, poses = [], []
+def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
+    """Images whose points determine a pose, the target's pose in the camera frame in each, and the deviation of the
+    pixels that these leave, px per axis: no robot error enters."""
+    kept, poses, square, free = [], [], 0.0, 0
     for k in range(len(study.images)):
         mine = np.flatnonzero(study.image == k)
         if len(mine) < _LEAST_POINTS:
             continue
         try:
-            poses.append(_pose(study.points[mine], directions[mine]))
+            fit = _pose(study.camera, study.points[mine], study.rays[mine])
         except np.linalg.LinAlgError:
             continue
         kept.append(k)
-    stacked = np.array([[*p.position, *p.quaternion] for p in poses]).reshape(-1, 7)
-    return kept, Pose(stacked[:, :3], stacked[:, 3:])
+        poses.append([*fit.at.position, *normalised(fit.at.quaternion)])
+        square, free = square + fit.cost, free + 2 * len(mine) - 6
+    stacked = np.array(poses).reshape(-1, 7)
+    return kept, Pose(stacked[:, :3], stacked[:, 3:]), float(np.sqrt(square / max(free, 1)))
 
 
-def _pose(points: Floats, directions: Floats) -> Pose:
-    """Of one image: by the homography of a plane, else by the direct linear transform."""
-    if not points[:, 2].any():
-        return _plane_pose(points[:, :2], directions)
-    middle = points.mean(axis=0)
-    size = float(np.abs(points - middle).max())
-    p = np.concatenate([(points - middle) / size, np.ones((len(points), 1))], axis=1)
-    rows = np.zeros((len(p), 2, 12))
+def _pose(camera: Camera, points: Floats, rays: Floats) -> Fit[Pose]:
+    """Of one image: by the direct linear transform (of a plane z = 0 without its third column), then least squares."""
+    middle, directions = points.mean(axis=0), (rays - camera.center) / camera.focal
+    size, plane = float(np.abs(points - middle).max()), not points[:, 2].any()
+    p = np.column_stack([(points - middle)[:, : 2 if plane else 3] / size, np.ones(len(points))])
+    width = p.shape[1]
+    rows = np.zeros((len(p), 2, 3 * width))
     for a in (0, 1):
-        rows[:, a, 4 * a : 4 * a + 4] = p
-        rows[:, a, 8:] = -directions[:, a : a + 1] * p
-    h = np.linalg.svd(rows.reshape(-1, 12))[2][-1].reshape(3, 4)
-    h *= np.sign(np.mean(p @ h[2])) / np.cbrt(abs(np.linalg.det(h[:, :3])))
-    left, _, right = np.linalg.svd(h[:, :3])
+        rows[:, a, width * a : width * (a + 1)] = p
+        rows[:, a, 2 * width :] = -directions[:, a : a + 1] * p
+    h = np.linalg.svd(np.linalg.qr(rows.reshape(-1, 3 * width), mode="r"))[2][-1].reshape(3, width)
+    h = h * np.sign(np.mean(p @ h[2]))
+    axes = h[:, :-1]
+    if plane:
+        across = np.cross(h[:, 0], h[:, 1])
+        axes = np.column_stack([axes, across / max(np.sqrt(np.linalg.norm(across)), _LEAST_GAIN)])
+    scale = np.cbrt(abs(np.linalg.det(axes)))
+    if not scale > _LEAST_GAIN:
+        raise np.linalg.LinAlgError("points of a line, or a plane in the line of sight")
+    left, _, right = np.linalg.svd(axes)
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return Pose(h[:, 3] * size - turn @ middle, quaternion_from_matrix(turn))
 
+    def placed(at: Pose) -> tuple[Floats, Floats]:
+        arm = points @ at.rotation.T
+        return arm, arm + at.position
 
-def _plane_pose(points: Floats, directions: Floats) -> Pose:
-    """Of points (n, 2) of a plane: X - u Z = 0 and Y - v Z = 0, linear in h = (r_1, r_2, t), by least squares from the
-    homography. The triangular factor of the equations says as much as they do."""
-    size = float(np.sqrt((points * points).mean()))
-    rows = np.zeros((len(points), 2, 9))
-    for k, factor in enumerate((*points.T / size, np.ones(len(points)))):
-        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
-        rows[:, :, 3 * k + 2] = -directions * factor[:, None]
-    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
-    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
-    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
-    left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
-    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    matrix = triangle * (np.repeat([size, size, 1.0], 3) / h[2, 2])
-
-    def values(at: Pose) -> Floats:
-        r = at.rotation
-        return np.asarray(matrix @ np.concatenate([r[:, 0], r[:, 1], at.position]))
+    def residual(at: Pose) -> Floats:
+        return (pixels_of(camera, placed(at)[1]) - rays).T.ravel()
 
     def jacobian(at: Pose) -> Floats:
-        by = np.zeros((9, 6))
-        by[6:, :3] = np.eye(3)
-        by[:3, 3:], by[3:6, 3:] = (-cross_matrix(at.rotation[:, k]) for k in (0, 1))
-        return np.asarray(matrix @ by)
+        arm, x = placed(at)
+        by = np.concatenate([np.broadcast_to(np.eye(3), (len(x), 3, 3)), -cross_matrix(arm)], axis=2)
+        return slopes_of(camera, x, by)
 
-    def moved_pose(at: Pose, step: Floats) -> Pose:
-        turned = quaternion_product(quaternion_from_rotation_vector(step[3:]), at.quaternion)
-        return Pose(at.position + step[:3], turned)
+    def moved(at: Pose, step: Floats) -> Pose:
+        return Pose(
+            at.position + step[:3], quaternion_product(quaternion_from_rotation_vector(step[3:]), at.quaternion)
+        )
 
-    start = Pose(h[2], quaternion_from_matrix(turn))
-    found = least_squares(values, jacobian, start, tolerance=1e-12, moved=moved_pose).at
-    return Pose(found.position, normalised(found.quaternion))
+    start = Pose(h[:, -1] * size / scale - turn @ middle, quaternion_from_matrix(turn))
+    return least_squares(residual, jacobian, start, tolerance=1e-12, moved=moved)
 
 
 def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:

@@ -28,12 +28,10 @@ from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import INFORMED, checked
-from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
+from cpcal.robot import Campaign, Pose, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
-from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.interval.kernels import add, at, div, mul, sub
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
@@ -297,35 +295,6 @@ SAG = LegModel(
 # itself
 # an unknown of the network.
 
-# ------------------------------------------------------------------------------------------------------------------
-# Enclosures of rotation matrices, compiled: `rotation_numerators` in intervals takes a millisecond in numpy.
-
-
-@compiled
-def enclosed_rotations(quaternion: Floats) -> tuple[Floats, Floats]:
-    """Bounds (N, 3, 3) of R(q) of quaternions (N, 4), scalar first: the numerators of `robot.rotation` over |q|^2."""
-    lo, hi = np.empty((len(quaternion), 3, 3)), np.empty((len(quaternion), 3, 3))
-    products = np.empty((4, 4)), np.empty((4, 4))
-    for k in range(len(quaternion)):
-        q = quaternion[k]
-        for i in range(4):
-            for j in range(i, 4):
-                products[0][i, j], products[1][i, j] = mul((q[i], q[i]), (q[j], q[j]))
-        norm = at(products, (0, 0))
-        for i in range(1, 4):
-            norm = add(norm, at(products, (i, i)))
-        for i in range(3):
-            a, b = 1 + (i + 1) % 3, 1 + (i + 2) % 3
-            entry = add(at(products, (0, 0)), at(products, (i + 1, i + 1)))
-            entry = sub(sub(entry, at(products, (a, a))), at(products, (b, b)))
-            lo[k, i, i], hi[k, i, i] = div(entry, norm)
-            # the product of the two other components, minus and plus that of this one and the scalar
-            others, own = at(products, (min(a, b), max(a, b))), at(products, (0, i + 1))
-            less, more = sub(others, own), add(others, own)
-            lo[k, a - 1, b - 1], hi[k, a - 1, b - 1] = div((2.0 * less[0], 2.0 * less[1]), norm)
-            lo[k, b - 1, a - 1], hi[k, b - 1, a - 1] = div((2.0 * more[0], 2.0 * more[1]), norm)
-    return lo, hi
-
 
 def leg_box(center: npt.ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:
     """X0: (a, b, l) within `delta` mm of the first seven of `center`, extra parameters within their half-widths of 0.
@@ -394,17 +363,19 @@ def leg_equation(
     scale: Expr | None = None
     scaled = not built_in(model) and exactly_read(campaign, leg)
     if scaled and stated:
-        matrix, scale = _rational_rotation(campaign.quaternion)
+        matrix, scale = rational_rotations(as_expr(campaign.quaternion))
     else:
-        matrix = net.constant(rotation_enclosure(campaign.quaternion, engine))
+        matrix = net.constant(rotations(IntervalArray.point(campaign.quaternion), engine))
         if scaled:
             scale = net.constant(engine.sum(engine.sqr(IntervalArray.point(campaign.quaternion)), 1))
-    turn = _turning(net, campaign.rotation_radius)
+    radius = campaign.rotation_radius
+    s = net.reading(np.zeros_like(radius), 0.5 * radius) if radius.any() else None  # |2 s_i| <= radius_i
 
-    def rotate(u: npt.ArrayLike) -> Expr:
-        return turn(matrix @ as_expr(np.asarray(u, np.float64)))
+    def rotate(u: npt.ArrayLike | Expr) -> Expr:
+        v = matrix @ (u if isinstance(u, Expr) else as_expr(np.asarray(u, np.float64)))
+        return v if s is None else turned_rows(s, v)
 
-    measured = Measured(position, length, position + turn(matrix @ b) - a, rotate, drawn(campaign, leg))
+    measured = Measured(position, length, position + rotate(b) - a, rotate, drawn(campaign, leg))
     body = model.equation(measured, offset, extra)
     return LegEquation(net, body if scale is None else scale * body, offset, scale)
 
@@ -422,39 +393,24 @@ def exactly_read(campaign: Campaign, leg: int) -> bool:
     return not any(r.any() for r in radii)
 
 
-def _turning(net: ConstraintNetwork, radius: Floats) -> Callable[[Expr], Expr]:
-    """v -> `R(1, s) v` for the readings s with `|2 s_i| <= radius_i`: v + 2 (s x v + s x (s x v)) / (1 + s.s)."""
-    if not radius.any():
-        return lambda v: v
-    s = net.reading(np.zeros_like(radius), 0.5 * radius)
-
-    def turned(v: Expr) -> Expr:
-        once = cross_rows(s, v)
-        return v + 2.0 * (once + cross_rows(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
-
-    return turned
+def turned_rows(s: Expr, v: Expr) -> Expr:
+    """`R(1, s) v`, row by row: v + 2 (s x v + s x (s x v)) / (1 + s.s)."""
+    once = _cross_rows(s, v)
+    return v + 2.0 * (once + _cross_rows(s, once)) / (1.0 + sqr(s).sum(-1))[:, None]
 
 
-def cross_rows(x: Expr, y: Expr | Floats) -> Expr:
+def _cross_rows(x: Expr, y: Expr | Floats) -> Expr:
     """Cross products of rows, (N, 3) or (1, 3)."""
     forth, back = [1, 2, 0], [2, 0, 1]
     return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
 
 
-def _rational_rotation(quaternion: Floats) -> tuple[Expr, Expr]:
+def rational_rotations(q: Expr) -> tuple[Expr, Expr]:
     """The matrices R(q) (N, 3, 3) of quaternions (N, 4), scalar first, as exact expressions, and |q|^2 (N,)."""
-    q = as_expr(quaternion)
     rows, scale = rotation_numerators(q[:, k, None, None] for k in range(4))
     units = np.eye(9).reshape(3, 3, 1, 3, 3)
     numerators = sum((rows[i][j] * units[i, j] for i in range(3) for j in range(3)), as_expr(0.0))
     return numerators / scale, scale[:, 0, 0]
-
-
-def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
-    """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
-    if engine.name == "float64":
-        return IntervalArray(*enclosed_rotations(np.array(quaternion, np.float64, order="C")))
-    return rotations(IntervalArray.point(np.asarray(quaternion, np.float64)), engine)
 
 
 def rotations(quaternion: IntervalArray, engine: Arithmetic) -> IntervalArray:
@@ -477,14 +433,6 @@ def beyond_legs(campaign: Campaign, leg: int, offset: float, error: float, what:
         return []
     said = f"{as_stated(error)} mm is no error of leg {leg}, which is {nearest(shortest, 1)} mm long at its shortest"
     return [Problem(what, said, "give one below the lengths of the legs")]
-
-
-def residuals(campaign: Campaign, leg: int, parameters: npt.ArrayLike) -> Floats:
-    """`g(x, M_k)` in mm of the plain model, shape (N,), at the centres of the reading sets; plain floating point."""
-    x = np.asarray(parameters, np.float64)
-    arm = rotation_matrix(campaign.quaternion) @ x[3:6]
-    distance = np.linalg.norm(campaign.position + arm - x[:3], axis=1)
-    return np.asarray(distance - campaign.length[:, leg - 1] - x[6])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -540,8 +488,6 @@ def model_statement(
 # ------------------------------------------------------------------------------------------------------------------
 # Residuals, derivatives and least-squares fit of any leg model, from its expression. They prove nothing.
 
-Function = Callable[[Floats], Floats]
-
 _TOLERANCE = 1e-8  # of the fit, relative: it proves nothing
 
 
@@ -570,8 +516,15 @@ _READ = ("position", "rotation", "length")
 def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
     """`g(x, M_k)` in mm (N,) at the centres of the reading sets, in plain floating point."""
     if model.name == PLAIN.name:
-        return residuals(campaign, leg, x)
+        return LegEquations.of(campaign, [leg]).values(np.asarray(x, np.float64)[None])[:, 0]
     return ModelResiduals(campaign, leg, model).values(x)
+
+
+def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """dg/dx (N, n) there."""
+    if model.name == PLAIN.name:
+        return LegEquations.of(campaign, [leg]).by_parameters(np.asarray(x, np.float64)[None])[:, 0]
+    return ModelResiduals(campaign, leg, model).jacobian(x)
 
 
 def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: ModelResiduals | None = None) -> Floats:
@@ -600,15 +553,10 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: Mode
     found = minimised(values, jacobian, start[free], tolerance=_TOLERANCE)
     if found.settled and bool(np.all(np.abs(found.at) <= reach)):
         return full(found.at)
-    return full(_bounded(values, jacobian, start[free], reach))
-
-
-def _bounded(values: Function, jacobian: Function, start: Floats, reach: Floats) -> Floats:
     from scipy import optimize  # here: it takes half a second to load
 
-    scale = np.where(np.isfinite(reach), reach, 1.0)
-    found = optimize.least_squares(values, start, jac=jacobian, bounds=(-reach, reach), x_scale=scale, method="trf")
-    return np.asarray(found.x)
+    scale, bounds = np.where(np.isfinite(reach), reach, 1.0), (-reach, reach)
+    return full(optimize.least_squares(values, start[free], jac=jacobian, bounds=bounds, x_scale=scale).x)
 
 
 def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:
@@ -621,16 +569,3 @@ def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model:
         return np.zeros(len(campaign))
     low, high = (ends.values(point, readings) for readings in ends.at(point))
     return np.asarray(0.5 * np.abs(high - low))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Derivatives of a leg's equation by its parameters, in plain floating point.
-
-
-def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
-    """dg/dx (N, n) at the centres of the reading sets; of the plain model from its formula."""
-    point = np.asarray(x, np.float64)
-    if model.name == PLAIN.name:
-        return LegEquations.of(campaign, [leg]).by_parameters(point[None])[:, 0]
-
-    return ModelResiduals(campaign, leg, model).jacobian(point)

@@ -14,21 +14,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Bools, Floats
-from cpcal.models.leg import cross_rows, rotations
+from cpcal.models.leg import rational_rotations, rotations, turned_rows
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, pose_jacobian
-from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.contract import Contraction
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, Expr, sqr
+from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 
@@ -39,65 +38,97 @@ ENGINE = get_arithmetic("float64")
 _FORTH, _BACK = [1, 2, 0], [2, 0, 1]
 
 
-def point(values: npt.ArrayLike) -> IntervalArray:
-    """Exact numbers."""
-    return IntervalArray.point(np.asarray(values, np.float64))
+class Intervals(IntervalArray):
+    """Intervals in float64 with operators, for which arrays are exact numbers."""
+
+    __array_ufunc__ = None  # so that numpy leaves array + intervals to these
+
+    def __add__(self, other: Numbers) -> Intervals:
+        return intervals(ENGINE.add(self, intervals(other)))
+
+    def __sub__(self, other: Numbers) -> Intervals:
+        return intervals(ENGINE.sub(self, intervals(other)))
+
+    def __rsub__(self, other: Numbers) -> Intervals:
+        return intervals(other) - self
+
+    def __mul__(self, other: Numbers) -> Intervals:
+        return intervals(ENGINE.mul(self, intervals(other)))
+
+    def __truediv__(self, other: Numbers) -> Intervals:
+        return intervals(ENGINE.div(self, intervals(other)))
+
+    def __rtruediv__(self, other: Numbers) -> Intervals:
+        return intervals(other) / self
+
+    def __neg__(self) -> Intervals:
+        return intervals(ENGINE.neg(self))
+
+    def __getitem__(self, index: Any) -> Intervals:
+        return intervals(super().__getitem__(index))
+
+    __radd__, __rmul__ = __add__, __mul__
 
 
-def total(x: IntervalArray, axis: int = -1) -> IntervalArray:
+Numbers = IntervalArray | npt.ArrayLike
+
+
+def intervals(values: Numbers) -> Intervals:
+    """Exact numbers, or intervals, with operators."""
+    if isinstance(values, Intervals):
+        return values
+    found = values if isinstance(values, IntervalArray) else IntervalArray.point(np.asarray(values, np.float64))
+    return Intervals(found.lo, found.hi)
+
+
+def total(x: Intervals, axis: int = -1) -> Intervals:
     """The sum along an axis, which may count from the end."""
-    return ENGINE.sum(x, axis % x.ndim)
+    return intervals(ENGINE.sum(x, axis % x.ndim))
 
 
-def dot(x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Of vectors (..., m) and (..., m)."""
-    return total(ENGINE.mul(x, y))
-
-
-def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Of vectors (..., 3) and (..., 3)."""
-    forth = ENGINE.mul(x[..., _FORTH], y[..., _BACK])
-    return ENGINE.sub(forth, ENGINE.mul(x[..., _BACK], y[..., _FORTH]))
-
-
-def applied(matrix: IntervalArray, x: IntervalArray) -> IntervalArray:
-    """M x, for matrices (..., m, n) and vectors (..., n)."""
-    return total(ENGINE.mul(matrix, x[..., None, :]))
-
-
-def transposed(matrix: IntervalArray) -> IntervalArray:
-    """Of matrices (..., m, n)."""
-    return IntervalArray(np.swapaxes(matrix.lo, -1, -2), np.swapaxes(matrix.hi, -1, -2))
-
-
-def product(x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Of matrices (..., m, k) and (..., k, n)."""
-    return total(ENGINE.mul(x[..., :, :, None], y[..., None, :, :]), -2)
-
-
-def norm(x: IntervalArray) -> IntervalArray:
+def squares(x: Intervals) -> Intervals:
     """Of vectors (..., m)."""
-    return ENGINE.sqrt(total(ENGINE.sqr(x)))
+    return total(intervals(ENGINE.sqr(x)))
 
 
-def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
+def cross(x: Intervals, y: Intervals) -> Intervals:
+    """Of vectors (..., 3) and (..., 3)."""
+    return x[..., _FORTH] * y[..., _BACK] - x[..., _BACK] * y[..., _FORTH]
+
+
+def applied(matrix: Intervals, x: Numbers) -> Intervals:
+    """M x, for matrices (..., m, n) and vectors (..., n)."""
+    return total(matrix * intervals(x)[..., None, :])
+
+
+def transposed(matrix: Intervals) -> Intervals:
+    """Of matrices (..., m, n)."""
+    return Intervals(np.swapaxes(matrix.lo, -1, -2), np.swapaxes(matrix.hi, -1, -2))
+
+
+def norm(x: Intervals) -> Intervals:
+    """Of vectors (..., m)."""
+    return intervals(ENGINE.sqrt(squares(x)))
+
+
+def joined(parts: Sequence[IntervalArray], axis: int = -1) -> Intervals:
     """One after the other along an axis."""
-    return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
+    return Intervals(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
-def turned(s: IntervalArray) -> IntervalArray:
-    """R(1, s) (..., 3, 3) of s (..., 3)."""
-    one = np.ones((*s.shape[:-1], 1))
-    return rotations(joined([point(one), s]), ENGINE)
+def turned_pose(s: Intervals, center: Pose) -> Intervals:
+    """R(1, s) R(q) (K, 1, 3, 3) of s (K, 3)."""
+    one = joined([intervals(np.ones((len(s.lo), 1))), s])
+    turn, before = (intervals(rotations(q, ENGINE)) for q in (one, intervals(center.quaternion)))
+    return total(turn[..., :, :, None] * before[..., None, :, :], -2)[:, None]
 
 
-def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
+def along_turn(s: Intervals, m: Intervals) -> Intervals:
     """The gradient in s, (..., 3), of what changes by m.omega under a small turn omega of R(1, s).
 
     R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), hence 2 (m - s x m) / (1 + s.s).
     """
-    two = ENGINE.div(point(2.0), ENGINE.add(point(1.0), total(ENGINE.sqr(s))))
-    return ENGINE.mul(two[..., None], ENGINE.sub(m, cross(s, m)))
+    return (2.0 / (1.0 + squares(s)))[..., None] * (m - cross(s, m))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -109,27 +140,25 @@ class Cells:
     """K cells: `center` holds K poses, exact numbers (R(q) divides by |q|^2); `reach` (K, 6) the boxes of (p, s)."""
 
     center: Pose
-    reach: IntervalArray
+    reach: Intervals
 
     @classmethod
     def of_boxes(cls, boxes: IntervalArray) -> Cells:
         """Boxes (K, 6) of (P, S): the poses P, R(1, S), P in mm and 2 S the rotation vector to second order."""
         middle = boxes.mid
-        quaternion = np.concatenate([np.ones((len(middle), 1)), middle[:, 3:]], axis=1)
-        away = ENGINE.sub(boxes, point(middle))
-        c, d = point(middle[:, 3:]), away[:, 3:]
+        away, c = intervals(boxes) - middle, intervals(middle[:, 3:])
+        d = away[:, 3:]
         # (1, c + d) (1, -c), divided by its scalar part: R(1, c + d) = R(1, s) R(1, c)
-        scalar = ENGINE.add(ENGINE.add(point(1.0), total(ENGINE.sqr(c))), dot(c, d))
-        s = ENGINE.div(ENGINE.sub(d, cross(d, c)), scalar[:, None])
-        return cls(Pose(middle[:, :3], quaternion), joined([away[:, :3], s]))
+        scalar = 1.0 + squares(c) + total(c * d)
+        s = (d - cross(d, c)) / scalar[:, None]
+        return cls(
+            Pose(middle[:, :3], np.column_stack([np.ones(len(middle)), middle[:, 3:]])), joined([away[:, :3], s])
+        )
 
-    def __len__(self) -> int:
-        return len(self.reach.lo)
-
-    @property
-    def centers(self) -> Cells:
-        """The poses at the centers, alone."""
-        return Cells(self.center, point(np.zeros(self.reach.shape)))
+    @classmethod
+    def of_poses(cls, poses: Pose) -> Cells:
+        """Poses alone."""
+        return cls(poses, intervals(np.zeros((len(poses.position), 6))))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -159,15 +188,14 @@ class PoseBounds:
 
 def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet]) -> tuple[PoseBounds, PoseBounds]:
     """Proved bounds for all poses of each cell, and for the centers alone, for the six certified sets of a robot."""
-    over, centers = Equations(cells, sets), Equations(cells.centers, sets)
+    over, centers = Equations(cells, sets), Equations(Cells.of_poses(cells.center), sets)
     at_center = centers.deviations()
-    return over.bounds(ENGINE.add(at_center, over.across(centers))), centers.bounds(at_center)
+    return over.bounds(at_center + over.across(centers)), centers.bounds(at_center)
 
 
 def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet]) -> PoseBounds:
     """The same for K poses."""
-    cells = Cells(poses, point(np.zeros((len(poses.position), 6))))
-    centers = Equations(cells, sets)
+    centers = Equations(Cells.of_poses(poses), sets)
     return centers.bounds(centers.deviations())
 
 
@@ -188,77 +216,76 @@ class Equations:
         with np.errstate(all="ignore"):
             self.regular = np.linalg.cond(jacobian) < 1e12
             self.inverse = np.linalg.inv(np.where(self.regular[:, None, None], jacobian, np.eye(6)))
-        turn = product(turned(cells.reach[:, 3:]), rotations(point(cells.center.quaternion), ENGINE))[:, None]
-        self.rotation, self.arm = turn, applied(turn, point(self.controller[None, :, 3:6]))
-        position = ENGINE.add(point(cells.center.position), cells.reach[:, :3])
-        self.vector = ENGINE.sub(ENGINE.add(position[:, None], self.arm), point(self.controller[None, :, :3]))
+        self.rotation = turned_pose(cells.reach[:, 3:], cells.center)
+        self.arm = applied(self.rotation, self.controller[None, :, 3:6])
+        position = cells.center.position + cells.reach[:, :3]
+        self.vector = position[:, None] + self.arm - self.controller[None, :, :3]
         self.length = norm(self.vector)
         # mm: lengths of the legs at the centers, in floating point, make deviations mm
-        self.scale = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
+        self.scale: Floats = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
+        self._directions = np.swapaxes(self.basis, 1, 2)[None]  # (1, n, 7 directions, 7 components)
 
-    def deviations(self) -> IntervalArray:
+    def deviations(self) -> Intervals:
         """(K, n) mm at centers: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S."""
-        exact = ENGINE.div(self._form(), point(self.scale[..., None]))
+        exact = self._form() / self.scale[..., None]
         asked = exact.mid
         at_center = joined([one.ranges(asked[:, k])[:, None] for k, one in enumerate(self.sets)])
-        return ENGINE.add(at_center, dot(ENGINE.sub(exact, point(asked)), self.box[None]))
+        return at_center + total((exact - asked) * self.box[None])
 
-    def _form(self) -> IntervalArray:
+    def _form(self) -> Intervals:
         """(K, n, 17): the linear form in z of each leg."""
         count, n = self.length.shape
-        of_products = ENGINE.neg(self.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
-        of_beta, of_w = applied(transposed(self.rotation), self.vector), point(np.full((count, n, 1), 0.5))
-        return joined([ENGINE.neg(self.vector), of_beta, ENGINE.neg(self.length[..., None]), of_w, of_products])
+        of_products = -intervals(self.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
+        of_beta, of_w = applied(transposed(self.rotation), self.vector), intervals(np.full((count, n, 1), 0.5))
+        return joined([-self.vector, of_beta, -self.length[..., None], of_w, of_products])
 
-    def across(self, centers: Equations) -> IntervalArray:
+    def across(self, centers: Equations) -> Intervals:
         """(K, n) mm: what the linear form adds between the centers and the other poses of the cells, for all z of S.
 
         Of its first seven coefficients as a mean-value form in (p, s) for each direction of the sets' basis: a
         direction that the measurements leave open changes the length much the same at all poses. Of the products by
         their boxes.
         """
-        linear = dot(dot(self._slopes(), self.cells.reach[:, None, None, :]), self.along[None])
+        linear = total(total(self._slopes() * self.cells.reach[:, None, None, :]) * self.along[None])
         # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
-        squared = total(ENGINE.mul(point(self.basis[:, :, None, :]), point(self.basis[:, None, :, :])))
-        lost = applied(ENGINE.sub(point(np.eye(7)[None]), squared), self.box[:, :7])
-        change = ENGINE.sub(self._form(), centers._form())
-        added = ENGINE.add(linear, dot(change[..., :7], lost[None]))
-        return ENGINE.div(ENGINE.add(added, dot(change[..., 8:], self.box[None, :, 8:])), point(self.scale))
+        squared = total(intervals(self.basis[:, :, None, :]) * self.basis[:, None, :, :])
+        lost = applied(np.eye(7)[None] - squared, self.box[:, :7])
+        change = self._form() - centers._form()
+        added = linear + total(change[..., :7] * lost[None])
+        return (added + total(change[..., 8:] * self.box[None, :, 8:])) / self.scale
 
-    def _slopes(self) -> IntervalArray:
+    def _slopes(self) -> Intervals:
         """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau of the basis."""
-        tau = np.swapaxes(self.basis, 1, 2)  # (n, 7 directions, 7 components)
-        turned_b = applied(self.rotation[:, :, None], point(tau[None, :, :, 3:6]))  # (K, n, 7, 3)
-        unit = ENGINE.div(self.vector, self.length[..., None])[:, :, None]
-        shift = ENGINE.sub(turned_b, point(tau[None, :, :, :3]))
-        of_position = ENGINE.sub(shift, ENGINE.mul(unit, point(tau[None, :, :, 6:])))
-        of_turn = ENGINE.add(cross(turned_b, self.vector[:, :, None]), cross(self.arm[:, :, None], of_position))
+        tau = self._directions
+        turned_b = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
+        unit = (self.vector / self.length[..., None])[:, :, None]
+        of_position = turned_b - tau[..., :3] - unit * tau[..., 6:]
+        of_turn = cross(turned_b, self.vector[:, :, None]) + cross(self.arm[:, :, None], of_position)
         return joined([of_position, along_turn(self.cells.reach[:, None, None, 3:], of_turn)])
 
-    def bounds(self, deviation: IntervalArray) -> PoseBounds:
+    def bounds(self, deviation: Intervals) -> PoseBounds:
         """From F(0) without errors e."""
         value = self._with_error(deviation)
-        step = ENGINE.neg(applied(point(self.inverse), value))
+        step = -applied(intervals(self.inverse), value)
         image, proved = proved_image(self.spread, step, self.regular & np.isfinite(value.lo).all(axis=1))
-        position, angle = sizes(self.inverse, value, self.spread(_with_zero(image)))
+        sizes_ = sizes(self.inverse, value, self.spread(_with_zero(image)))
+        position, angle = (np.where(proved, size, np.inf) for size in sizes_)
         box = IntervalArray(np.where(proved[:, None], image.lo, -np.inf), np.where(proved[:, None], image.hi, np.inf))
-        share = np.linalg.norm(self.inverse[:, :3], axis=1) * value.rad
-        return PoseBounds(proved, box, np.where(proved, position, np.inf), np.where(proved, angle, np.inf), share)
+        return PoseBounds(proved, box, position, angle, np.linalg.norm(self.inverse[:, :3], axis=1) * value.rad)
 
-    def _with_error(self, deviation: IntervalArray) -> IntervalArray:
+    def _with_error(self, deviation: Intervals) -> Intervals:
         """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
-        eps = point(np.array([one.eps for one in self.sets]))
-        length = ENGINE.add(self.length, self.box[None, :, 6])  # L + l
-        longest = ENGINE.add(length, ENGINE.mul(point(0.5), eps[None]))
-        most = ENGINE.mul(eps[None], ENGINE.div(longest, point(self.scale)))
-        reach = np.where(length.lo <= eps.hi[None], np.inf, most.hi)
-        return ENGINE.add(deviation, IntervalArray(-reach, reach))
+        eps = np.array([one.eps for one in self.sets])[None]
+        length = self.length + self.box[None, :, 6]  # L + l
+        most = eps * ((length + 0.5 * intervals(eps)) / self.scale)
+        reach = np.where(length.lo <= eps, np.inf, most.hi)
+        return deviation + IntervalArray(-reach, reach)
 
-    def spread(self, box: IntervalArray) -> IntervalArray:
+    def spread(self, box: Intervals) -> Intervals:
         """(I - C J(D)) D, (K, 6), for boxes D (K, 6) of (p, s) that hold 0, with the interval Jacobian J of F."""
-        return applied(ENGINE.sub(point(np.eye(6)[None]), self._product(box)), box)
+        return applied(np.eye(6)[None] - self._product(intervals(box)), box)
 
-    def _product(self, box: IntervalArray) -> IntervalArray:
+    def _product(self, box: Intervals) -> Intervals:
         """C J (K, 6, 6) over D, all x of the sets and all poses of the cells.
 
         With r the mobile joint's place R b, w = P - a and u = w + r the leg, J is (u, 2 (m - s x m) / (1 + s.s)) over
@@ -269,81 +296,77 @@ class Equations:
             sum m = sum m_0 + (sum r) x t + (T - tr T) 2 S          with T = sum r w'
         """
         reach = self.cells.reach
-        shift = ENGINE.add(reach[:, :3], box[:, :3])
+        shift = reach[:, :3] + box[:, :3]
         turn = _turns_joined(box[:, 3:], reach[:, 3:])
-        weight = ENGINE.div(point(self.inverse), point(self.scale[:, None]))[..., None]  # (K, 6, n, 1)
-        arm_0, leg_0 = self._at(point(np.zeros(turn.shape)), point(np.zeros(turn.shape)))
+        weight = (intervals(self.inverse) / self.scale[:, None])[..., None]  # (K, 6, n, 1)
+        nowhere = intervals(np.zeros(turn.shape))
+        arm_0, leg_0 = self._at(nowhere, nowhere)
         arm, leg = self._at(turn, shift)
         arms = _sum(weight, arm)  # (K, 6, 3)
-        outer = ENGINE.mul(arm[..., :, None], ENGINE.sub(leg, arm)[..., None, :])  # (K, n, 3, 3)
-        of_turn = _sum(weight, outer.reshape((*outer.shape[:2], 9))).reshape((len(reach.lo), 6, 3, 3))
-        trace = total(IntervalArray(*(np.diagonal(side, axis1=-2, axis2=-1) for side in (of_turn.lo, of_turn.hi))))
+        outer = arm[..., :, None] * (leg - arm)[..., None, :]  # (K, n, 3, 3)
+        of_turn = intervals(_sum(weight, outer.reshape((*outer.shape[:2], 9))).reshape((len(reach.lo), 6, 3, 3)))
+        trace = of_turn[..., 0, 0] + of_turn[..., 1, 1] + of_turn[..., 2, 2]
         way = _path(turn)[:, None]
         units = total(weight[..., 0])
-        of_legs = ENGINE.add(_sum(weight, leg_0), ENGINE.mul(units[..., None], shift[:, None]))
-        of_legs = ENGINE.add(of_legs, cross(way, arms))
-        turned_by = ENGINE.sub(applied(of_turn, way), ENGINE.mul(trace[..., None], way))
-        moments = ENGINE.add(_sum(weight, cross(arm_0, leg_0)), ENGINE.add(cross(arms, shift[:, None]), turned_by))
+        of_legs = _sum(weight, leg_0) + units[..., None] * shift[:, None] + cross(way, arms)
+        turned_by = applied(of_turn, way) - trace[..., None] * way
+        moments = _sum(weight, cross(arm_0, leg_0)) + (cross(arms, shift[:, None]) + turned_by)
         return joined([of_legs, along_turn(box[:, None, 3:], moments)])
 
-    def _at(self, turn: IntervalArray, shift: IntervalArray) -> tuple[IntervalArray, IntervalArray]:
+    def _at(self, turn: Intervals, shift: Intervals) -> tuple[Intervals, Intervals]:
         """R b and the leg P + R b - a, (K, n, 3) both, over all x of the sets; `turn` is S and `shift` t, (K, 3)."""
-        matrix = product(turned(turn), rotations(point(self.cells.center.quaternion), ENGINE))[:, None]
-        arm = applied(matrix, ENGINE.add(point(self.controller[:, 3:6]), self.box[:, 3:6])[None])
-        place = ENGINE.add(point(self.cells.center.position), shift)[:, None]
-        plain = ENGINE.add(ENGINE.sub(place, ENGINE.add(point(self.controller[:, :3]), self.box[:, :3])[None]), arm)
-        return arm, plain.intersect(self._leg(matrix, place))
+        matrix = turned_pose(turn, self.cells.center)
+        arm = applied(matrix, (self.controller[:, 3:6] + self.box[:, 3:6])[None])
+        place = (self.cells.center.position + shift)[:, None]
+        plain = place - (self.controller[:, :3] + self.box[:, :3])[None] + arm
+        return arm, intervals(plain.intersect(self._leg(matrix, place)))
 
-    def _leg(self, matrix: IntervalArray, place: IntervalArray) -> IntervalArray:
+    def _leg(self, matrix: Intervals, place: Intervals) -> Intervals:
         """The leg by the sets' directions: what shifts a and b alike hardly changes it."""
-        known = ENGINE.add(place, applied(matrix, point(self.controller[None, :, 3:6])))
-        known = ENGINE.sub(known, point(self.controller[None, :, :3]))
-        tau = np.swapaxes(self.basis, 1, 2)  # (n, 7 directions, 7 components)
-        by_each = ENGINE.sub(applied(matrix[:, :, None], point(tau[None, :, :, 3:6])), point(tau[None, :, :, :3]))
+        known = place + applied(matrix, self.controller[None, :, 3:6]) - self.controller[None, :, :3]
+        tau = self._directions
+        by_each = applied(matrix[:, :, None], tau[..., 3:6]) - tau[..., :3]
         # the basis is orthonormal up to rounding: so much of the sets' size covers what that leaves
         stray = _STRAY * self.box.mag[None, :, :7].sum(axis=2, keepdims=True)
-        away = total(ENGINE.mul(by_each, self.along[None, :, :, None]), 2)
-        return ENGINE.add(ENGINE.add(known, away), IntervalArray(-stray, stray))
+        return known + total(by_each * self.along[None, :, :, None], 2) + IntervalArray(-stray, stray)
 
 
-def _sum(weight: IntervalArray, vectors: IntervalArray) -> IntervalArray:
+def _sum(weight: Intervals, vectors: IntervalArray) -> Intervals:
     """Weighted sums over the legs: (K, 6, n, 1) and (K, n, m) give (K, 6, m)."""
-    return total(ENGINE.mul(weight, vectors[:, None]), 2)
+    return total(weight * vectors[:, None], 2)
 
 
-def _turns_joined(s: IntervalArray, t: IntervalArray) -> IntervalArray:
+def _turns_joined(s: Intervals, t: Intervals) -> Intervals:
     """S with R(1, S) = R(1, s) R(1, t), a box around 0 of (K, 3); infinite where a half-turn is among them."""
-    scalar = ENGINE.sub(point(1.0), dot(s, t))
-    found = ENGINE.div(ENGINE.add(ENGINE.add(s, t), cross(s, t)), scalar[:, None])
-    far = scalar.lo[:, None] <= 0.0
+    scalar = (1.0 - total(s * t))[:, None]
+    found, far = (s + t + cross(s, t)) / scalar, scalar.lo <= 0.0
     return _with_zero(IntervalArray(np.where(far, -np.inf, found.lo), np.where(far, np.inf, found.hi)))
 
 
-def _path(turn: IntervalArray) -> IntervalArray:
+def _path(turn: Intervals) -> Intervals:
     """What the turns tau S, tau from 0 to 1, add up to: 2 S times a number between 1 / (1 + S.S) and 1."""
-    most = total(ENGINE.sqr(turn)).hi
-    least = ENGINE.div(point(1.0), ENGINE.add(point(1.0), IntervalArray(np.zeros_like(most), most))).lo
-    factor = IntervalArray(2.0 * least, np.full_like(least, 2.0))
-    return ENGINE.mul(factor[:, None], turn)
+    least = (1.0 / (1.0 + intervals(squares(turn).hi))).lo
+    return intervals(IntervalArray(2.0 * least, np.full_like(least, 2.0)))[:, None] * turn
 
 
 def proved_image(
-    spread: Callable[[IntervalArray], IntervalArray], step: IntervalArray, good: Bools
+    spread: Callable[[Intervals], IntervalArray], step: Intervals, good: Bools
 ) -> tuple[IntervalArray, Bools]:
     """An image of D by the operator `step + spread(D)`, and whether it lies in the interior of D; D always holds 0."""
-    box = _inflated(_with_zero(step))
-    image, proved = step, np.zeros(len(good), dtype=bool)
+    box = _inflated(step)
+    image: IntervalArray = step
+    proved = np.zeros(len(good), dtype=bool)
     with np.errstate(all="ignore"):
         for _ in range(_TRIES):
-            image = ENGINE.add(step, spread(box))
+            image = step + spread(box)
             proved = good & ((image.lo > box.lo) & (image.hi < box.hi)).all(axis=1)
             if proved[good].all():
                 break
-            grown = _inflated(_with_zero(image))
+            grown = _inflated(image)
             keep = proved[:, None] | ~np.isfinite(grown.lo) | ~np.isfinite(grown.hi)
-            box = IntervalArray(np.where(keep, box.lo, grown.lo), np.where(keep, box.hi, grown.hi))
+            box = Intervals(np.where(keep, box.lo, grown.lo), np.where(keep, box.hi, grown.hi))
         for _ in range(_REFINED):
-            image = image.intersect(ENGINE.add(step, spread(_with_zero(image))))
+            image = image.intersect(step + spread(_with_zero(image)))
     return image, proved & np.isfinite(image.lo).all(axis=1)
 
 
@@ -355,23 +378,23 @@ def sizes(inverse: Floats, value: IntervalArray, spread: IntervalArray) -> tuple
     """
     corners = (np.arange(64)[:, None] >> np.arange(6) & 1).astype(bool)
     values = np.where(corners[None], value.hi[:, None], value.lo[:, None])  # (K, 64, 6)
-    finite = np.where(np.isfinite(values), values, 0.0)
-    moves = applied(point(inverse)[:, None], point(finite))  # (K, 64, 6)
-    out = []
-    for part, factor in ((slice(0, 3), 1.0), (slice(3, 6), 2.0)):
-        farthest = norm(moves[..., part]).hi.max(axis=1)
-        more = norm(point(spread.mag[:, part])).hi
-        out.append(ENGINE.mul(point(factor), ENGINE.add(point(farthest), point(more))).hi)
-    return out[0], out[1]
+    moves = applied(intervals(inverse)[:, None], np.where(np.isfinite(values), values, 0.0))  # (K, 64, 6)
+    more = intervals(spread.mag)
+    position, turn = (
+        intervals(norm(moves[..., part]).hi.max(axis=1)) + norm(more[:, part]).hi for part in (slice(3), slice(3, 6))
+    )
+    return position.hi, 2.0 * turn.hi
 
 
-def _with_zero(box: IntervalArray) -> IntervalArray:
-    return IntervalArray(np.minimum(box.lo, 0.0), np.maximum(box.hi, 0.0))
+def _with_zero(box: IntervalArray) -> Intervals:
+    return Intervals(np.minimum(box.lo, 0.0), np.maximum(box.hi, 0.0))
 
 
-def _inflated(box: IntervalArray) -> IntervalArray:
-    more = _INFLATE * (box.hi - box.lo) + 1e-9
-    return IntervalArray(box.lo - more, box.hi + more)
+def _inflated(box: IntervalArray) -> Intervals:
+    """Around zero and the box."""
+    held = _with_zero(box)
+    more = _INFLATE * (held.hi - held.lo) + 1e-9
+    return Intervals(held.lo - more, held.hi + more)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -628,20 +651,11 @@ def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> Constrai
     """The equations ||P + R(1, s) R(q) b - a||^2 = (L + l)^2 in the unknowns P (mm) and s, one for each leg."""
     net = ConstraintNetwork()
     position, s = net.variable("P", 3), net.variable("s", 3)
-    arm = _turned(net.constant(quaternion), robot.mobile)
-    once = cross_rows(s[None, :], arm)
-    turned = arm + 2.0 * (once + cross_rows(s[None, :], once)) / (1.0 + sqr(s).sum())
-    vector = position[None, :] + turned - net.constant(robot.base)
+    matrix, _ = rational_rotations(net.constant(quaternion)[None])
+    arm = sum((matrix[:, :, j] * robot.mobile[:, j, None] for j in range(3)), as_expr(0.0))
+    vector = position[None, :] + turned_rows(s[None, :], arm) - net.constant(robot.base)
     net.add(sqr(vector).sum(-1) - sqr(net.constant(readings) + robot.offset) == 0.0)
     return net
-
-
-def _turned(q: Expr, points: Floats) -> Expr:
-    """R(q) b, rational and so enclosed, for points (n, 3)."""
-    rows, norm_squared = rotation_numerators(q[k] for k in range(4))
-    axes = np.eye(3)
-    turned = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
-    return as_expr(turned / norm_squared)
 
 
 def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:

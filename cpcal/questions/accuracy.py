@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,12 @@ from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import INFORMED, checked, load, save
-from cpcal.models import PLAIN, beyond_legs, fit_model
+from cpcal.models import PLAIN, beyond_legs, fit_model, leg_box, leg_network
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.models.platform import Workspace, cover
-from cpcal.questions.next_poses import NextPose, growth, leg_changes
-from cpcal.questions.next_poses import next_poses as chosen_next
+from cpcal.questions.bracket import of_measurements
+from cpcal.questions.next_measurement import NextPose, leg_changes
+from cpcal.questions.next_measurement import next_poses as chosen_next
 from cpcal.questions.result import CampaignNote, Result
 from cpcal.robot import (
     Campaign,
@@ -41,9 +43,14 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
+from cpcal.robot.campaign import ARRAYS
 from cpcal.simulate.assembly import assembled_with
 from cpcal.simulate.campaigns import streams, true_robot
 from cpcal.solver.certificate.exact_network import free
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.local import fit as minimax_fit
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.
@@ -401,14 +408,14 @@ def _assumed(
     say: Told,
 ) -> list[AssumedError]:
     known = [campaign] if validation is None else [campaign, validation]
-    stated = None if error is None else np.broadcast_to(np.asarray(error, np.float64), (LEGS,))
+    given = None if error is None else np.broadcast_to(np.asarray(error, np.float64), (LEGS,))
     out = []
     for k, leg in enumerate(result.legs):
         say(f"growth of the model error of leg {leg.leg}")
-        seen = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
-        eps = seen.suggested if stated is None else float(stated[k])
+        poses, errors = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
+        eps = suggested_error(errors) if given is None else float(given[k])
         lo = leg.bracket.lo if result.options.eps is None else 0.0
-        out.append(AssumedError(leg.leg, eps, stated is not None, lo, seen.poses, seen.centered))
+        out.append(AssumedError(leg.leg, eps, given is not None, lo, poses, errors))
     return out
 
 
@@ -493,6 +500,70 @@ def _over(workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells:
     )
     at = tuple(map(float, factor * found.at))
     return WorkspaceAccuracy(workspace.lo, workspace.hi, each, at, found.at_position, found.complete)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How large the model error of each leg is over the workspace. Estimates.
+#
+# The certificate ASSUMES one number a leg: some parameters satisfy the leg's equation to within eps at the calibration
+# poses and at every pose of the workspace. eps* of the calibration poses alone is too small for that: the parameters
+# were chosen for these poses. So the least error is computed for more and more of all poses known, drawn at random, and
+# its growth is carried on. The readings are taken as they are, so that the noise counts as model error: sets that are
+# wide hide model errors of their own size.
+
+SHARES = (0.25, 0.5, 1.0)  # of the poses
+_DRAWS = 4  # of each share
+_FEWEST = 9  # poses: with fewer eight unknowns explain them whatever they are
+
+
+def suggested_error(errors: Sequence[float]) -> float:
+    """mm: the least error with all poses, and twice what the last doubling added."""
+    added = errors[-1] - errors[-2] if len(errors) > 1 else errors[-1]
+    return errors[-1] + 2.0 * max(added, 0.0)
+
+
+def growth(
+    campaigns: Sequence[Campaign], leg: int, *, center: Sequence[float], delta: float, seed: int = 1
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Numbers of poses, and the least errors in mm of a leg at so many, each the mean over draws.
+
+    Of the poses of several campaigns of one robot, all in the same frames: calibration and validation.
+    """
+    whole = exactly(joined_campaign(campaigns))
+    network, count, rng = error_network(whole, leg, center, delta), len(whole), np.random.default_rng(seed)
+    sizes = sorted({min(max(round(share * count), _FEWEST), count) for share in SHARES})
+    found = []
+    for size in sizes:
+        rows = [sorted(rng.permutation(count)[:size].tolist()) for _ in range(1 if size == count else _DRAWS)]
+        found.append(float(np.mean([least_error(of_measurements(network, some), center)[1] for some in rows])))
+    return tuple(sizes), tuple(found)
+
+
+def joined_campaign(campaigns: Sequence[Campaign]) -> Campaign:
+    """All measurements as one campaign, named by the number of their campaign and their own names."""
+    pose = [f"{k}.{name}" for k, c in enumerate(campaigns) for name in c.pose]
+    run = [name for c in campaigns for name in c.run]
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(c, name) for c in campaigns]) for name in ARRAYS}
+    return Campaign.of(campaigns[0].robot, *map(arrays.pop, ARRAYS[:3]), pose=pose, run=run, **arrays)
+
+
+def exactly(campaign: Campaign) -> Campaign:
+    """The same readings, without sets around them."""
+    c = campaign
+    return Campaign.of(c.robot, c.position, c.quaternion, c.length, pose=c.pose, run=c.run, exact=True)
+
+
+def error_network(campaign: Campaign, leg: int, center: Sequence[float], delta: float) -> ConstraintNetwork:
+    """A leg's equations to within any eps."""
+    box = leg_box(np.asarray(center, np.float64), delta)
+    return leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, np.inf))
+
+
+def least_error(network: ConstraintNetwork, start: Sequence[float]) -> tuple[Floats, float]:
+    """Parameters (7,) near `start` whose largest error is (locally) least, and that error in mm, at the readings in
+    their sets that suit best."""
+    point = minimax_fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
+    return point[:-1], max(float(point[-1]), 0.0)
 
 
 # ------------------------------------------------------------------------------------------------------------------

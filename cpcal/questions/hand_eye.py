@@ -5,34 +5,32 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from fractions import Fraction as F
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from cpcal.checker import Refused, Unusable
-from cpcal.checker.frames import holds
+from cpcal.checker.bounds import Bounds, between, matrix
+from cpcal.checker.frames import R_F, R_X, T_F, T_X, holds
 from cpcal.checker.hand_eye import (
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
     UNKNOWNS,
-    WRONG_FORMAT,
-    WRONG_NAME,
-    Readings,
     check_hand_eye,
     errors,
     largest,
     parameter_ranges,
 )
+from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import INFORMED, checked, informed, load, save
+from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (
@@ -44,7 +42,9 @@ from cpcal.models.hand_eye_fit import (
     image_poses,
     minimax_fit,
 )
+from cpcal.questions.result import Result
 from cpcal.robot import quaternion_from_matrix, rotation_vector
+from cpcal.solver.interval.numbers import round_down, round_up
 
 Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
 
@@ -97,8 +97,8 @@ class AskedBox(Within):
 
     center: PlacedFrames = field(
         metadata=checked(
-            "least squares, computed again (of wrong images: without those left out): a thousandth of its deviations, "
-            "or of the box, apart at most; and the box of the certificates"
+            "least squares, computed again without the images left out: a thousandth of its deviations, or of the box, "
+            "apart at most; and the box of the certificates"
         )
     )
 
@@ -109,14 +109,13 @@ class AskedBox(Within):
 
 @dataclass(frozen=True)
 class FrameRanges:
-    """PROVED: frames in the box that explain every pixel to within `eps` px have these parameters.
+    """PROVED: frames in the box that explain every pixel to within `eps` px of the result have these parameters.
 
     In the order of PARAMETERS: positions in mm, and the rotation vector in degrees by which a frame is turned from that
     of the point (in base or hand coordinates); 180 either way where nothing is known. `lo`, `hi` (24): of the unknowns.
     Without numbers there are no such frames. `certificate`: the file that claims it.
     """
 
-    eps: float = field(metadata=checked("`tolerance`, or 1.1 `eps_hi` without one; the certificates' constraints"))
     low: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
     high: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
     lo: tuple[float, ...] = field(metadata=checked("the claim of `ranges.certificate`"))
@@ -135,19 +134,21 @@ class FrameRanges:
 
 @dataclass(frozen=True)
 class ImageVerdict:
-    """The least-squares answer in one image: its largest excess in px, exactly, rounded up; `ok`: to the tolerance.
+    """The least-squares answer in one image: its largest excess in px, exactly, rounded up; `ok`: to within `eps`.
 
-    At the answer's own reading of an uncertain pose: another reading may do better.
+    None where points lie behind the camera, in an image that is left out. At the answer's own reading of an uncertain
+    pose: another reading may do better.
     """
 
     image: str = field(metadata=checked("the study"))
-    largest: float = field(metadata=checked("computed again, exactly"))
+    largest: float | None = field(metadata=checked("computed again, exactly"))
     ok: bool = field(metadata=checked("computed again, exactly"))
 
 
 @dataclass(frozen=True)
 class Classical:
-    """The least-squares answer, `asked.center`, judged; `largest`: its largest excess, exactly, rounded up.
+    """The least-squares answer, `asked.center`, judged; `largest`: its largest excess in the images that are not left
+    out, exactly, rounded up.
 
     `readings`: of the robot's poses, image by image, where these are uncertain.
     """
@@ -160,32 +161,52 @@ class Classical:
 
 
 @dataclass(frozen=True)
+class RefutedGroup:
+    """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
+
+    images: tuple[str, ...] = field(
+        metadata=checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
+    )
+    certificate: str = field(metadata=checked(_FILE))
+
+
+@dataclass(frozen=True)
 class HandEyeResult:
-    """eps* lies in [eps_lo, eps_hi] px.
+    """eps* lies in [eps_lo, eps_hi] px, when at most `outliers` images may be wrong.
 
-    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (the certificate
-    `lower`); `point` explains every one to within `eps_hi` (exact arithmetic), at the `readings` of uncertain poses,
-    image by image. `support`: image and point of each pixel row with a weight in the last step of the proof. Raises
-    ValueError for numbers that are not finite.
+    PROVED: whichever so many are left out, no frames in the box explain every pixel of the others to within `eps_lo`,
+    where that is above 0 (`lower`); `point` explains every one but those of the images `left_out` to within `eps_hi`
+    (exact arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel
+    row with a weight in the last steps of `lower`. Each image of `blamed` is wrong if right ones fit to `eps`; the
+    others of `left_out` may be right. `ranges` are sought where no image may be wrong. Raises ValueError for numbers
+    that are not finite.
 
-    `gap`: relative, that was asked for. Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and
-    F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved. `timed`: the
-    time limit ended a search.
+    `tolerance`: px, that was asked for; `eps`: what ranges and verdicts speak of. `gap`: relative, that was asked for.
+    Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and F of `ClassicalAnswer.covariance`)
+    and `remarks`. `programs`: linear ones that were solved. `timed`: the time limit ended a search.
     """
 
     setup: str = field(metadata=checked("the study"))
     images: int = field(metadata=checked("the study"))
     points: int = field(metadata=checked("the study"))
     asked: AskedBox
-    eps_lo: float = field(metadata=checked("the certificate `lower`; 0 without it"))
+    outliers: int = field(metadata=checked("so many are left out, and each claim has a group more"))
+    left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
+    eps_lo: float = field(metadata=checked("that of the certificates of `lower`; 0 without these"))
     eps_hi: float = field(metadata=checked(LARGEST_ERROR))
     point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
     readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
-    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last step of the certificate `lower`"))
-    lower: str | None = field(metadata=checked(_FILE))
-    tolerance: float | None = field(metadata=checked("`ranges.eps`"))
-    ranges: FrameRanges
+    lower: tuple[RefutedGroup, ...]
+    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last steps of the certificates of `lower`"))
+    tolerance: float | None = field(metadata=checked("`eps`"))
+    eps: float = field(
+        metadata=checked("`tolerance`, or 1.1 `eps_hi` without one; certificates of ranges and `blamed`")
+    )
+    ranges: FrameRanges | None
     classical: Classical
+    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
+        metadata=checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`")
+    )
     version: str = field(metadata=INFORMED)
     gap: float = field(metadata=INFORMED)
     rms: float = field(metadata=INFORMED)
@@ -196,7 +217,7 @@ class HandEyeResult:
     seconds: float = field(metadata=INFORMED)
 
     def __post_init__(self) -> None:
-        check_finite(self)
+        _check_finite(self, "")
 
     @property
     def complete(self) -> bool:
@@ -210,13 +231,8 @@ class HandEyeResult:
             return None
         if self.eps_hi <= self.tolerance:
             return True
-        refuted = self.ranges.empty and self.ranges.eps >= self.tolerance
+        refuted = self.ranges is not None and self.ranges.empty
         return False if refuted or self.eps_lo >= self.tolerance > 0.0 else None
-
-    @property
-    def uncertain(self) -> bool:
-        """Whether the robot's poses have half-widths."""
-        return bool(self.readings)
 
 
 def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
@@ -229,16 +245,16 @@ def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
     return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye certify again")
 
 
-def check_finite(value: object, where: str = "") -> None:
+def _check_finite(value: object, where: str) -> None:
     """Raises ValueError for a dataclass or tuple with a float in it that is not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{where} is {value}")
     if isinstance(value, tuple):
         for part in value:
-            check_finite(part, where)
+            _check_finite(part, where)
     elif is_dataclass(value):
-        for field in fields(value):
-            check_finite(getattr(value, field.name), f"{where}.{field.name}" if where else field.name)
+        for part in fields(value):
+            _check_finite(getattr(value, part.name), f"{where}.{part.name}".removeprefix("."))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -246,49 +262,95 @@ def check_finite(value: object, where: str = "") -> None:
 #
 # S(eps) = { (X, F) in the box : for every point a pixel within its half-width is met to within eps on both axes }
 # eps*   = min { eps : S(eps) is not empty }
+#
+# Up to q images may be wrong: a slipped board, a wrong robot pose. Let q + 1 groups of images have no image in common.
+# If q images are wrong, some group holds none of them. So
+#
+# - eps_lo: when no frames explain any one of the groups to eps_lo, none explain all images but some q to it.
+# - an image k is wrong (at a tolerance) when no frames explain any one of q + 1 groups together with k to the
+#   tolerance: were k right, each of these groups would hold a wrong image, which makes q + 1.
+#
+# With q = 0 there is one group: all images.
 
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
-LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
+LOWER, RANGES, WRONG = "lower", "ranges", "wrong"  # with which the names of certificates begin
 _NOTHING = 1e-12  # px: what rounding leaves of pixels that fit exactly
 _SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for the lower end
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
 _BETWEEN = (0.95, 0.7, 0.4)  # of the way from there to eps_hi: what all images may refute
+_GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
+_LEAST = 4  # images of a group
+_TRIALS = 30  # of random images that the fit starts from
 
 Tell = Callable[[str], None]
+_Refuted = list[tuple[Sequence[int], Proof]]  # groups of images that no frames explain
 
 
 def certify_hand_eye(
     study: HandEyeStudy,
     *,
+    outliers: int = 0,
     within: Within | None = None,
     tolerance: float | None = None,
     gap: float = GAP,
     certificates: Path | None = None,
     time_limit: float = math.inf,
+    seed: int = 0,
     tell: Tell = lambda text: None,
 ) -> HandEyeResult:
-    """Bracket eps* of a study, and the ranges of its parameters.
+    """Bracket eps* of a study, and the ranges of its parameters; or prove which images are wrong.
 
+    outliers      how many images may be wrong, nobody knows which; then no ranges are sought
     within        the box; default any rotation, positions within 2 m of the classical answer on each axis
-    tolerance     px: are there frames that explain every pixel to it, and in which ranges? Default: ranges at 1.1 eps*
+    tolerance     px: are there frames that explain every pixel to it, and in which ranges; which images are wrong at
+                  it? Default: 1.1 times the upper end of the bracket
     gap           relative width of the bracket that is asked for
     certificates  a folder that exists, for `lower.cert.jsonl`, `ranges.cert.jsonl` and those that these rest on
     time_limit    seconds for each of the proofs; what is proved until then is stated
 
-    Raises InputError for studies without a classical answer, and where its points lie outside of the box.
+    Raises InputError for studies without a classical answer, for one whose points lie outside of the box, and for
+    fewer than four images a group.
     """
-    began = time.monotonic()
+    began, every = time.monotonic(), range(len(study.images))
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
         raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
-    begun = _begun(study, within)
-    asked, eps_hi = begun.asked, begun.eps_hi
-    tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
-    at = _BEYOND * eps_hi if tolerance is None else tolerance
-    prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, begun.best.frames, tell)
-    wide = prover.chain(RANGES, at, range(len(study.images)), time.monotonic() + time_limit)
-    eps_lo, lower = _lower_end(prover, wide, begun.best, eps_hi, gap, time_limit)
-    proofs, classical = [wide] if lower is None else [wide, lower], begun.classical
+    if outliers and not 0 < outliers <= len(every) // _LEAST - 2:
+        most = max(len(every) // _LEAST - 2, 0)
+        what = f"is {outliers} of {len(every)} images"
+        remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
+        raise InputError([Problem("outliers", what, remedy)])
+    left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
+    kept = [k for k in every if k not in left]
+    part, box = study.part(np.array(kept)) if left else study, within or Within()
+    classical = classical_answer(part)
+    best = best_frames(part, classical)
+    asked, point = (
+        AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames)),
+        PlacedFrames.of(best.frames),
+    )
+    if not asked.holds(point):
+        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
+    readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
+    at_point = [error for k, error in enumerate(_image_errors(study, point, readings)) if k in kept]
+    eps_hi = max(up(error) for error in at_point if error is not None)  # the fit keeps all points in front
+    tell(f"some frames explain every pixel of {len(kept)} images to {at_most(eps_hi, 7)} px")
+    eps = _BEYOND * eps_hi if tolerance is None else tolerance
+    judged = _judged(study, kept, asked.center, own, eps)
+
+    prover = Prover(study, asked.center.numbers, asked.reach, asked.angle, best.frames, tell)
+    wide = None if outliers else prover.chain(RANGES, eps, every, time.monotonic() + time_limit)
+    end = time.monotonic() + time_limit
+    groups = [list(every[k :: outliers + 1]) for k in range(outliers + 1)]
+    eps_lo, lower = _lower_end(prover, groups, wide, best, eps_hi, gap, end)
+    blamed: dict[int, _Refuted] = {}
+    for k in left:
+        with_k = [sorted([*kept[n :: outliers + 1], k]) for n in range(outliers + 1)]
+        if min(_least_error(study, group) for group in with_k) > eps:
+            reasons = _refuted(prover, f"{WRONG}-{k + 1}", with_k, eps, math.inf)
+            blamed |= {} if reasons is None else {k: reasons}
+    proofs = [] if wide is None else [wide]
+    proofs += [proof for found in (lower, *blamed.values()) for _, proof in found]
     for proof in proofs:
         proof.write(certificates)
     return HandEyeResult(
@@ -296,15 +358,19 @@ def certify_hand_eye(
         images=len(study.images),
         points=len(study.image),
         asked=asked,
+        outliers=outliers,
+        left_out=tuple(study.images[k] for k in left),
         eps_lo=eps_lo,
         eps_hi=eps_hi,
-        point=begun.point,
-        readings=begun.readings,
+        point=point,
+        readings=readings,
+        lower=_groups(study, lower),
         support=_support(study, lower),
-        lower=None if lower is None else lower.certificate,
         tolerance=tolerance,
-        ranges=_ranges(wide, begun.point),
-        classical=judged(study, asked.center, stated_readings(study, classical.readings), at),
+        eps=eps,
+        ranges=None if wide is None else _ranges(wide, point),
+        classical=judged,
+        blamed=tuple((study.images[k], _groups(study, found)) for k, found in blamed.items()),
         version=__version__,
         gap=gap,
         rms=classical.rms,
@@ -316,81 +382,96 @@ def certify_hand_eye(
     )
 
 
-class _Begun(NamedTuple):
-    """What fits: least squares and the box about it, the frames of the least largest error, and that error."""
-
-    classical: ClassicalAnswer
-    asked: AskedBox
-    best: ReadFrames
-    point: PlacedFrames
-    readings: tuple[Reading, ...]
-    eps_hi: float
-
-
-def _begun(study: HandEyeStudy, within: Within | None) -> _Begun:
-    """Raises InputError for studies without a classical answer, and for a box without the best frames."""
-    classical, box = classical_answer(study), within or Within()
-    asked, best = (
-        AskedBox(box.reach, box.angle, center=PlacedFrames.of(classical.frames)),
-        best_frames(study, classical),
-    )
-    point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
-    if not asked.holds(point):
-        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
-    worst = largest(errors(exact_study(study), point.numbers, exact_readings(readings)))
-    assert worst is not None  # the fit keeps all points in front of the camera
-    return _Begun(classical, asked, best, point, readings, up(worst))
-
-
 def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
     """The frames of the least largest error near the classical answer, and the readings of uncertain poses."""
     return minimax_fit(PixelModel(study), ReadFrames(classical.frames, classical.readings))[0]
 
 
-def stated_readings(study: HandEyeStudy, values: Floats) -> tuple[Reading, ...]:
-    """As a result states them; none of exact poses."""
-    return tuple(map(tuple, values.tolist())) if study.uncertain else ()
+def _stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -> tuple[Reading, ...]:
+    """Image by image, the stated poses of those that are left out; none of exact poses."""
+    readings = np.zeros((len(study.images), 6))
+    readings[kept] = values
+    return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
 
 
-def exact_readings(readings: Sequence[Reading]) -> Readings:
-    return tuple(map(exact, readings))
+def _image_errors(study: HandEyeStudy, placed: PlacedFrames, readings: Sequence[Reading]) -> list[F | None]:
+    """The largest error in each image, exactly; None where some point is behind the camera."""
+    excess = errors(exact_study(study), placed.numbers, tuple(map(exact, readings)))
+    return [largest(excess[n] for n in np.flatnonzero(study.image == k)) for k in range(len(study.images))]
 
 
-# the lower end ------------------------------------------------------------------------------------------------------
+def _judged(
+    study: HandEyeStudy, kept: Sequence[int], placed: PlacedFrames, readings: tuple[Reading, ...], eps: float
+) -> Classical:
+    """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
+    worst = _image_errors(study, placed, readings)
+    for k in kept:
+        if worst[k] is None:
+            what = f"puts points of {study.images[k]} behind the camera"
+            raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
+    verdicts = [
+        ImageVerdict(name, None if error is None else up(error), error is not None and error <= F(eps))
+        for name, error in zip(study.images, worst, strict=True)
+    ]
+    return Classical(readings, max(verdicts[k].largest or 0.0 for k in kept), tuple(verdicts))
 
 
 def _lower_end(
-    prover: Prover, wide: Proof, best: ReadFrames, eps_hi: float, gap: float, time_limit: float
-) -> tuple[float, Proof | None]:
-    """eps_lo and its proof, which begins with what `wide` leaves, or with the box that was asked for."""
-    found = (wide.eps, wide) if wide.refuted else (0.0, None)
-    if eps_hi <= _NOTHING:
-        return found
-    end, most = time.monotonic() + time_limit, eps_hi * (1.0 - 0.9 * gap)
-    if prover.exact.uncertain:
-        alone = least_errors(prover.study, best)
-        k = max(alone, key=lambda k: alone[k])
-        for eps in (min(most, alone[k]) * (1.0 - share) for share in _NEAR):
-            if eps <= found[0] or time.monotonic() > end:
-                break
-            prover.tell(f"does {prover.study.images[k]} alone allow anything below {at_least(eps, 7)} px?")
-            proof = prover.alone(LOWER, k, eps)
-            if proof.refuted:
-                found = eps, proof
-                break
-        tried = [found[0] + share * (most - found[0]) for share in _BETWEEN] if most > found[0] * 1.001 else []
+    prover: Prover,
+    groups: Sequence[Sequence[int]],
+    wide: Proof | None,
+    best: ReadFrames,
+    eps_hi: float,
+    gap: float,
+    end: float,
+) -> tuple[float, _Refuted]:
+    """eps_lo and its proofs, a group each; of all images they begin with what `wide` leaves, or with the box."""
+    study, found = prover.study, (0.0, _Refuted())
+    most = eps_hi * (1.0 - 0.9 * gap)
+    if wide is None:
+        least = min(_least_error(study, group) for group in groups)
+        tried = [share * least for share in _GROUP_SHARES]
+    elif eps_hi <= _NOTHING:
+        tried = []
     else:
         tried = [most * (1.0 - share) for share in _SHARES]
+    if wide is not None and wide.refuted:
+        found = wide.eps, [(groups[0], wide)]
+    if wide is not None and tried and study.uncertain:
+        least, k = max((error, k) for k, error in least_errors(study, best).items())
+        for eps in (min(most, least) * (1.0 - share) for share in _NEAR):
+            if eps <= found[0] or time.monotonic() > end:
+                break
+            prover.tell(f"does {study.images[k]} alone allow anything below {at_least(eps, 7)} px?")
+            proof = prover.alone(LOWER, k, eps)
+            if proof.refuted:
+                found = eps, [([k], proof)]
+                break
+        tried = [found[0] + share * (most - found[0]) for share in _BETWEEN] if most > found[0] * 1.001 else []
     for eps in tried:
         if eps <= found[0] or time.monotonic() > end:
             break
-        prover.tell(f"is there anything below {at_least(eps, 7)} px?")
-        if wide.refuted or eps > wide.eps:
-            proof = prover.chain(LOWER, eps, range(len(prover.study.images)), end)
+        proofs = _refuted(prover, LOWER, groups, eps, end, wide)
+        if proofs is not None:
+            return eps, proofs
+    return found
+
+
+def _refuted(
+    prover: Prover, name: str, groups: Sequence[Sequence[int]], eps: float, end: float, wide: Proof | None = None
+) -> _Refuted | None:
+    """Proofs that no frames explain any of the groups to within eps; None where one is not proved."""
+    found = _Refuted()
+    for n, group in enumerate(groups, 1):
+        prover.tell(f"is there anything below {at_least(eps, 7)} px in {len(group)} images?")
+        file = name if len(groups) == 1 else f"{name}-{n}"
+        if wide is None or wide.refuted or eps > wide.eps:
+            proof = prover.chain(file, eps, group, end)
         else:
-            proof = prover.lower(LOWER, wide, eps, end)
-        if proof.refuted:
-            return eps, proof
+            proof = prover.lower(file, wide, eps, end)
+        if not proof.refuted:
+            return None
+        found.append((group, proof))
     return found
 
 
@@ -403,199 +484,31 @@ def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
     return found
 
 
-def _support(study: HandEyeStudy, lower: Proof | None) -> tuple[tuple[str, str], ...]:
-    """Image and point of the pixel rows of the last step."""
-    points = () if lower is None else dict.fromkeys(k for side, k in lower.last if side[0] in "uv")
+def _least_error(study: HandEyeStudy, images: Sequence[int]) -> float:
+    """About the least error of some images: where a fit ends, px."""
+    part = study.part(np.array(images))
+    return excess(PixelModel(part), best_frames(part, classical_answer(part)))
+
+
+def _groups(study: HandEyeStudy, proofs: _Refuted) -> tuple[RefutedGroup, ...]:
+    return tuple(
+        RefutedGroup(tuple(study.images[k] for k in group), proof.certificate or "") for group, proof in proofs
+    )
+
+
+def _support(study: HandEyeStudy, proofs: _Refuted) -> tuple[tuple[str, str], ...]:
+    """Image and point of the pixel rows of the last steps."""
+    points = dict.fromkeys(k for _, proof in proofs for side, k in proof.last if side[0] in "uv")
     return tuple((study.images[study.image[k]], study.names[k]) for k in points)
-
-
-# ranges and verdicts -----------------------------------------------------------------------------------------------
 
 
 def _ranges(wide: Proof, point: PlacedFrames) -> FrameRanges:
     file = wide.certificate or ""
     if wide.left is None:
-        return FrameRanges(wide.eps, (), (), (), (), file)
+        return FrameRanges((), (), (), (), file)
     lo, hi = (tuple(map(float, side[:UNKNOWNS])) for side in (wide.left.lo, wide.left.hi))
     low, high = map(tuple, parameter_ranges(exact(lo), exact(hi), point.numbers))
-    return FrameRanges(wide.eps, low, high, lo, hi, file)
-
-
-def judged(study: HandEyeStudy, placed: PlacedFrames, readings: tuple[Reading, ...], tolerance: float) -> Classical:
-    """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
-    excess = errors(exact_study(study), placed.numbers, exact_readings(readings))
-    verdicts = []
-    for k, name in enumerate(study.images):
-        worst = largest(excess[n] for n in np.flatnonzero(study.image == k))
-        if worst is None:
-            what = f"puts points of {name} behind the camera"
-            raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
-        verdicts.append(ImageVerdict(name, up(worst), worst <= F(tolerance)))
-    return Classical(readings, max((verdict.largest for verdict in verdicts), default=0.0), tuple(verdicts))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Some images may be wrong: a slipped board, a wrong robot pose. What is proved whichever at most q of them are.
-#
-# Let q + 1 groups of images have no image in common. If q images are wrong, some group holds none of them. So
-#
-# - eps_lo: when no frames explain any one of the groups to eps_lo, none explain all images but some q to it.
-# - an image k is wrong (at a tolerance) when no frames explain any one of q + 1 groups together with k to the
-# tolerance:
-#   were k right, each of these groups would hold a wrong image, which makes q + 1.
-
-_LEAST = 4  # images of a group
-_TRIALS = 30  # of random images that the fit starts from
-_GROUP_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
-
-
-@dataclass(frozen=True)
-class RefutedGroup:
-    """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
-
-    images: tuple[str, ...] = field(
-        metadata=checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
-    )
-    certificate: str = field(
-        metadata=checked("a file of the run, which is accepted, and so are those that it rests on")
-    )
-
-
-@dataclass(frozen=True)
-class WrongImages:
-    """When at most `outliers` images may be wrong.
-
-    PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
-    `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. Each image of `blamed`
-    is wrong if right ones fit to `tolerance`; the others of `left_out` may be right.
-    The box is about the least-squares answer of all images but those left out. `asked_tolerance`: px, at which images
-    were to be blamed. Raises ValueError for numbers that are not finite.
-    """
-
-    outliers: int = field(metadata=checked("so many are left out, and each claim has a group more"))
-    asked: AskedBox
-    eps_lo: float = field(metadata=checked("that of each of `groups`; 0 without these"))
-    eps_hi: float = field(metadata=checked(LARGEST_ERROR))
-    point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
-    readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
-    left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
-    groups: tuple[RefutedGroup, ...]
-    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
-        metadata=checked("images left out, each once, and in all of its groups; these as `groups`, at `tolerance`")
-    )
-    tolerance: float | None = field(metadata=checked("that of the certificates of `blamed`; null without these"))
-    version: str = field(metadata=INFORMED)
-    asked_tolerance: float = field(metadata=informed("tolerance"))
-    seconds: float = field(metadata=INFORMED)
-
-    def __post_init__(self) -> None:
-        check_finite(self)
-
-
-def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
-    """Write `handeye-wrong.json` into the folder; its path. Raises InputError."""
-    return save(found, Path(folder) / WRONG_NAME, WRONG_FORMAT)
-
-
-def load_wrong_images(folder: str | os.PathLike[str]) -> WrongImages:
-    """Read `handeye-wrong.json` from the folder. Raises InputError."""
-    return load(WrongImages, Path(folder) / WRONG_NAME, WRONG_FORMAT, remedy="run cpcal handeye certify again")
-
-
-def find_wrong_images(
-    study: HandEyeStudy,
-    outliers: int,
-    folder: Path,
-    *,
-    within: Within | None = None,
-    tolerance: float | None = None,
-    seed: int = 0,
-    tell: Tell = lambda text: None,
-) -> WrongImages:
-    """Bracket eps* of all but at most `outliers` images, and prove which ones are wrong; certificates go to `folder`.
-
-    tolerance  px at which images are called wrong; default 1.1 times the upper end of the bracket
-
-    Raises InputError for fewer than four images a group, and for studies without a classical answer.
-    """
-    began = time.monotonic()
-    if not 0 < outliers <= len(study.images) // _LEAST - 2:
-        most = max(len(study.images) // _LEAST - 2, 0)
-        what = f"is {outliers} of {len(study.images)} images"
-        remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
-        raise InputError([Problem("outliers", what, remedy)])
-    left = trimmed_fit(study, outliers, np.random.default_rng(seed))
-    good = [k for k in range(len(study.images)) if k not in left]
-    begun = _begun(study.part(np.array(good)), within)
-    asked, eps_hi = begun.asked, begun.eps_hi
-    tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
-    proving = Prover(study, asked.center.numbers, asked.reach, asked.angle, begun.best.frames, tell)
-    prover = _Groups(proving, folder)
-    eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
-    at = _BEYOND * eps_hi if tolerance is None else tolerance
-    blamed = []
-    for k in left:
-        reasons = prover.refuted([[*group, k] for group in _parted(good, outliers + 1)], at)
-        if reasons is not None:
-            blamed.append((study.images[k], reasons))
-    return WrongImages(
-        outliers=outliers,
-        asked=asked,
-        eps_lo=eps_lo,
-        eps_hi=eps_hi,
-        point=begun.point,
-        readings=begun.readings,
-        left_out=tuple(study.images[k] for k in left),
-        groups=groups,
-        blamed=tuple(blamed),
-        tolerance=at if blamed else None,
-        version=__version__,
-        asked_tolerance=at,
-        seconds=time.monotonic() - began,
-    )
-
-
-def _parted(images: list[int], count: int) -> list[list[int]]:
-    """Groups of about the same size, interleaved."""
-    return [images[k::count] for k in range(count)]
-
-
-class _Groups:
-    """Proofs about some of the images."""
-
-    def __init__(self, prover: Prover, folder: Path) -> None:
-        self.prover, self.study, self.folder, self.count = prover, prover.study, folder, 0
-
-    def lower(self, groups: list[list[int]]) -> tuple[float, tuple[RefutedGroup, ...]]:
-        """The largest tolerance tried at which every group is refuted."""
-        least = min(self.fitted(group) for group in groups)
-        for share in _GROUP_SHARES:
-            found = self.refuted(groups, share * least)
-            if found is not None:
-                return share * least, found
-        return 0.0, ()
-
-    def fitted(self, group: list[int]) -> float:
-        """About the least error of a group: where a fit ends, px."""
-        part = self.study.part(np.array(sorted(group)))
-        best = best_frames(part, classical_answer(part))
-        return excess(PixelModel(part), best)
-
-    def refuted(self, groups: list[list[int]], eps: float) -> tuple[RefutedGroup, ...] | None:
-        """The proofs, written, that no frames explain any of the groups to within eps."""
-        found: list[tuple[Proof, RefutedGroup]] = []
-        for group in (sorted(group) for group in groups):
-            if self.fitted(group) <= eps:
-                return None
-            self.prover.tell(f"{len(group)} images at {at_most(eps)} px")
-            proof = self.prover.chain(f"wrong-{self.count + len(found) + 1}", eps, group)
-            if not proof.refuted or proof.certificate is None:
-                return None
-            found.append((proof, RefutedGroup(tuple(self.study.images[k] for k in group), proof.certificate)))
-        for proof, _ in found:
-            proof.write(self.folder)
-        self.count += len(found)
-        return tuple(group for _, group in found)
+    return FrameRanges(low, high, lo, hi, file)
 
 
 def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:
@@ -645,48 +558,91 @@ _ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pi
 
 
 def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
-    """For each statement of the run in `folder`, with --wrong or without: whether it is accepted, and a sentence.
+    """For each statement of the run in `folder`: whether it is accepted, and a sentence.
 
     Raises InputError where files cannot be read.
     """
     run = Path(folder)
-    remedy = "run cpcal handeye certify again"
     try:
-        study = load_study_json(run)
-        found = load_hand_eye_result(run) if (run / HAND_EYE_NAME).is_file() else load_wrong_images(run)
+        study, found = load_study_json(run), load_hand_eye_result(run)
         statements = check_hand_eye(run)
     except (Refused, Unusable) as reason:
-        raise InputError([Problem(str(run), str(reason), remedy)]) from None
-    return [*statements, _least_squares(study, found)]
+        raise InputError([Problem(str(run), str(reason), "run cpcal handeye certify again")]) from None
+    said = "centre: the least-squares answer" + (f" without {', '.join(found.left_out)}" if found.left_out else "")
+    refused = _not_least_squares(study, found)
+    return [*statements, (not refused, f"centre: REFUSED, {refused}" if refused else said)]
 
 
-def _least_squares(study: HandEyeStudy, found: HandEyeResult | WrongImages) -> tuple[bool, str]:
-    """Whether the box's centre is the least-squares answer of the images that the point explains."""
-    without = found.left_out if isinstance(found, WrongImages) else ()
-    said = "centre: the least-squares answer" + (f" without {', '.join(without)}" if without else "")
+def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
+    """Why the box's centre is not the least-squares answer of the images that the point explains; empty if it is."""
+    kept = [k for k, name in enumerate(study.images) if name not in found.left_out]
     try:
-        part = study.part(np.array([k for k, name in enumerate(study.images) if name not in without]))
-        answer = classical_answer(part)
-        near = _near(found.asked, answer.frames, np.sqrt(np.diagonal(answer.covariance)))
+        answer = classical_answer(study.part(np.array(kept)))
     except InputError as error:  # what a study must be for its answer to be computed again
-        return False, f"centre: REFUSED, {error.problems[0]}"
-    if not near:
-        return False, "centre: REFUSED, it is not the least-squares answer"
-    if isinstance(found, HandEyeResult):
-        readings = found.classical.readings or [[0.0] * 6] * len(study.images)
-        fits = [len(row) for row in readings] == [6] * len(study.images)
-        if not fits or not (np.abs(np.array(readings) - answer.readings) <= _APART * study.pose_half_width).all():
-            return False, "centre: REFUSED, the readings of the poses are not those of least squares"
-    return True, said
-
-
-def _near(asked: AskedBox, there: HandEyeFrames, deviations: Floats) -> bool:
-    off = asked.center.frames
+        return str(error.problems[0])
+    stated, there = found.asked.center.frames, answer.frames
     apart = np.concatenate([
-        rotation_vector(quaternion_from_matrix(off.e_rotation @ there.e_rotation.T)),
-        off.e_translation - there.e_translation,
-        rotation_vector(quaternion_from_matrix(off.f_rotation @ there.f_rotation.T)),
-        off.f_translation - there.f_translation,
+        rotation_vector(quaternion_from_matrix(stated.e_rotation @ there.e_rotation.T)),
+        stated.e_translation - there.e_translation,
+        rotation_vector(quaternion_from_matrix(stated.f_rotation @ there.f_rotation.T)),
+        stated.f_translation - there.f_translation,
     ])  # fmt: skip
-    room = np.minimum(deviations, np.tile(np.repeat([1.0, asked.reach], 3), 2))
-    return bool((np.abs(apart) <= _APART * room + _ROUNDING).all())
+    allowed = np.minimum(np.sqrt(np.diagonal(answer.covariance)), np.tile(np.repeat([1.0, found.asked.reach], 3), 2))
+    if not (np.abs(apart) <= _APART * allowed + _ROUNDING).all():
+        return "it is not the least-squares answer"
+    readings, own = found.classical.readings, _stated_readings(study, kept, answer.readings)
+    if [len(row) for row in readings] == [6] * len(own):
+        off = np.abs(np.array(readings) - np.array(own)) <= _APART * study.pose_half_width if own else np.array(True)
+        if off.all():
+            return ""
+    return "the readings of the poses are not those of least squares"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Legs that were certified in the frames of camera and target, in the frames of base and platform.
+#
+# A campaign that `cpcal calibrate` makes of a robot's study is in the frames of camera and target. Its legs are
+#
+#     | P + R b - a | = L + l        a: base joint in the camera frame, b: mobile joint in the target frame
+#
+# so the bracket of eps* of a leg needs no frames, and stays what it is however little is known of them. What the frames
+# are for is the joints: X a in the base frame, and F b in the mobile frame. Both are bounded here over all frames that
+# the ranges of a hand-eye run hold, in exact arithmetic.
+
+JOINTS = ("base x", "base y", "base z", "mobile x", "mobile y", "mobile z")
+
+
+def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, tuple[Floats, Floats]]:
+    """PROVED by a run of `cpcal certify` and one of `cpcal handeye certify` together: lower and upper ends of the
+    joints of each leg, mm, in the order of JOINTS, for all frames and all parameters in the ranges of the runs.
+
+    Raises InputError where the camera is not beside the robot, or frames or a leg have no ranges.
+    """
+    problems = []
+    if frames.setup != "eye-to-hand":
+        what = f"are of a study {frames.setup}"
+        problems.append(Problem("frames", what, "give one with the camera beside the robot"))
+    if frames.ranges is None or frames.ranges.empty:
+        why = "some images may be wrong" if frames.ranges is None else "nothing explains their pixels"
+        problems.append(Problem("frames", f"have no ranges: {why}", "give a larger tolerance, and leave out --wrong"))
+    without = [leg.leg for leg in run.legs if leg.ranges is None]
+    if without:
+        problems.append(Problem("legs", f"{without} have no ranges", "certify again, with --tolerance"))
+    if problems:
+        raise InputError(problems)
+    assert frames.ranges is not None
+    unknowns, found = _intervals(frames.ranges.lo, frames.ranges.hi), {}
+    for leg in run.legs:
+        assert leg.ranges is not None
+        box = _intervals(leg.ranges.box.lo.tolist(), leg.ranges.box.hi.tolist())
+        joints = []
+        for turn, shift, at in ((R_X, T_X, box[:3]), (R_F, T_F, box[3:6])):  # R x + t
+            moved = applied(matrix([unknowns[i] for i in turn]), at)
+            joints += plus(moved, [unknowns[i] for i in shift])
+        low, high = zip(*((round_down(one.ends[0]), round_up(one.ends[1])) for one in joints), strict=True)
+        found[leg.leg] = np.array(low), np.array(high)
+    return found
+
+
+def _intervals(lo: Iterable[float], hi: Iterable[float]) -> list[Bounds]:
+    return [between(F(a), F(b)) for a, b in zip(lo, hi, strict=True)]

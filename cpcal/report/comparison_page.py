@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -15,7 +13,7 @@ from cpcal.common.errors import printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.files.tables import guarded
+from cpcal.files.tables import csv_table
 from cpcal.questions import LegResult, Result, verdict_of
 from cpcal.report.section import Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
@@ -226,16 +224,11 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     return CampaignsSummary(page.write(folder / SUMMARY_PAGE), tuple(lines))
 
 
-def summary_table(rows: Sequence[CampaignRow]) -> str:
+def summary_table(rows: Sequence[CampaignRow]) -> bytes:
     """A row a leg; campaigns in their order, the worst leg of each first. Numbers are those of result.json."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(_HEADER)
+    cells: list[list[str | float | None]] = []
     for row in rows:
         for leg in sorted(row.result.legs, key=lambda leg: (-leg.bracket.lo, leg.leg)):
-            word = verdict_of(row.result, leg).word
-            bounds = (repr(leg.bracket.lo), repr(leg.bracket.hi))
-            table.writerow(
-                (guarded(row.name), leg.leg, word, *bounds, leg.certified, leg.work.nodes, nearest(leg.work.seconds, 3))
-            )
-    return text.getvalue()
+            word, done = verdict_of(row.result, leg).word, (leg.work.nodes, nearest(leg.work.seconds, 3))
+            cells.append([row.name, leg.leg, word, leg.bracket.lo, leg.bracket.hi, leg.certified, *done])
+    return csv_table(_HEADER, cells)

@@ -211,9 +211,10 @@ def _told(found: HandEyeResult, mark: str) -> list[str]:
     """What is proved, as comments."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
-    if found.ranges.empty:
+    said[0] += f", without {', '.join(found.left_out)}" if found.left_out else ""
+    if found.ranges is None or found.ranges.empty:
         return [f"{mark} {said[0]}"]
-    said.append(f"proved of all frames that explain every pixel to {at_least(found.ranges.eps, 4)} px:")
+    said.append(f"proved of all frames that explain every pixel to {at_least(found.eps, 4)} px:")
     names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
     for k, name in enumerate(names):
         unit = "mm" if k < 3 else "deg from the rotation below"

@@ -181,7 +181,7 @@ _FACTORS = {"mm": (1e3, "µm"), "rad": (1e3 * 180.0 / math.pi, "10⁻³ °")}  #
 def histogram_svg(channel: Channel) -> Svg:
     """Counts of the centred errors of one channel, with the normal curve of the same deviation."""
     (factor, unit), name = _FACTORS[channel.unit], channel.statistics.name
-    reach, counts = factor * channel.histogram.reach, np.array(channel.histogram.counts)
+    reach, counts = factor * channel.reach, np.array(channel.counts)
     edges = np.linspace(-reach, reach, len(counts) + 1)
     sigma, at = factor * channel.statistics.sigma, np.linspace(-reach, reach, 121)
     curve = np.zeros_like(at)

@@ -2,7 +2,6 @@ from .campaign import (
     Campaign,
 )
 from .kinematics import (
-    ForwardPoses,
     KinematicsError,
     Pose,
     central_pose,
@@ -48,7 +47,6 @@ __all__ = [
     "EXACT_OR_NOT",
     "ROBOTS",
     "Campaign",
-    "ForwardPoses",
     "KinematicsError",
     "KnownRobot",
     "Mechanisms",

@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -30,12 +30,9 @@ from cpcal.robot.units import (
     RotationForm,
     column_map,
     half_widths,
-    is_angle,
-    is_length,
     override_columns,
     reading_columns,
-    require,
-    unit_problem,
+    units_of,
 )
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -61,16 +58,15 @@ def stated_robot(
 ) -> Robot:
     """The robot that was given, whole, by its name in the catalogue, or by its joint centres."""
     parts = {"base": base, "mobile": mobile, "offset": offset}
-    given = [key for key, value in parts.items() if value is not None]
+    given = {key: value for key, value in parts.items() if value is not None}
     if robot is not None:
         if given:
-            raise InputError([Problem("robot", f"is given, and {given[0]} too", "give one of the two")])
+            raise InputError([Problem("robot", f"is given, and {next(iter(given))} too", "give one of the two")])
         return known_robot(robot).robot if isinstance(robot, str) else robot
-    missing = [key for key in parts if key not in given]
-    if missing:
+    if missing := [key for key in parts if key not in given]:
         remedy = "give base=(n, 3), mobile=(n, 3) and offset=(n,) in mm, or robot="
         raise InputError([Problem("robot", f"{' and '.join(missing)} missing", remedy)])
-    return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in parts.values()))
+    return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in given.values()))
 
 
 def stated_uncertainty(
@@ -86,17 +82,15 @@ def stated_uncertainty(
     if uncertainty is not None:
         what = f"is given, and {next(iter(given))}_sigma too"
         raise InputError([Problem("campaign uncertainty", what, "give one of the two")])
-    missing = [f"{kind}_sigma" for kind in KINDS if kind not in given]
-    if missing:
+    if missing := [f"{kind}_sigma" for kind in KINDS if kind not in given]:
         what = f"{' and '.join(missing)} missing"
         raise InputError([Problem("campaign uncertainty", what, "give all three; 0 is exact")])
-    shapes = {"position": 3, "rotation": 3, "length": legs}
     try:
-        rows = [np.broadcast_to(as_floats(given[kind]), shapes[kind]) for kind in KINDS]
+        rows = {k: np.broadcast_to(as_floats(given[k]), n) for k, n in zip(KINDS, (3, 3, legs), strict=True)}
     except (TypeError, ValueError) as error:
         remedy = f"give one number, or 3, 3 and {legs}"
         raise InputError([Problem("campaign uncertainty", str(error)[:200], remedy)]) from None
-    return Uncertainty(rows[0], rows[1], rows[2], factor)
+    return Uncertainty(**rows, factor=factor)
 
 
 def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
@@ -114,12 +108,6 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     return array if factor == 1.0 else np.asarray(factor * array)
 
 
-def targets(legs: int, form: RotationForm) -> list[str]:
-    """The names that columns can be mapped to."""
-    fixed = [name for name in reading_columns(legs) if name not in ("qw", "qx", "qy", "qz")]
-    return [*fixed, *form.columns, *override_columns(legs)]
-
-
 def mapped(
     columns: str | Mapping[str, str], header: Sequence[str], legs: int, form: RotationForm
 ) -> dict[str, ColumnSource]:
@@ -127,40 +115,43 @@ def mapped(
 
     Raises InputError for columns that are not there, and units that cannot be.
     """
-    names = targets(legs, form)
+    needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
+    names = ["pose", "run", *needed, *override_columns(legs)]
     found = column_map(columns, names)
     taken = {source.name for source in found.values()}
-    for name in names:
-        if name not in found and name not in taken and name in header:
-            found[name] = ColumnSource(name)
+    found |= {name: ColumnSource(name) for name in names if name not in {*found, *taken} and name in header}
     problems = Problems()
     for target, source in found.items():
+        units = units_of(target)
         if source.place(header) is None and source.name in header:
             problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
         elif source.place(header) is None:
             what = f"{target}: there is no column {shown(source.name)}"
             problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
-        if (wrong := unit_problem(target, source.unit)) is not None:
-            problems.add(wrong)
-        if source.unit is None and is_angle(target) and target not in form.columns and source.name != target:
+        if source.unit is not None and source.unit not in units:
+            remedy = "give one of " + ", ".join(units) if units else "give no unit"
+            problems.add(Problem("map", f"{target} cannot be in {source.unit}", remedy))
+        if source.unit is None and units is ANGLES and target not in form.columns and source.name != target:
             problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
     for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
         if found[one].place(header) == found[other].place(header) is not None:
             what = f"{one} and {other} are the same column, {shown(found[one].name)}"
             problems.add(Problem("map", what, "map each leg to its own"))
     problems.raise_any(YOUR_DATA)
-    require(found, [*(n for n in names[: 5 + legs] if n not in ("pose", "run")), *form.columns], "map")
+    for name in needed:
+        if name not in found:
+            what = f"the column {name!r} is missing"
+            problems.add(Problem("map", what, "map the table's columns to these names"))
+    problems.raise_any(YOUR_DATA)
     return found
 
 
 def unit_factor(target: str, source: ColumnSource, form: RotationForm) -> float:
     """What a column's numbers are multiplied by to be in mm or rad, or as the rotation form takes them."""
-    if is_length(target):
-        return float(LENGTHS[source.unit or "mm"])
-    if is_angle(target):
-        own = form.unit if target in form.columns else "rad"
-        return 1.0 if source.unit in (None, own) else ANGLES[str(source.unit)] / ANGLES[own]
-    return 1.0
+    if source.unit is None:
+        return 1.0
+    units = units_of(target)
+    return units[source.unit] / (units[form.unit] if target in form.columns else 1.0)
 
 
 def table_arguments(
@@ -170,31 +161,31 @@ def table_arguments(
     form: RotationForm,
     uncertainty: Uncertainty | None,
 ) -> dict[str, Any]:
-    """The arguments of `Campaign.of` for columns by target, in mm and in the form's numbers."""
+    """The arguments of `Campaign.of` for columns by target, in mm and in the form's numbers.
+
+    Poses that are not named are p1, p2, ...; runs that are not named tell equal poses apart.
+    """
     legs, count = robot.legs, len(values["x"])
-    stated = np.zeros(6 + legs) if uncertainty is None else uncertainty.half_widths
-    radii = half_widths(stated, values, legs, count)
-    rotations = np.stack([values[name] for name in form.columns], axis=1)
-    arguments: dict[str, Any] = {
+    radii = half_widths(np.zeros(6 + legs) if uncertainty is None else uncertainty.half_widths, values, legs, count)
+
+    def table(columns: Iterable[str]) -> Floats:
+        return np.stack([values[name] for name in columns], axis=1)
+
+    pose = list(names.get("pose") or (f"p{row}" for row in range(1, count + 1)))
+    runs, seen = list(names.get("run", ())), Counter[str]()
+    for name in () if runs else pose:
+        seen[name] += 1
+        runs.append(str(seen[name]))
+    return {
         "robot": robot,
-        "position": np.stack([values[name] for name in "xyz"], axis=1),
-        "quaternion": form.quaternions(rotations),
-        "length": np.stack([values[f"L{i}"] for i in range(1, legs + 1)], axis=1),
+        "position": table("xyz"),
+        "quaternion": form.quaternions(table(form.columns)),
+        "length": table(f"L{i}" for i in range(1, legs + 1)),
+        "pose": pose,
+        "run": runs,
         "uncertainty": uncertainty,
-        "position_radius": radii[:, :3],
-        "rotation_radius": radii[:, 3:6],
-        "length_radius": radii[:, 6:],
+        **dict(zip(ARRAYS[3:], np.split(radii, [3, 6], axis=1), strict=True)),
     }
-    return arguments | {key: list(column) for key, column in named_rows(names, count).items()}
-
-
-def named_rows(names: Mapping[str, Sequence[str]], count: int) -> dict[str, Sequence[str]]:
-    """Poses p1, p2, ... where none are named; runs that tell equal poses apart where none are named."""
-    pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
-    if "run" in names:
-        return {"pose": pose, "run": names["run"]}
-    counters: dict[str, itertools.count[int]] = {}
-    return {"pose": pose, "run": [str(next(counters.setdefault(name, itertools.count(1)))) for name in pose]}
 
 
 def frame_columns(
@@ -329,17 +320,15 @@ class Campaign(Value):
     def __post_init__(self) -> None:
         fill(self, **{name: frozen_array(getattr(self, name)) for name in ARRAYS})
         fill(self, pose=tuple(self.pose), run=tuple(self.run), provenance=frozen_mapping(self.provenance))
-        legs, stated = self.robot.legs, self.uncertainty
+        legs, stated, problems = self.robot.legs, self.uncertainty, Problems()
         columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
         every = [(name, (getattr(self, name), width)) for name, width in columns]
-        arrays, widths = dict(every[:3]), dict(every[3:])
-        problems = Problems()
         if stated is not None and stated.length.shape != (legs,):
             what = f"has {len(stated.length)} numbers for {legs} legs"
             problems.add(Problem("campaign uncertainty.length", what, "give one for each leg"))
-        for problem in provenance_problems("campaign", self.provenance):
-            problems.add(problem)
-        for problem in table_problems("campaign", "measurement", {"pose": self.pose, "run": self.run}, arrays, widths):
+        names = {"pose": self.pose, "run": self.run}
+        of_table = table_problems("campaign", "measurement", names, dict(every[:3]), dict(every[3:]))
+        for problem in itertools.chain(provenance_problems("campaign", self.provenance), of_table):
             problems.add(problem)
         problems.raise_any()
 
@@ -367,34 +356,26 @@ class Campaign(Value):
         position (N, 3) mm, quaternion (N, 4), length (N, n) mm; half-widths broadcast to these shapes.
         Poses left out are named p0, p1, ...; runs left out are all "1". Raises InputError.
         """
-        radii_given = [values is not None for values in (position_radius, rotation_radius, length_radius)]
-        check_choice(uncertainty, exact, radii_given)
+        widths = position_radius, rotation_radius, length_radius
+        check_choice(uncertainty, exact, all(values is not None for values in widths))
         try:
             arrays = [as_floats(values) for values in (position, quaternion, length)]
-            given = [
-                None if values is None else as_floats(values)
-                for values in (position_radius, rotation_radius, length_radius)
-            ]
+            given = [None if values is None else as_floats(values) for values in widths]
         except (TypeError, ValueError) as error:
             raise InputError([Problem("campaign", str(error), "give arrays of numbers")]) from None
         count = len(arrays[0]) if arrays[0].ndim else 0
-        shapes = ((count, 3), (count, 3), (count, robot.legs))
-        declared = (None, None, None) if uncertainty is None else (np.split(uncertainty.half_widths, [3, 6]))
-        radii = [_radius(*row) for row in zip(given, declared, shapes, strict=True)]
-        return cls(
-            robot,
-            tuple(f"p{k}" for k in range(count)) if pose is None else tuple(pose),
-            ("1",) * count if run is None else tuple(run),
-            arrays[0],
-            arrays[1],
-            arrays[2],
-            radii[0],
-            radii[1],
-            radii[2],
-            uncertainty,
-            dict(provenance or {}),
-            model,
-        )
+        declared = np.zeros(6 + robot.legs) if uncertainty is None else uncertainty.half_widths
+        radii = []
+        for own, stated, width in zip(given, np.split(declared, [3, 6]), (3, 3, robot.legs), strict=True):
+            values = stated if own is None else own
+            try:
+                radii.append(np.broadcast_to(values, (count, width)))
+            except ValueError:  # of another shape, which is said below
+                radii.append(values)
+        names = tuple(f"p{k}" for k in range(count)) if pose is None else tuple(pose)
+        runs = ("1",) * count if run is None else tuple(run)
+        tables = dict(zip(ARRAYS, (*arrays, *radii), strict=True))
+        return cls(robot, names, runs, **tables, uncertainty=uncertainty, provenance=provenance or {}, model=model)
 
     @classmethod
     def from_arrays(
@@ -485,8 +466,7 @@ class Campaign(Value):
         sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
         stated = stated_uncertainty(built.legs, sigmas, factor, uncertainty)
         arguments = table_arguments(names, values, built, form, stated)
-        if stated is None and not exact and not set(override_columns(built.legs)) <= set(values):
-            check_choice(None, False, [False])
+        check_choice(stated, exact, set(override_columns(built.legs)) <= set(values))
         return cls.of(**arguments, exact=exact, provenance=provenance, model=model)
 
     def to_frame(self) -> Any:
@@ -530,30 +510,17 @@ class Campaign(Value):
         return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
 
 
-def check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: list[bool]) -> None:
-    """InputError unless it was said how far readings may be off."""
-    if exact and uncertainty is not None:
-        what = "is given, and readings are called exact"
-    elif exact or uncertainty is not None or all(radii_given):
+def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> None:
+    """InputError unless it was said how far readings may be off; `given`: whether all half-widths are."""
+    both = exact and uncertainty is not None
+    if not both and (exact or uncertainty is not None or given):
         return
-    else:
-        what = "is missing"
+    what = "is given, and readings are called exact" if both else "is missing"
     remedy = (
         "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), uncertainty=Uncertainty(...), "
         "all three half-widths, or exact=True"
     )
     raise InputError([Problem("campaign uncertainty", what, remedy)])
-
-
-def _radius(given: Floats | None, declared: Floats | None, shape: tuple[int, int]) -> Floats:
-    """Half-widths of that shape; what cannot be broadcast is left for the validation to report."""
-    values = given if given is not None else declared
-    if values is None:
-        return np.zeros(shape)
-    try:
-        return np.broadcast_to(values, shape)
-    except ValueError:
-        return values
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -617,8 +584,7 @@ class Given:
         return self if count <= most else self.rows(np.linspace(0, count - 1, most).astype(np.intp))
 
     def rows(self, chosen: npt.NDArray[np.intp]) -> Given:
-        pose = Pose(self.pose.position[chosen], self.pose.quaternion[chosen])
-        return replace(self, pose=pose, length=self.length[chosen])
+        return replace(self, pose=self.pose.rows(chosen), length=self.length[chosen])
 
     def posed(self, position: Floats, quaternion: Floats) -> Given:
         return replace(self, pose=Pose(position, quaternion))

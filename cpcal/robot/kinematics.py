@@ -7,7 +7,7 @@ calibrated one and for a simulated true one.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import ByValue, Floats
+from cpcal.common.values import Bools, ByValue, Floats, Ints
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -108,8 +108,7 @@ def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
 
     Each of the four rows below is a multiple of the quaternion; that with the largest pivot is accurate.
     """
-    m = np.asarray(matrix, dtype=np.float64)
-    (xx, m01, m02), (m10, yy, m12), (m20, m21, zz) = m.tolist() if m.ndim == 2 else np.moveaxis(m, (-2, -1), (0, 1))
+    (xx, m01, m02), (m10, yy, m12), (m20, m21, zz) = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     wx, wy, wz = m21 - m12, m02 - m20, m10 - m01
     xy, xz, yz = m01 + m10, m02 + m20, m12 + m21
     rows = [
@@ -118,12 +117,9 @@ def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
         [wy, xy, 1 - xx + yy - zz, yz],
         [wz, xz, yz, 1 - xx - yy + zz],
     ]
-    if m.ndim == 2:
-        return normalised(rows[max(range(4), key=lambda k: rows[k][k])])
-    multiples = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    multiples = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
     pivot = np.argmax(np.diagonal(multiples, axis1=-2, axis2=-1), axis=-1)
-    best = np.take_along_axis(multiples, pivot[..., None, None], axis=-2)[..., 0, :]
-    return normalised(best)
+    return normalised(np.take_along_axis(multiples, pivot[..., None, None], axis=-2)[..., 0, :])
 
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
@@ -131,7 +127,7 @@ _REFINEMENTS = 2  # how often a failed continuation is tried again, with four ti
 _STEPS_MAX = 1_000  # of the continuation, at first
 _STRIDE = 0.05  # the continuation's first step length, as a share of the mean leg length
 _MAX_TURN = 0.3  # rad: the longest rotation that one Newton step may make
-_ACCURACY = 1e-12  # relative to the leg lengths
+_ACCURACY = 1e-9  # of a step before the last one, relative to the leg lengths: it gains as many digits again
 
 
 class KinematicsError(CpcalError):
@@ -140,6 +136,12 @@ class KinematicsError(CpcalError):
     def __init__(self, message: str, indices: tuple[int, ...] = ()) -> None:
         super().__init__(message)
         self.indices = indices
+
+    @classmethod
+    def of(cls, message: str, readings: Floats, failed: Ints, remedy: str) -> KinematicsError:
+        """Of those rows of the readings (K, n)."""
+        first = ", ".join(f"{value:.6g}" for value in readings[failed[0]])
+        return cls(f"{message} (row {failed[0]}: {first} mm): {remedy}", tuple(failed.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +158,15 @@ class Pose(ByValue):
     def rotation(self) -> Floats:
         """(..., 3, 3)."""
         return rotation_matrix(self.quaternion)
+
+    def rows(self, chosen: Any) -> Pose:
+        """Some of many poses."""
+        return Pose(self.position[chosen], self.quaternion[chosen])
+
+    def moved(self, step: Floats) -> Pose:
+        """Moved by step[..., :3] mm, and turned by the rotation vector step[..., 3:] rad in the base frame."""
+        turn = quaternion_from_rotation_vector(step[..., 3:])
+        return Pose(self.position + step[..., :3], normalised(quaternion_product(turn, self.quaternion)))
 
 
 def leg_vectors(robot: Robot, pose: Pose) -> Floats:
@@ -191,117 +202,91 @@ def central_pose(robot: Robot, readings: npt.ArrayLike) -> Pose:
     return forward_kinematics(robot, readings, guess)
 
 
-@dataclass(frozen=True, eq=False)
-class ForwardPoses:
-    """What forward kinematics found, row by row of the readings (...).
-
-    pose       (..., 3) mm and (..., 4); NaN where nothing was found
-    converged  (...) bool: whether a pose was found
-    residual   (..., n) mm, its readings less those asked for: rounding for six legs, misfit for more
-    """
-
-    pose: Pose
-    converged: npt.NDArray[np.bool_]
-    residual: Floats
-
-
 def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Pose:
     """The poses whose readings are `readings`, (..., n) mm, on the assembly branch of `guess`.
 
     As `forward_poses`, but raises KinematicsError, with the rows that failed, when some cannot be reached.
     """
-    found = forward_poses(robot, readings, guess)
-    failed = np.flatnonzero(~found.converged.ravel())
+    pose, converged = forward_poses(robot, readings, guess)
+    failed = np.flatnonzero(~converged.ravel())
     if not len(failed):
-        return found.pose
+        return pose
     rows = np.asarray(readings, dtype=np.float64).reshape(-1, robot.legs)
-    first = ", ".join(f"{value:.6g}" for value in rows[failed[0]])
-    message = f"no pose found for {len(failed)} of {len(rows)} rows of readings (row {failed[0]}: {first} mm)"
-    remedy = "give a guess nearer to it, or check the robot's parameters"
-    raise KinematicsError(f"{message}: {remedy}", tuple(int(row) for row in failed))
+    message = f"no pose found for {len(failed)} of {len(rows)} rows of readings"
+    raise KinematicsError.of(message, rows, failed, "give a guess nearer to it, or check the robot's parameters")
 
 
-def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> ForwardPoses:
-    """The poses whose readings are `readings`, (..., n) mm, where they can be reached from `guess`; and where.
+def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[Pose, Bools]:
+    """The poses whose readings are `readings`, (..., n) mm, where they can be reached from `guess`, NaN elsewhere; and
+    where that is, (...).
 
-    `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those
-    asked for in small steps, with a damped Newton iteration on (P, rotation vector) at each; a row that fails
-    is tried again with shorter steps. Six legs give the pose exactly; more give the least-squares pose.
-    `cpcal.models.prove_pose` proves one.
+    `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those asked for
+    in small steps (continuation), with Newton's method at each; a row that fails is tried again with shorter steps. Six
+    legs give the pose exactly; more give the least-squares pose. `cpcal.models.prove_pose` proves one.
 
     Raises KinematicsError for fewer than six legs, and for readings that are no lengths of such a robot.
     """
     if robot.legs < 6:
         raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
-    target = np.asarray(readings, dtype=np.float64)
-    if target.ndim == 0 or target.shape[-1] != robot.legs or not np.isfinite(target).all():
-        raise KinematicsError(f"readings of shape {target.shape}: expected finite numbers, (..., {robot.legs})")
-    rows = target.reshape(-1, robot.legs)
+    asked = np.asarray(readings, dtype=np.float64)
+    if asked.ndim == 0 or asked.shape[-1] != robot.legs or not np.isfinite(asked).all():
+        raise KinematicsError(f"readings of shape {asked.shape}: expected finite numbers, (..., {robot.legs})")
+    shape, target = asked.shape[:-1], asked.reshape(-1, robot.legs)
     start = Pose(
-        np.broadcast_to(guess.position, (*target.shape[:-1], 3)).reshape(-1, 3).copy(),
-        normalised(np.broadcast_to(guess.quaternion, (*target.shape[:-1], 4)).reshape(-1, 4)),
+        np.broadcast_to(guess.position, (*shape, 3)).reshape(-1, 3),
+        normalised(np.broadcast_to(guess.quaternion, (*shape, 4)).reshape(-1, 4)),
     )
-    found, converged = _continued(robot, rows, start)
-    pose = Pose(found.position.reshape(*target.shape[:-1], 3), found.quaternion.reshape(*target.shape[:-1], 4))
-    return ForwardPoses(pose, converged.reshape(target.shape[:-1]), inverse_kinematics(robot, pose) - target)
-
-
-def _continued(robot: Robot, target: Floats, start: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
-    """Continuation of every row (K, n), and which arrived; those that fail are tried with four times as many steps."""
-    position, quaternion = start.position.copy(), start.quaternion.copy()
     origin = inverse_kinematics(robot, start)
     span = np.max(np.abs(target - origin), axis=1) / np.mean(np.abs(origin + robot.offset), axis=1)
     steps = 1 + int(min(np.max(span, initial=0.0) / _STRIDE, 1e6))
     if steps > _STEPS_MAX:
         raise KinematicsError("the readings are out of all proportion to the robot: are they in mm?")
+    position, quaternion = np.full((len(target), 3), np.nan), np.full((len(target), 4), np.nan)
     todo = np.arange(len(target))
     for _ in range(1 + _REFINEMENTS):
-        pose, reached = _led(robot, origin[todo], target[todo], Pose(position[todo], quaternion[todo]), steps)
-        position[todo[reached]], quaternion[todo[reached]] = pose.position, pose.quaternion
-        todo = np.delete(todo, reached)
+        pose, rows = start.rows(todo), todo
+        for share in np.arange(1, steps + 1) / steps:  # rows that fail are dropped early
+            here = (1.0 - share) * origin[rows] + share * target[rows]
+            accuracy = _ACCURACY * (1.0 + np.max(np.abs(here + robot.offset), axis=-1))
+
+            def gaps(at: Pose, here: Floats = here) -> Floats:
+                return np.asarray(here - inverse_kinematics(robot, at))
+
+            pose, good = newton(robot, gaps, pose, accuracy)
+            pose, rows = pose.rows(good), rows[good]
+            if not len(rows):
+                break
+        position[rows], quaternion[rows] = pose.position, pose.quaternion
+        todo = np.setdiff1d(todo, rows)
         if not len(todo):
             break
         steps *= 4
-    position[todo], quaternion[todo] = np.nan, np.nan
-    converged = np.ones(len(target), dtype=bool)
-    converged[todo] = False
-    return Pose(position, quaternion), converged
+    found = Pose(position.reshape(*shape, 3), quaternion.reshape(*shape, 4))
+    return found, np.asarray(np.isfinite(found.position).all(axis=-1))
 
 
-def _led(robot: Robot, origin: Floats, target: Floats, pose: Pose, steps: int) -> tuple[Pose, npt.NDArray[np.int64]]:
-    """The poses of the rows that could be led from origin to target, and which; others are dropped early."""
-    rows = np.arange(len(target))
-    for step in range(1, steps + 1):
-        share = step / steps
-        here = target[rows] if step == steps else (1.0 - share) * origin[rows] + share * target[rows]
-        pose, converged = _newton(robot, here, pose)
-        pose = Pose(pose.position[converged], pose.quaternion[converged])
-        rows = rows[converged]
-        if not len(rows):
-            break
-    return pose, rows
+def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: npt.ArrayLike) -> tuple[Pose, Bools]:
+    """Poses (K) at which all legs have the length that they should have, and which converged, (K,).
 
+    gaps      what the legs lack of it at poses, (K, n) mm. Legs may be imperfect: the derivative is the robot's own
+    accuracy  mm, of gaps and steps
 
-def _newton(robot: Robot, readings: Floats, pose: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
-    """Damped Newton (Gauss-Newton for more than six legs) on every row; the poses, and which converged."""
-    lengths = np.abs(readings + robot.offset)
-    accuracy = _ACCURACY * (1.0 + np.max(lengths, axis=-1))
-    max_move = 0.3 * np.mean(lengths, axis=-1)
+    Newton's method, damped; Gauss-Newton for more than six legs.
+    """
+    longest = 0.3 * np.mean(np.linalg.norm(leg_vectors(robot, pose), axis=-1), axis=-1)  # mm, of a step
     arm = 1.0 + float(np.max(np.linalg.norm(robot.mobile, axis=1)))  # mm/rad
-    converged = np.zeros(len(readings), dtype=bool)
+    scale = np.repeat([1.0, arm], 3)
+    converged: Bools = np.zeros(len(longest), dtype=np.bool_)
     for _ in range(_ITERATIONS):
-        residual = readings - inverse_kinematics(robot, pose)
-        jacobian = pose_jacobian(robot, pose) / np.array([1.0, 1.0, 1.0, arm, arm, arm])
-        step = np.einsum("kij,kj->ki", np.linalg.pinv(jacobian), residual)
-        move, turn = step[:, :3], step[:, 3:] / arm
-        size = np.maximum(np.linalg.norm(move, axis=1) / max_move, np.linalg.norm(turn, axis=1) / _MAX_TURN)
-        damping = 1.0 / np.maximum(size, 1.0)[:, None]
-        pose = Pose(
-            pose.position + damping * move,
-            normalised(quaternion_product(quaternion_from_rotation_vector(damping * turn), pose.quaternion)),
-        )
-        reached = (np.max(np.abs(residual), axis=1) <= 1e3 * accuracy) | (robot.legs > 6)
-        converged = reached & (np.max(np.abs(step), axis=1) <= 1e3 * accuracy)
+        gap = gaps(pose)
+        step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(robot, pose) / scale), gap)
+        step = np.where(np.isfinite(step), step, 0.0)  # where gaps are not finite nothing converges
+        converged = np.asarray(np.max(np.abs(step), axis=1) <= accuracy)
+        if robot.legs == 6:
+            converged &= np.max(np.abs(gap), axis=1) <= accuracy
+        move, turn = (np.linalg.norm(part, axis=1) for part in (step[:, :3], step[:, 3:] / arm))
+        size = np.maximum(np.maximum(move / longest, turn / _MAX_TURN), 1.0)
+        pose = pose.moved(step / scale / size[:, None])
         if converged.all():
             break
     return pose, converged
@@ -345,13 +330,9 @@ def world_hand_eye(a: Pose, b: Pose) -> tuple[Pose, Pose]:
     left, _, right = np.linalg.svd(kron)
     x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
     sign = np.sign(np.linalg.det(x))  # that of z is the same: K maps rotations to near-multiples of rotations
-    return with_translations(a, b, nearest_rotation(sign * x), nearest_rotation(sign * z))
-
-
-def with_translations(a: Pose, b: Pose, x: Floats, z: Floats) -> tuple[Pose, Pose]:
-    """Both motions, given their rotations (3, 3): t_X - R_A t_Z = t_A - R_X t_B by least squares."""
-    count = len(a.position)
-    matrix = np.concatenate([np.tile(np.eye(3), (count, 1)), -a.rotation.reshape(-1, 3)], axis=1)
+    x, z = nearest_rotation(sign * x), nearest_rotation(sign * z)
+    # their translations by least squares: t_X - R_A t_Z = t_A - R_X t_B
+    matrix = np.concatenate([np.tile(np.eye(3), (len(a.position), 1)), -a.rotation.reshape(-1, 3)], axis=1)
     found = np.linalg.lstsq(matrix, (a.position - b.position @ x.T).ravel(), rcond=None)[0]
     return Pose(found[:3], quaternion_from_matrix(x)), Pose(found[3:], quaternion_from_matrix(z))
 

@@ -24,7 +24,6 @@ from cpcal.common.values import Floats
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
-    Pose,
     central_pose,
     compose,
     forward_poses,
@@ -83,14 +82,14 @@ def other_frames(given: Given) -> Variants:
         return
     try:
         middle = central_pose(few.robot, np.median(few.length, axis=0))
-        found = forward_poses(few.robot, few.length, middle)
+        found, converged = forward_poses(few.robot, few.length, middle)
     except (KinematicsError, np.linalg.LinAlgError):
         return
-    rows = np.flatnonzero(found.converged)
+    rows = np.flatnonzero(converged)
     if len(rows) < max(_LEAST, len(few.length) // 2):
         return
-    part, seen = few.rows(rows), Pose(found.pose.position[rows], found.pose.quaternion[rows])
-    tracker, target = world_hand_eye(seen, part.pose)
+    part = few.rows(rows)
+    tracker, target = world_hand_eye(found.rows(rows), part.pose)
     moved = compose(compose(tracker, part.pose), inverse(target))
     name = "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame"
     yield f"{name}: `cpcal calibrate` finds both", part.posed(moved.position, moved.quaternion)

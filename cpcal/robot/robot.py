@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.files import NAME_REMEDY, is_name
 from cpcal.common.values import Floats, Value, fill, frozen_array
 
+_UNIT = 1e-6  # tolerance on the norm of an axis
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 
 
@@ -39,25 +42,7 @@ class Robot(Value):
     offset: Floats
 
     def __post_init__(self) -> None:
-        problems = []
-        for field in ("base", "mobile", "offset"):
-            try:
-                array = frozen_array(getattr(self, field))
-            except (TypeError, ValueError) as error:
-                problems.append(Problem(f"robot {field}", f"is not an array of numbers ({error})", "give mm"))
-                continue
-            fill(self, **{field: array})
-        if problems:
-            raise InputError(problems)
-        legs = self.base.shape[0] if self.base.ndim else 0
-        for field, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
-            array = getattr(self, field)
-            if array.shape != shape or legs == 0:
-                remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
-                problems.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
-            elif not good_numbers(array).all():
-                what = f"holds a number that is NaN, infinite or above {LARGEST:g}"
-                problems.append(Problem(f"robot {field}", what, "give numbers in mm"))
+        problems = frozen_rows(self, "robot", {"base": 3, "mobile": 3, "offset": 1}, self.base)
         if not is_name(self.name):
             problems.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
         if problems:
@@ -66,7 +51,7 @@ class Robot(Value):
     @property
     def legs(self) -> int:
         """The number of legs, n."""
-        return int(self.offset.shape[0])
+        return len(self.offset)
 
     @property
     def parameters(self) -> Floats:
@@ -81,6 +66,47 @@ class Robot(Value):
             what = f"have the shape {rows.shape}"
             raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
         return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
+
+
+Widths = Mapping[str, int | None]  # of fields: how many numbers each leg has; None: one number for the whole robot
+
+
+def frozen_rows(value: Value, where: str, widths: Widths, rows: npt.ArrayLike) -> list[Problem]:
+    """Freeze the fields of a value while it is made, and what is wrong with them; `rows` has one row for each leg."""
+    problems = []
+    for name, width in widths.items():
+        try:
+            array = frozen_array(getattr(value, name))
+        except (TypeError, ValueError) as error:
+            problems.append(Problem(f"{where} {name}", f"is not an array of numbers ({error})", "give numbers, mm"))
+        else:
+            fill(value, **{name: float(array) if width is None and array.ndim == 0 else array})
+    if problems:
+        return problems
+    legs = np.shape(rows)[0] if np.ndim(rows) else 0
+    for name, width in widths.items():
+        held = np.asarray(getattr(value, name))
+        shape = () if width is None else (legs,) if width == 1 else (legs, width)
+        if held.shape != shape or not legs:
+            remedy = f"give an array of the shape {shape}" if legs else "give one row for each of n >= 1 legs"
+            problems.append(Problem(f"{where} {name}", f"has the shape {held.shape}", remedy))
+        elif (wrong := wrong_value(name, held)) is not None:
+            problems.append(Problem(f"{where} {name}", *wrong))
+    return problems
+
+
+def wrong_value(name: str, value: npt.ArrayLike) -> tuple[str, str] | None:
+    """What is wrong with a field's values of the right shape, and the remedy; None when they are good."""
+    array = np.asarray(value, dtype=np.float64)
+    if not good_numbers(array).all():
+        return f"holds a number that is NaN, infinite or above {LARGEST:g}", "give a number that makes sense, in mm"
+    if name.endswith("_axis") and (np.abs(np.linalg.norm(array, axis=-1) - 1.0) > _UNIT).any():
+        return "holds an axis whose norm is not 1", "give unit vectors"
+    if name == "gain" and (array <= -1.0).any():
+        return "holds a gain of -1 or less", "give relative errors, such as 0.001"
+    if name in ("backlash", "friction", "sag", "joint_error") and (array < 0.0).any():
+        return "holds a negative number", "give numbers >= 0"
+    return None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -139,10 +165,7 @@ class Uncertainty(Value):
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Robots whose dimensions are published, each with its source. A user's own robot stands in a campaign.toml.
-#
-# Frames and units are cpcal's: mm, the pose maps the mobile frame to the base frame. What was changed to get there is
-# said with each robot.
+# Robots whose dimensions are published, each with its source: robots.toml.
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +204,8 @@ class PoseRange(Value):
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """A robot of the catalogue.
+    """A robot of the catalogue, and where its nominal dimensions are published.
 
-    robot      its nominal dimensions
-    source     where they are published, and what was changed
     stroke     mm, shortest and longest reading of a leg
     workspace  the poses to measure; None where six legs are commanded to readings within the stroke
     """
@@ -195,116 +216,25 @@ class KnownRobot:
     workspace: PoseRange | None = None
 
 
-# The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.
-DELTALAB = Robot.from_parameters(
-    "DeltaLab Table of Stewart",
-    [
-        [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0],
-        [223.1792, -151.9573, 0.0, 19.9938, -193.9723, 0.0, 345.0],
-        [243.1885, -117.3002, 0.0, 177.9818, 79.6710, 0.0, 345.0],
-        [20.0093, 269.2575, 0.0, 157.9880, 114.3013, 0.0, 345.0],
-        [-20.0093, 269.2575, 0.0, -157.9880, 114.3013, 0.0, 345.0],
-        [-243.1885, -117.3002, 0.0, -177.9818, 79.6710, 0.0, 345.0],
-    ],
-)
-
-_RUBIN_LOWER = [
-    [-227.647, 653.753, 0.0],
-    [227.647, 653.753, 0.0],
-    [679.990, -129.728, 0.0],
-    [452.343, -524.025, 0.0],
-    [-452.343, -524.025, 0.0],
-    [-679.990, -129.728, 0.0],
-]
-_RUBIN_UPPER = [  # less the height of their plane, 403.918 mm, which is the pose's z when the hexapod is at rest
-    [-472.917, 512.146, 0.0],
-    [472.917, 512.146, 0.0],
-    [679.990, 153.485, 0.0],
-    [207.073, -665.631, 0.0],
-    [-207.073, -665.631, 0.0],
-    [-679.990, 153.485, 0.0],
-]
-_RUBIN_HEIGHT = 403.918
-
-_COGIRO_FRAME = [
-    [-7177.5, -5436.1, 5391.1],
-    [-7459.4, -5150.4, 5399.9],
-    [-7391.1, 5194.0, 5397.6],
-    [-7102.6, 5475.3, 5409.4],
-    [7239.8, 5375.9, 5409.3],
-    [7520.8, 5085.1, 5420.0],
-    [7446.1, -5253.9, 5387.4],
-    [7160.8, -5534.2, 5397.3],
-]
-_COGIRO_PLATFORM = [
-    [503.2, -492.8, 0.0],
-    [-509.7, 350.8, 997.6],
-    [-503.2, -270.0, 0.0],
-    [496.0, 356.1, 999.6],
-    [-503.2, 492.8, 0.0],
-    [499.8, -340.4, 999.1],
-    [502.1, 275.0, -0.7],
-    [-504.5, -346.3, 997.6],
-]
-
-_PLANAR_BASE = [[600.0, 1039.230484541327, 0.0], [0.0, 0.0, 0.0], [1200.0, 0.0, 0.0]]
-_PLANAR_PLATFORM = [
-    [-0.066580445834, 106.954081945581, 0.0],
-    [-92.751709777083, -53.477040972790, 0.0],
-    [92.818290222917, -53.477040972790, 0.0],
-]
+def _known(entry: dict[str, Any]) -> KnownRobot:
+    robot = Robot(entry["name"], entry["base"], entry["mobile"], entry["offset"])
+    place = entry.get("workspace")
+    low, high = entry["stroke"]
+    return KnownRobot(robot, entry["source"], (low, high), None if place is None else PoseRange(**place))
 
 
-def _rubin() -> Robot:
-    lower, upper = np.array(_RUBIN_LOWER), np.array(_RUBIN_UPPER)
-    at_rest = np.linalg.norm(upper + [0.0, 0.0, _RUBIN_HEIGHT] - lower, axis=1)
-    return Robot("Rubin Observatory camera hexapod", lower, upper, at_rest)
-
-
-ROBOTS: dict[str, KnownRobot] = {
-    "deltalab": KnownRobot(
-        DELTALAB,
-        "Daney, Andreff, Chabert, Papegay: Interval method for calibration of parallel robots: vision-based "
-        "experiments. Mechanism and Machine Theory 41 (2006), Table 1.",
-        (0.0, 140.0),
-    ),
-    "rubin-camera": KnownRobot(
-        _rubin(),
-        "Joint centres: CAMERA HEXAPOD STRUT FLEXURE COORDINATES.xlsx in the folder doc of github.com/lsst-ts/"
-        "ts_mthexapod (received 2020-02-13, as constants.py there says); actuator limits of 14.1 mm: constants.py. "
-        "Made by Moog CSA Engineering (Sneed and others: Final design of the LSST hexapods and rotator, 2014). "
-        "Readings are changes of length from rest, as its controller gives them; the mobile frame lies in the plane "
-        "of the upper joints.",
-        (-14.1, 14.1),
-    ),
-    "cogiro": KnownRobot(
-        Robot("CoGiRo cable robot", np.array(_COGIRO_FRAME), np.array(_COGIRO_PLATFORM), np.zeros(8)),
-        "LIRMM and Tecnalia: Cable-suspended parallel robot CoGiRo (2016), and the model CoGiRo, in "
-        "github.com/darwinlau/CASPR, in metres there. Readings are whole cable lengths; the poses to measure are "
-        "a choice of cpcal's inside the frame.",
-        (0.0, 20_000.0),
-        PoseRange(np.array([-4000.0, -3000.0, 1000.0]), np.array([4000.0, 3000.0, 3000.0]), np.array([0.2, 0.2, 0.3])),
-    ),
-    "planar-3rpr": KnownRobot(
-        Robot("Planar 3-RPR robot", np.array(_PLANAR_BASE), np.array(_PLANAR_PLATFORM), np.zeros(3)),
-        "Kotlarski, Heimann, Ortmaier: Influence of kinematic redundancy on the singularity-free workspace of "
-        "parallel kinematic machines. Frontiers of Mechanical Engineering 7 (2012), with the redundant joints locked; "
-        "the numbers are those of the optimisation library Mantella (ParallelKinematicMachine3PRPR), in metres there. "
-        "z, and the tilts about x and y, are fixed; the poses to measure are a choice of cpcal's.",
-        (100.0, 1200.0),
-        PoseRange(np.array([400.0, 150.0, 0.0]), np.array([800.0, 550.0, 0.0]), np.array([0.0, 0.0, 0.5])),
-    ),
-}
+_CATALOGUE = tomllib.loads((files("cpcal.robot") / "robots.toml").read_text(encoding="utf-8"))
+ROBOTS = {name: _known(entry) for name, entry in _CATALOGUE.items()}
+DELTALAB = ROBOTS["deltalab"].robot
 
 
 def known_robot(name: str) -> KnownRobot:
     """The robot in the catalogue as `name` (in any case); InputError lists those there are."""
-    try:
-        return ROBOTS[name.casefold()]
-    except KeyError:
-        near = difflib.get_close_matches(name.casefold(), ROBOTS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else "choose one of " + ", ".join(map(repr, ROBOTS))
-        raise InputError([Problem("robot", f"there is no robot called {name!r}", hint)]) from None
+    if name.casefold() not in ROBOTS:
+        problems, others = Problems(), "choose one of " + ", ".join(map(repr, ROBOTS))
+        problems.add_unknown("robot", f"there is no robot called {name!r}", name.casefold(), ROBOTS, others, None)
+        problems.raise_any()
+    return ROBOTS[name.casefold()]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -313,8 +243,7 @@ def known_robot(name: str) -> KnownRobot:
 # A `Mechanisms` holds the values of a particular robot, leg by leg; `sampled` makes one from sizes. Size zero is
 # the perfect leg. `assembly.py` has the equations and finds the poses of a robot with them.
 
-# The values of one leg: how many numbers, and what is asked of them. None: one number for the whole robot.
-FIELDS: dict[str, int | None] = {
+FIELDS: Widths = {
     "base_axis": 3,
     "base_offset": 1,
     "mobile_axis": 3,
@@ -327,7 +256,6 @@ FIELDS: dict[str, int | None] = {
     "joint_error": 1,
     "joint_phase": 2,
 }
-_UNIT = 1e-6  # tolerance on the norm of an axis
 
 
 def joint_phases(legs: int, stream: np.random.Generator) -> Floats:
@@ -373,19 +301,7 @@ class Mechanisms(Value):
     joint_phase: Floats
 
     def __post_init__(self) -> None:
-        for name, width in FIELDS.items():
-            value: Any = getattr(self, name)
-            fill(self, **{name: float(value) if width is None else frozen_array(value)})
-        problems, legs = [], len(self.backlash) if self.backlash.ndim else 0
-        for name, width in FIELDS.items():
-            held = np.asarray(getattr(self, name))
-            shape = () if width is None else (legs,) if width == 1 else (legs, width)
-            if held.shape != shape:
-                remedy = f"give an array of the shape {shape}"
-                problems.append(Problem(f"mechanisms {name}", f"has the shape {held.shape}", remedy))
-            elif (wrong := wrong_value(name, held)) is not None:
-                problems.append(Problem(f"mechanisms {name}", *wrong))
-        if problems:
+        if problems := frozen_rows(self, "mechanisms", FIELDS, self.backlash):
             raise InputError(problems)
 
     @property
@@ -436,17 +352,3 @@ class Mechanisms(Value):
             joint_error=np.full(legs, joint_error),
             joint_phase=joint_phases(legs, phases),
         )
-
-
-def wrong_value(name: str, value: npt.ArrayLike) -> tuple[str, str] | None:
-    """What is wrong with a field's values of the right shape, and the remedy; None when they are good."""
-    array = np.asarray(value, dtype=np.float64)
-    if not good_numbers(array).all():
-        return f"holds a number that is NaN, infinite or above {LARGEST:g}", "give a number that makes sense"
-    if name.endswith("_axis") and (np.abs(np.linalg.norm(array, axis=-1) - 1.0) > _UNIT).any():
-        return "holds an axis whose norm is not 1", "give unit vectors"
-    if name == "gain" and (array <= -1.0).any():
-        return "holds a gain of -1 or less", "give relative errors, such as 0.001"
-    if name in ("backlash", "friction", "sag", "joint_error") and (array < 0.0).any():
-        return "holds a negative number", "give numbers >= 0"
-    return None

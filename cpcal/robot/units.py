@@ -20,7 +20,6 @@ from cpcal.robot.kinematics import (
     normalised,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
-    quaternion_product,
 )
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
@@ -45,45 +44,29 @@ _FORMS = (
     "give quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, or Euler angles such as euler-xyz-deg "
     "(fixed axes) or euler-ZYX-rad (turned axes)"
 )
-_AXES = {"x": 1, "y": 2, "z": 3}
 
 
 @dataclass(frozen=True)
 class RotationForm:
-    """How rotations are written. `kind` is quaternion, matrix, vector or euler; `detail` the order of its numbers."""
+    """How rotations are written: the columns of a table that hold the numbers, and the unit of angles."""
 
-    kind: str
-    detail: str = ""
+    name: str
+    columns: tuple[str, ...]
     unit: str = "rad"
 
     @classmethod
     def named(cls, name: str) -> RotationForm:
         """The form of that name. Raises InputError, which lists the forms."""
         kind, *rest = str(name).split("-")
-        if kind == "quaternion" and rest in (["wxyz"], ["xyzw"]):
-            return cls(kind, rest[0])
+        if name in ("quaternion-wxyz", "quaternion-xyzw"):
+            return cls(name, tuple(f"q{letter}" for letter in rest[0]))
         if name == "matrix":
-            return cls(kind)
+            return cls(name, tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)))
         if kind == "vector" and len(rest) == 1 and rest[0] in ANGLES:
-            return cls(kind, unit=rest[0])
+            return cls(name, ("rx", "ry", "rz"), rest[0])
         if kind == "euler" and len(rest) == 2 and rest[0] in SEQUENCES and rest[1] in ANGLES:
-            return cls(kind, *rest)
+            return cls(name, ("r1", "r2", "r3"), rest[1])
         raise InputError([Problem("rotation", f"{shown(name)} is no form of rotations", _FORMS)])
-
-    @property
-    def name(self) -> str:
-        """Its name, as `named` reads it."""
-        unit = self.unit if self.kind in ("vector", "euler") else ""
-        return "-".join(part for part in (self.kind, self.detail, unit) if part)
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """The columns of a table that hold its numbers, in the order in which `quaternions` takes them."""
-        if self.kind == "quaternion":
-            return tuple(f"q{letter}" for letter in self.detail)
-        if self.kind == "matrix":
-            return tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-        return ("rx", "ry", "rz") if self.kind == "vector" else ("r1", "r2", "r3")
 
     def quaternions(self, rotations: npt.ArrayLike | Any) -> Floats:
         """(N, 4) unit quaternions of (N, 4), (N, 3, 3), (N, 9) or (N, 3) numbers, or of a scipy Rotation.
@@ -97,68 +80,43 @@ class RotationForm:
         except (TypeError, ValueError) as error:
             raise InputError([Problem("rotations", str(error)[:200], "give an array of numbers")]) from None
         width = len(self.columns)
-        if self.kind == "matrix" and values.ndim == 3 and values.shape[1:] == (3, 3):
+        if width == 9 and values.shape[1:] == (3, 3):
             values = values.reshape(-1, 9)
         if values.ndim != 2 or values.shape[1] != width:
             what = f"have the shape {values.shape} for the form {self.name}"
             raise InputError([Problem("rotations", what, f"give one row of {width} numbers for each measurement")])
-        self._check(values)
-        return self._converted(values)
-
-    def _check(self, values: Floats) -> None:
-        """InputError, with the rows that are no rotations."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            good: Bools = np.asarray(np.isfinite(values).all(axis=1))
-            if self.kind == "quaternion":
-                off = np.abs(np.linalg.norm(values, axis=1) - 1.0)
-                what, remedy = "is a quaternion whose norm is not 1", "check the columns, or divide it by its norm"
-            elif self.kind == "matrix":
-                matrix = values.reshape(-1, 3, 3)
-                square = np.einsum("kji,kjl->kil", matrix, matrix)
-                off = np.abs(square - np.eye(3)).max(axis=(1, 2), initial=0.0)
-                off = np.where(np.linalg.det(np.where(np.isfinite(matrix), matrix, 0.0)) > 0.0, off, np.inf)
+        good: Bools = np.asarray(np.isfinite(values).all(axis=1))
+        finite, off, what, remedy = np.where(good[:, None], values, 0.0), np.zeros(len(values)), "", "correct it"
+        with np.errstate(all="ignore"):
+            if width == 4:
+                norm = np.linalg.norm(finite, axis=1, keepdims=True)
+                off, what = np.abs(norm[:, 0] - 1.0), "is a quaternion whose norm is not 1"
+                remedy = "check the columns, or divide it by its norm"
+                found = np.where(np.abs(norm - 1.0) <= 1e-12, finite, finite / norm)  # a norm of 1: bit for bit
+                found = found if self.columns[0] == "qw" else np.roll(found, 1, axis=1)
+            elif width == 9:
+                matrix = finite.reshape(-1, 3, 3)
+                off = np.abs(np.swapaxes(matrix, 1, 2) @ matrix - np.eye(3)).max(axis=(1, 2), initial=0.0)
+                off = np.where(np.linalg.det(matrix) > 0.0, off, np.inf)
                 what = "is no rotation matrix: its columns are not at right angles, not of length 1, or left-handed"
-                remedy = "check the columns and the frames"
+                found, remedy = quaternion_from_matrix(matrix), "check the columns and the frames"
+            elif self.columns[0] == "rx":
+                found = quaternion_from_rotation_vector(finite * ANGLES[self.unit])
             else:
-                off, what, remedy = np.zeros(len(values)), "", ""
-        bad = np.flatnonzero(~(good & (off <= ROUNDED)))
-        problems = [
-            Problem(f"rotation of row {row}", what if good[row] else "holds a number that is not finite", remedy)
-            for row in bad.tolist()
-        ]
-        if problems:
-            raise InputError(problems[:50], omitted=max(0, len(problems) - 50))
-
-    def _converted(self, values: Floats) -> Floats:
-        if self.kind == "quaternion":
-            ordered = values if self.detail == "wxyz" else np.roll(values, 1, axis=1)
-            return _unit(ordered)
-        if self.kind == "matrix":
-            return quaternion_from_matrix(values.reshape(-1, 3, 3))
-        angles = values * ANGLES[self.unit]
-        if self.kind == "vector":
-            return quaternion_from_rotation_vector(angles)
-        return quaternion_from_euler(self.detail, angles)
+                found = quaternion_from_euler(self.name.split("-")[1], finite * ANGLES[self.unit])
+        problems = Problems()
+        for row in np.flatnonzero(~(good & (off <= ROUNDED))).tolist():
+            wrong = what if good[row] else "holds a number that is not finite"
+            problems.add(Problem(f"rotation of row {row}", wrong, remedy))
+        problems.raise_any()
+        return found
 
 
 def quaternion_from_euler(sequence: str, angles: Floats) -> Floats:
-    """(N, 4) of three angles (N, 3) in rad, in the order of the letters: see the module."""
-    result: Floats | None = None
-    for letter, angle in zip(sequence, angles.T, strict=True):
-        turn = np.zeros((len(angles), 4))
-        turn[:, 0], turn[:, _AXES[letter.lower()]] = np.cos(0.5 * angle), np.sin(0.5 * angle)
-        if result is None:
-            result = turn
-        else:
-            result = quaternion_product(result, turn) if letter.isupper() else quaternion_product(turn, result)
-    assert result is not None
-    return normalised(result)
+    """(N, 4) of three angles (N, 3) in rad, in the order of the letters: see above."""
+    from scipy.spatial.transform import Rotation  # here: it takes a while to load
 
-
-def _unit(quaternion: Floats) -> Floats:
-    """Divided by their norms, but left as they are, bit for bit, where these are 1 already."""
-    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.where(np.abs(norm - 1.0) <= 1e-12, quaternion, quaternion / norm)
+    return normalised(Rotation.from_euler(sequence, angles).as_quat(scalar_first=True))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -218,7 +176,8 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
         target, quoted, plain, unit = match.groups()
         name = plain if quoted is None else quoted
         if target not in names:
-            problems.add_unknown("map", f"unknown column {shown(target)}", target, names, _known(names), None)
+            known_ones = "the columns of a campaign are " + ", ".join(names)
+            problems.add_unknown("map", f"unknown column {shown(target)}", target, names, known_ones, None)
         elif target in found:
             problems.add(Problem("map", f"{target} is given twice", "give it once"))
         if not name:
@@ -231,28 +190,11 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
     return found
 
 
-def _known(names: list[str]) -> str:
-    return "the columns of a campaign are " + ", ".join(names)
-
-
-def is_angle(target: str) -> bool:
-    """Whether a column is an angle; else it is a length, a name, or a number without a unit."""
-    return target in ("r1", "r2", "r3", "rx", "ry", "rz", "drx", "dry", "drz")
-
-
-def is_length(target: str) -> bool:
-    return target in ("x", "y", "z", "dx", "dy", "dz") or re.fullmatch(r"d?L[1-9][0-9]*", target) is not None
-
-
-def unit_problem(target: str, unit: str | None) -> Problem | None:
-    """What is wrong with the unit that a column was given."""
-    if unit is None:
-        return None
-    allowed = list(ANGLES) if is_angle(target) else list(LENGTHS) if is_length(target) else []
-    if unit in allowed:
-        return None
-    remedy = "give one of " + ", ".join(allowed) if allowed else "give no unit"
-    return Problem("map", f"{target} cannot be in {unit}", remedy)
+def units_of(target: str) -> Mapping[str, float]:
+    """The units that a column may be in, and their sizes in mm or rad; none of names, and of numbers without a unit."""
+    if re.fullmatch(r"d?([xyz]|L[1-9][0-9]*)", target):
+        return {unit: float(size) for unit, size in LENGTHS.items()}
+    return ANGLES if re.fullmatch(r"r[123]|d?r[xyz]", target) else {}
 
 
 def half_widths(stated: Floats, values: Mapping[str, Floats], legs: int, count: int) -> Floats:
@@ -263,15 +205,6 @@ def half_widths(stated: Floats, values: Mapping[str, Floats], legs: int, count: 
             own = ~np.isnan(values[name])
             radii[own, column] = values[name][own]
     return radii
-
-
-def require(found: Iterable[str], needed: Iterable[str], where: str) -> None:
-    """InputError with each column that is needed and not there."""
-    have = set(found)
-    missing = [name for name in needed if name not in have]
-    if missing:
-        remedy = "map the table's columns to these names"
-        raise InputError([Problem(where, f"the column {name!r} is missing", remedy) for name in missing], see=YOUR_DATA)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Poses of a robot with imperfect legs: six equations a pose, one a leg, solved by Newton's method.
+"""Poses of a robot with imperfect legs: six equations a pose, one a leg.
 
 The leg of base joint a and mobile joint b joins two points that the imperfect joints move about, and its length
 between them is that of the paper's equation (1) plus what the mechanisms do to it:
@@ -13,6 +13,8 @@ deflection of sqrt(d s / 2.49) in the middle. The sign of the clearance follows 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
@@ -22,17 +24,12 @@ from cpcal.robot import (
     Mechanisms,
     Pose,
     Robot,
-    normalised,
     pose_jacobian,
-    quaternion_from_rotation_vector,
-    quaternion_product,
 )
+from cpcal.robot.kinematics import newton
 from cpcal.simulate.campaigns import joint_effect
 
-_ITERATIONS = 50  # of Newton
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings
-_INCREMENT = 1e-6  # of the difference quotients, relative to the leg lengths
-_MAX_MOVE = 0.1  # relative to the leg lengths: the longest that one Newton step may make
 _CENTRES = 100  # fixed-point steps for the joint centres; each gains a factor of offset / leg length
 _ROUNDS = 10  # of clearance sides and poses in turn
 
@@ -42,22 +39,26 @@ def assembled_with(
 ) -> Pose:
     """The poses (K) of a robot with these mechanisms whose sensors read `readings`, (K, 6) mm.
 
-    `ideal` holds the poses (K) of the perfect robot, from which they are sought; they are returned as they are when
-    they solve the equations. `approach` (K, 6) is +1 where the leg came to its length extending, -1 retracting.
+    `ideal` holds the poses (K) of the perfect robot, from which they are sought; without any imperfection they are
+    returned as they are. `approach` (K, 6) is +1 where the leg came to its length extending, -1 retracting.
 
     The clearances' sides are those that belong to the pose, except where a leg's force changes sign with the side
     itself: that leg floats in its clearance, and ends on one side.
 
     Raises KinematicsError, with the rows that failed, when there is no such pose near.
     """
-    pose = ideal
-    side = clearance_sides(robot, mechanisms, pose, approach)
+    if mechanisms.perfect:
+        return ideal
+    pose, side = ideal, clearance_sides(robot, mechanisms, ideal, approach)
+    accuracy = _ACCURACY * float(np.max(np.abs(readings + robot.offset), initial=1.0))
     for _ in range(_ROUNDS):
-        pose = _newton(robot, mechanisms, readings, pose, side)
-        new = clearance_sides(robot, mechanisms, pose, approach)
-        if not mechanisms.backlash.any() or np.array_equal(new, side):
+        pose, good = newton(robot, partial(leg_gaps, robot, mechanisms, readings, side=side), pose, accuracy)
+        if not good.all():
+            message = f"no pose found for {np.sum(~good)} rows of readings of a robot with these imperfections"
+            raise KinematicsError.of(message, readings, np.flatnonzero(~good), "make them smaller")
+        before, side = side, clearance_sides(robot, mechanisms, pose, approach)
+        if not mechanisms.backlash.any() or np.array_equal(before, side):
             break
-        side = new
     return pose
 
 
@@ -146,56 +147,3 @@ def _upper_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
 
 def _turned(rotation: Floats, vectors: Floats) -> Floats:
     return np.asarray((rotation @ vectors[..., None])[..., 0])
-
-
-def _newton(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose, side: Floats) -> Pose:
-    """Newton's method, damped, with difference quotients; rows that solve their equations are left alone."""
-    position, quaternion = pose.position.copy(), pose.quaternion.copy()
-    size = float(np.max(np.abs(readings + robot.offset), initial=1.0))
-    arm = 1.0 + float(np.max(np.linalg.norm(robot.mobile, axis=1)))  # mm/rad: makes turns lengths
-    todo = np.arange(len(readings))
-    for _ in range(_ITERATIONS):
-        here = Pose(position[todo], quaternion[todo])
-        gap = leg_gaps(robot, mechanisms, readings[todo], here, side[todo])
-        good = np.max(np.abs(gap), axis=1) <= _ACCURACY * size
-        lost = ~np.isfinite(gap).all(axis=1)
-        if good.all():
-            return Pose(position, quaternion)
-        if lost.any():
-            break
-        todo, gap, here = todo[~good], gap[~good], Pose(here.position[~good], here.quaternion[~good])
-        slopes = _slopes(robot, mechanisms, readings[todo], here, side[todo], gap, _INCREMENT * size, arm)
-        try:
-            step = np.linalg.solve(slopes, -gap[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            break
-        longest = np.max(np.abs(step), axis=1, keepdims=True)
-        moved = _moved(here, step / np.maximum(longest / (_MAX_MOVE * size), 1.0), arm)
-        position[todo], quaternion[todo] = moved.position, moved.quaternion
-    rows = tuple(map(int, todo))
-    first = ", ".join(f"{value:.6g}" for value in readings[rows[0]])
-    message = f"no pose found for {len(rows)} rows of readings of a robot with these imperfections (first: {first} mm)"
-    raise KinematicsError(f"{message}: make them smaller", rows)
-
-
-def _slopes(
-    robot: Robot,
-    mechanisms: Mechanisms,
-    readings: Floats,
-    pose: Pose,
-    side: Floats,
-    gap: Floats,
-    increment: float,
-    arm: float,
-) -> Floats:
-    """Derivative of the gaps by (P, arm * rotation vector), (K, n, 6), by forward differences in one call."""
-    shifts = increment * np.eye(6)[:, None]
-    beside = leg_gaps(robot, mechanisms, readings, _moved(pose, shifts, arm), side)
-    return np.moveaxis((beside - gap) / increment, 0, -1)
-
-
-def _moved(pose: Pose, step: Floats, arm: float) -> Pose:
-    """The pose moved by step[..., :3] mm and turned by the rotation vector step[..., 3:] / arm."""
-    turn = quaternion_from_rotation_vector(step[..., 3:] / arm)
-    turned = quaternion_product(*np.broadcast_arrays(turn, pose.quaternion))
-    return Pose(pose.position + step[..., :3], normalised(turned))

@@ -153,8 +153,6 @@ def true_poses(truth: Truth, readings: Floats, stroke: tuple[float, float], runs
     ideal = assembled(robot, readings, stroke)
     ideal = Pose(np.repeat(ideal.position, runs, axis=0), np.repeat(ideal.quaternion, runs, axis=0))
     came = np.where(approach.random((len(readings) * runs, robot.legs)) < 0.5, -1.0, 1.0)
-    if truth.mechanisms.perfect:
-        return ideal
     poses = assembled_with(robot, truth.mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
     check_branch(robot, poses, central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1]))))
     return poses

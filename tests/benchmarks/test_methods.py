@@ -9,7 +9,7 @@ from benchmarks.methods import PEERS, TaskQuestion, method
 from benchmarks.methods.peers import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.problems import Leg, problem
 from benchmarks.runs import MINIMISE, MethodAnswer, Task, Unsupported
-from cpcal.models import residuals
+from cpcal.models import model_residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
 
@@ -36,7 +36,7 @@ def test_the_expanded_rows_are_the_squared_equations() -> None:
         columns[column] = x[B[i]] * x[B[j]]
     value = data.matrix @ columns + data.constant
     reach = data.length + x[OFFSET]
-    distance = residuals(asked.campaign, asked.leg, x) + reach
+    distance = model_residuals(asked.campaign, asked.leg, x) + reach
     for sign in (1.0, -1.0):
         term = sign * 2.0 * eps * reach + eps * eps
         assert value - term == pytest.approx(distance**2 - (reach + sign * eps) ** 2, abs=1e-6)

@@ -100,7 +100,7 @@ def unknowns(rows, truth, readings, a_of, hand, board):
             s = [v / 2 for v in readings[k][3:]]
             scale = 1 + sum(v * v for v in s)
             at += [2 * v / scale for v in s] + list(readings[k][:3])
-    assert len(at) == rows.size == len(rows.unknowns)
+    assert len(at) == len(rows.unknowns)
     return at
 
 
@@ -136,13 +136,13 @@ def test_every_row_holds_at_the_truth_and_equations_are_met(in_hand, stage, wide
     images = [0] if stage == "image" else front
     rows = Rows(study, stage, images, F(0), hand, board, {k: v for k, v in sets.items() if k in images}, box)
     at, kinds = unknowns(rows, truth, readings, a_of, hand, board), set()
-    for side, k in rows.tags():
+    for side, k in rows.tags:
         found = value(rows.row(side, k), at)
         assert found <= 0, (side, k)
         kinds.add(side)
         if side[:-1] in ("turn", "tie") or (side[:-1] == "link" and not wide):
             assert found == 0, (side, k)
-    root = rows.root(box)
+    root = rows.root
     assert all(lo <= v <= hi for lo, v, hi in zip(root.lo, at, root.hi, strict=True))
     assert len(kinds) == {"image": 6, "links": 10, "frames": 10}[stage]
 

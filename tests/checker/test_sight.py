@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cpcal.checker import Refused
+from cpcal.checker.bounds import between, number
 from cpcal.checker.frames import rotation
-from cpcal.checker.lens import Cameras, between, number
+from cpcal.checker.lens import Cameras
 from cpcal.checker.polynomial import dyadics
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import SIDES, Dot, Rows, Sight
@@ -90,7 +91,7 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
     for root in (everywhere, near):
         rows = Rows(sight, range(len(dots)), about, root, placed=False)
         values = {}
-        for side, k in rows.tags():
+        for side, k in rows.tags:
             value = F(0)
             for monomial, c in rows.row(side, k).items():
                 term = F(c)

@@ -13,10 +13,10 @@ def run(*words: object) -> Any:
     return CliRunner().invoke(app, [str(word) for word in words], prog_name="cpcal")
 
 
-def done(*words: object) -> str:
-    """What is said by a command that ends with 0."""
+def done(*words: object, status: int = 0) -> str:
+    """What is said by a command that ends with this status."""
     outcome = run(*words)
-    assert outcome.exit_code == 0, outcome.output
+    assert outcome.exit_code == status, outcome.output
     return str(outcome.output)
 
 

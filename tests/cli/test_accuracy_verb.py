@@ -10,7 +10,7 @@ import cpcal
 from cpcal.checker.command import main
 from cpcal.questions.accuracy import load_accuracy, save_accuracy
 from cpcal.simulate import simulate
-from tests.cli.command import run as command
+from tests.cli.command import done, refused
 
 ERROR = 0.02  # mm: the joint error's amplitude, so the assumption holds
 
@@ -21,50 +21,41 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("accuracy")
     campaign = simulate(seed=3, extremal=False, random_poses=12, noise=0.0, factor=0.0, joint_error=ERROR)
     cpcal.save_campaign(campaign, where / "campaign")
-    command("certify", where / "campaign", "-o", where / "run", "--delta", "8", "--support", "none")
+    done("certify", where / "campaign", "-o", where / "run", "--delta", "8", "--support", "none")
     (where / "poses.csv").write_text("pose,x,y,z,qw,qx,qy,qz\nhome,0,0,360,1,0,0,0\naside,20,-10,365,1,0,0,0\n")
     return where
 
 
-def run(folder, *arguments):
-    return command("accuracy", folder / "run", "-o", folder / "out", *arguments)
+def asked(folder, *arguments):
+    return ("accuracy", folder / "run", "-o", folder / "out", *arguments)
 
 
 def test_the_first_line_is_what_is_assumed_and_what_is_proved_holds_the_truth_and_is_verified(folder):
-    done = run(folder, "--poses", folder / "poses.csv", "--model-error", ERROR)
-    assert done.exit_code == 0, done.output
-    first, *rest = done.output.splitlines()
+    said = done(*asked(folder, "--poses", folder / "poses.csv", "--model-error", ERROR))
+    first, *rest = said.splitlines()
     assert first.startswith("ASSUMED: ")
     assert any(line.startswith("PROVED under the assumption: at 2 of 2 poses") for line in rest)
-    assert "truth is inside" in done.output
+    assert "truth is inside" in said
     out = folder / "out"
     assert "Next poses" in (out / "accuracy.html").read_text()
     assert len(list(out.glob("set-leg*.cert.jsonl"))) == 6
-    checked = command("verify", out)
-    assert checked.exit_code == 0, checked.output
-    assert "2 of 2 poses: PROVED, every pose within +-20.0 mm and +-0.1 rad that the legs allow" in checked.output
+    assert "2 of 2 poses: PROVED, every pose within +-20.0 mm and +-0.1 rad that the legs allow" in done("verify", out)
     assert main([str(out)]) == 0  # the checker alone
     found = load_accuracy(out)
     save_accuracy(dataclasses.replace(found, delta=80.0), out)
-    checked = command("verify", out)
-    assert checked.exit_code == 1
-    assert "accuracy.json: REFUSED, states another delta than is proved" in checked.output
+    assert "accuracy.json: REFUSED, states another delta than is proved" in done("verify", out, status=1)
 
 
 def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):
-    assert run(folder).exit_code == 2
-    done = command("accuracy", tmp_path, "-o", tmp_path / "o", "--workspace", "x=0,y=0,z=400")
-    assert done.exit_code == 2
-    wrong = run(folder, "--workspace", "x=0,y=0", "--model-error", "much")
-    assert wrong.exit_code == 2
-    assert "lacks z" in wrong.output + (wrong.stderr or "")
+    refused(*asked(folder))
+    refused("accuracy", tmp_path, "-o", tmp_path / "o", "--workspace", "x=0,y=0,z=400")
+    assert "lacks z" in refused(*asked(folder, "--workspace", "x=0,y=0", "--model-error", "much"))
 
 
 def test_a_damaged_certificate_of_the_run_is_refused(folder):
     path = folder / "run" / "leg2.cert.jsonl"
     kept = path.read_text()
     path.write_text(kept[:-30])
-    done = run(folder, "--poses", folder / "poses.csv")
+    said = refused(*asked(folder, "--poses", folder / "poses.csv"))
     path.write_text(kept)
-    assert done.exit_code == 2
-    assert "is refused" in done.output + (done.stderr or "")
+    assert "is refused" in said

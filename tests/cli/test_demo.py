@@ -11,7 +11,7 @@ from cpcal.cli.demo import DemoPlan
 from cpcal.cli.verify import check_all, checked_certificates
 from cpcal.files import campaign_sha256, load_study
 from cpcal.questions.points import fits_of
-from tests.cli.command import run
+from tests.cli.command import done, refused, run
 
 SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
 
@@ -74,22 +74,11 @@ def test_report_writes_the_same_page_again(demo, tmp_path):
     page = folder / "report.html"
     first = page.read_bytes()
     page.unlink()
-    outcome = run("report", folder)
-    assert outcome.exit_code == 0, outcome.stderr
+    done("report", folder)
     assert page.read_bytes() == first
     assert run("report", folder, "--campaign", folder / "campaign").exit_code == 2
     next((folder / "fits").glob("x_c.leg*")).unlink()
-    refused = run("report", folder)
-    assert refused.exit_code == 2
-    assert "lacks a certificate of a leg" in refused.stderr
-
-
-def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
-    outcome = run("demo", "-o", tmp_path)
-    assert outcome.exit_code == 2
-    assert "--force" in outcome.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    assert "lacks a certificate of a leg" in refused("report", folder)
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):

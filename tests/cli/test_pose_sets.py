@@ -141,4 +141,4 @@ def test_a_folder_without_images_is_refused(place: tuple[Path, Pose]) -> None:
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
     status, said = run("image", "sets", folder / "empty", *files, "-o", folder / "none", "--plate-exact")
     assert status == 2
-    assert "holds no images" in said
+    assert "holds no PNG, JPEG or TIFF files" in said

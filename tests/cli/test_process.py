@@ -12,7 +12,7 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.certify import show_result
-from cpcal.cli.options import Talk
+from cpcal.cli.terminal import Talk
 from cpcal.models import PLAIN
 from tests.cli.command import run
 
@@ -29,7 +29,7 @@ class Stop:
         if leg == 2:
             os.kill(os.getpid(), signal.NAME)
 
-cpcal.cli.certify.Legs = Stop
+cpcal.cli.certify.leg_progress = Stop
 from cpcal.__main__ import main
 main()
 """

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from rich.console import Console
 
 import cpcal
-from cpcal.cli.progress import Counted, Legs, Line, SearchProgress, line
+from cpcal.cli.terminal import Line, SearchProgress, count_progress, leg_progress, line
 from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
@@ -22,7 +22,7 @@ def told_at(times: Iterable[float], every: float = 10.0) -> tuple[Line, list[str
 
 def test_the_bracket_of_the_leg_at_work_is_told_every_ten_seconds() -> None:
     shown, told = told_at([0.0, 4.0, 9.9, 10.0, 12.0, 21.0])
-    progress = Legs(shown)
+    progress = leg_progress(shown)
     for k in range(5):
         progress(2, Bracket(0.25, 0.5, k, 12, float(k)))
     assert told == [f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s, {k} boxes" for k in (2, 4)]
@@ -42,7 +42,7 @@ def test_a_terminal_shows_one_line_that_goes() -> None:
 
 def test_what_is_counted_has_a_pace_that_leaves_out_what_was_done_before() -> None:
     shown, told = told_at([0.0, 1.0, 20.0])
-    progress = Counted("images", shown)
+    progress = count_progress("images", shown)
     progress(100, 200)
     progress(140, 200)
     assert told == ["images: 140 of 200, 2.00 a second, 30 s left"]

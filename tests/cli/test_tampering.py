@@ -13,15 +13,11 @@ import pytest
 
 import cpcal
 from tests.checker.forged.test_checker_run import uncertified
-from tests.cli.command import run as command
+from tests.cli.command import done, refused
 from tests.cli.conftest import SMALL, certified
 from tests.remembered import verify_once
 
 Tamper = Callable[[Path], None]
-
-
-def verify(*arguments: object) -> Any:
-    return command("verify", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -49,37 +45,24 @@ def stated(change: Callable[[dict[str, Any]], object]) -> Tamper:
     return tamper
 
 
-def leg(**changes: Any) -> Tamper:
-    """The first leg of result.json with other fields; a function makes the new value of the old one."""
+def at(path: str, value: object) -> Tamper:
+    """Another value at a path of result.json, in which a number is a place; a function makes it of the old one."""
 
-    def change(data: dict[str, Any]) -> None:
-        first = data["legs"][0]
-        for name, value in changes.items():
-            part, key = (first["bracket"], name.removeprefix("eps_")) if name in _OF_BRACKET else (first, name)
-            part[key] = value(part[key]) if callable(value) else value
-
-    return stated(change)
-
-
-_OF_BRACKET = {"eps_lo", "eps_hi", "point", "center", "enclosure", "status", "certificate"}
-
-
-def told(**changes: Any) -> Tamper:
-    """The same of the information on the first leg."""
-
-    def change(data: dict[str, Any]) -> None:
-        first = data["legs"][0]
-        for name, value in changes.items():
-            part, key = first["information"], name
-            if name in _OF_BRACKET:
-                part, key = first["bracket"]["information"], name.removeprefix("eps_")
-            elif name == "support":
-                part, key = first["support"]["information"], "ids"
-            elif name == "floor":
-                part = first["information"]["work"]
-            part[key] = value(part[key]) if callable(value) else value
+    def change(data: Any) -> None:
+        *steps, last = (int(step) if step.isdigit() else step for step in path.split("."))
+        for step in steps:
+            data = data[step]
+        data[last] = value(data[last]) if callable(value) else value
 
     return stated(change)
+
+
+def both(*tampers: Tamper) -> Tamper:
+    def tamper(run: Path) -> None:
+        for one in tampers:
+            one(run)
+
+    return tamper
 
 
 def text(name: str, change: Callable[[str], str]) -> Tamper:
@@ -145,67 +128,71 @@ def outer(box: dict[str, Any]) -> dict[str, Any]:
 FIRST = "leg1.cert.jsonl"
 
 
-def _numbers_alone(run: Path) -> None:
-    leg(certificate=None)(run)
-    (run / FIRST).unlink()
+INFORMATION = "legs.0.information"
+
+
+def bracket(key: str, value: object) -> Tamper:
+    return at(f"legs.0.bracket.{key}", value)
 
 
 TAMPERED: dict[str, Tamper] = {
-    "eps_lo is a little more": leg(eps_lo=up),
-    "eps_lo is a little less": leg(eps_lo=down),
-    "eps_lo is 0": leg(eps_lo=0.0),
-    "eps_lo is inf": leg(eps_lo="inf"),
-    "eps_hi is a little less": leg(eps_hi=down),
-    "eps_hi is a little more": leg(eps_hi=up),
-    "eps_hi is 0": leg(eps_hi=0.0, eps_lo=0.0),
-    "eps_hi is inf": leg(eps_hi="inf"),
-    "the point is another": leg(point=moved),
-    "there is no point": leg(point=None),
-    "the center is another": leg(center=lambda x: [x[0] + 1e-9, *x[1:]]),
-    "the center is far away": leg(center=lambda x: [v + 1.0 for v in x]),
-    "the enclosure is smaller": leg(enclosure=inner),
-    "the enclosure is smaller above": leg(enclosure=outer),
-    "the enclosure is empty": leg(enclosure=lambda box: box | {"lo": None, "hi": None}),
-    "the enclosure's parameters trade places": leg(enclosure=lambda box: box | {"names": box["names"][::-1]}),
-    "the verdict is refuted": leg(status="refuted"),
-    "the support has an unknown measurement": told(support=lambda ids: [*ids, "none/1"]),
-    "the support names one twice": told(support=lambda ids: [*ids, ids[0]]),
-    "the certificate is called otherwise": leg(certificate="leg3.cert.jsonl"),
-    "the certificate is that of the other leg": leg(certificate="leg2.cert.jsonl"),
-    "the certificate is outside": leg(certificate="../run/leg1.cert.jsonl"),
-    "the certificate is called nothing": leg(certificate=None),
-    "numbers without a certificate": _numbers_alone,
+    "eps_lo is a little more": bracket("lo", up),
+    "eps_lo is a little less": bracket("lo", down),
+    "eps_lo is 0": bracket("lo", 0.0),
+    "eps_lo is inf": bracket("lo", "inf"),
+    "eps_hi is a little less": bracket("hi", down),
+    "eps_hi is a little more": bracket("hi", up),
+    "eps_hi is 0": both(bracket("hi", 0.0), bracket("lo", 0.0)),
+    "eps_hi is inf": bracket("hi", "inf"),
+    "the point is another": bracket("point", moved),
+    "there is no point": bracket("point", None),
+    "the center is another": bracket("center", lambda x: [x[0] + 1e-9, *x[1:]]),
+    "the center is far away": bracket("center", lambda x: [v + 1.0 for v in x]),
+    "the enclosure is smaller": bracket("enclosure", inner),
+    "the enclosure is smaller above": bracket("enclosure", outer),
+    "the enclosure is empty": bracket("enclosure", lambda box: box | {"lo": None, "hi": None}),
+    "the enclosure's parameters trade places": bracket("enclosure", lambda box: box | {"names": box["names"][::-1]}),
+    "the verdict is refuted": bracket("status", "refuted"),
+    "the support has an unknown measurement": at("legs.0.support.information.ids", lambda ids: [*ids, "none/1"]),
+    "the support names one twice": at("legs.0.support.information.ids", lambda ids: [*ids, ids[0]]),
+    "the certificate is called otherwise": bracket("certificate", "leg3.cert.jsonl"),
+    "the certificate is that of the other leg": bracket("certificate", "leg2.cert.jsonl"),
+    "the certificate is outside": bracket("certificate", "../run/leg1.cert.jsonl"),
+    "the certificate is called nothing": bracket("certificate", None),
+    "numbers without a certificate": both(bracket("certificate", None), lambda run: (run / FIRST).unlink()),
     "not certified, with a certificate beside it": stated(lambda data: uncertified(data["legs"][0])),
-    "certified, but with a reason not to be": told(not_certified="the search was interrupted"),
-    "the leg is the third": leg(leg=3),
-    "the leg is the second": leg(leg=2),
+    "certified, but with a reason not to be": at(f"{INFORMATION}.not_certified", "the search was interrupted"),
+    "the leg is the third": at("legs.0.leg", 3),
+    "the leg is the second": at("legs.0.leg", 2),
     "a leg is left out": stated(lambda data: data["legs"].pop()),
     "a leg is there twice": stated(lambda data: data["legs"].append(data["legs"][0])),
     "no legs at all": stated(lambda data: data["legs"].clear()),
-    "the box was larger": stated(lambda data: data["options"].update(delta=4.0)),
-    "the box was a little larger": stated(lambda data: data["options"].update(delta=2.001)),
-    "the center is called nominal": stated(lambda data: data["options"]["information"].update(center="nominal")),
-    "an eps was asked for": stated(lambda data: data["options"].update(eps=0.1)),
-    "all legs were asked for": stated(lambda data: data["options"].update(legs=None)),
-    "the method was the paper's": stated(
-        lambda data: data["options"]["information"].update(method="timeout", time_limit=60.0)
+    "the box was larger": at("options.delta", 4.0),
+    "the box was a little larger": at("options.delta", 2.001),
+    "the center is called nominal": at("options.information.center", "nominal"),
+    "an eps was asked for": at("options.eps", 0.1),
+    "all legs were asked for": at("options.legs", None),
+    "the method was the paper's": both(
+        at("options.information.method", "timeout"), at("options.information.time_limit", 60.0)
     ),
-    "the gap is narrower than the bracket": stated(lambda data: data["options"]["information"].update(gap=0.0)),
-    "another campaign's digest": stated(lambda data: data["campaign"].update(sha256="0" * 64)),
-    "another robot": stated(lambda data: data["campaign"].update(robot="R2")),
-    "more measurements": stated(lambda data: data["campaign"].update(measurements=13)),
-    "another model": stated(lambda data: data["model"].update(name="gain")),
+    "the gap is narrower than the bracket": at("options.information.gap", 0.0),
+    "another campaign's digest": at("campaign.sha256", "0" * 64),
+    "another robot": at("campaign.robot", "R2"),
+    "more measurements": at("campaign.measurements", 13),
+    "another model": at("model.name", "gain"),
     "a parameter more": stated(
         lambda data: data["model"]["parameters"].append({"name": "s", "unit": "", "half_width": 1.0})
     ),
-    "a text of the model": stated(lambda data: data["model"].update(summary="proved to be right")),
-    "a model of other letters": stated(lambda data: data["model"].update(name="pl\u0430in")),
-    "a parameter is called undetermined": told(determination=lambda old: old | {"rank": 6, "undetermined": ["l"]}),
-    "nothing is said of what is determined": told(determination=None),
-    "a sentence of one's own": leg(sentence="Both bounds are proved by somebody else."),
-    "a reason of one's own": told(not_certified="because it is proved otherwise"),
-    "the second-order effect is called large": lambda run: (
-        stated(lambda data: data["options"]["information"].update(gap=0.0))(run) or told(floor=1e9)(run)
+    "a text of the model": at("model.summary", "proved to be right"),
+    "a model of other letters": at("model.name", "pl\u0430in"),
+    "a parameter is called undetermined": both(
+        at(f"{INFORMATION}.determination.rank", 6), at(f"{INFORMATION}.determination.undetermined", ["l"])
+    ),
+    "nothing is said of what is determined": at(f"{INFORMATION}.determination", None),
+    "a sentence of one's own": at("legs.0.sentence", "Both bounds are proved by somebody else."),
+    "a reason of one's own": at(f"{INFORMATION}.not_certified", "because it is proved otherwise"),
+    "the second-order effect is called large": both(
+        at("options.information.gap", 0.0), at(f"{INFORMATION}.work.floor", 1e9)
     ),
     "a certificate is gone": lambda run: (run / FIRST).unlink(),
     "all certificates are gone": emptied,
@@ -226,21 +213,9 @@ TAMPERED: dict[str, Tamper] = {
 }  # fmt: skip
 
 
-def field(path: str, value: object) -> Tamper:
-    """Another value at a path of result.json; a number in it is a place in a list."""
-
-    def change(data: Any) -> None:
-        *steps, last = (int(step) if step.isdigit() else step for step in path.split("."))
-        for step in steps:
-            data = data[step]
-        data[last] = value
-
-    return stated(change)
-
-
 SHOWN = "legs.0.information.projections"
 GARBLED: dict[str, tuple[Tamper, str]] = {  # and why it is refused
-    f"{path} is {value!r}": (field(path, value), why)
+    f"{path} is {value!r}": (at(path, value), why)
     for path, value, why in (
         ("campaign.sha256", 5, "campaign.sha256 is no text"),
         ("campaign.robot", None, "robot"),
@@ -275,11 +250,10 @@ def test_a_run_that_was_touched_is_refused(run: Path, name: str, monkeypatch: py
     verify_once(monkeypatch)
     tamper, why = TOUCHED[name]
     tamper(run)
-    done = verify(run)
-    assert done.exit_code == 1, done.output
-    assert any("REFUSED" in line and why in line for line in done.output.splitlines())
-    assert "Traceback" not in done.output
-    assert "\x1b" not in done.output
+    said = done("verify", run, status=1)
+    assert any("REFUSED" in line and why in line for line in said.splitlines())
+    assert "Traceback" not in said
+    assert "\x1b" not in said
 
 
 @pytest.mark.parametrize("name", ["eps_lo is 0", "the point is another", "a certificate is gone", next(iter(GARBLED))])
@@ -287,11 +261,10 @@ def test_what_is_refused_has_no_page_and_no_parameters(run: Path, name: str) -> 
     TOUCHED[name][0](run)
     (run / "report.html").unlink()
     for verb in ("report", "export"):
-        outcome = command(verb, run)
-        assert outcome.exit_code == 1, outcome.output
-        assert "run: " in outcome.output
-        assert "REFUSED" in outcome.output
-        assert "a_x" not in outcome.output
+        said = done(verb, run, status=1)
+        assert "run: " in said
+        assert "REFUSED" in said
+        assert "a_x" not in said
     assert not (run / "report.html").exists()
 
 
@@ -303,34 +276,29 @@ def test_files_of_another_run_are_refused(
     for name in files:
         shutil.copy(runs[source] / name, run / name)
     if (files, source) == (["campaign.json"], 2):  # the same campaign
-        assert verify(run).exit_code == 0
+        done("verify", run)
         return
-    assert verify(run).exit_code == 1
+    done("verify", run, status=1)
 
 
 def test_a_run_needs_nothing_else(run: Path, small: Path, runs: tuple[Path, Path, Path]) -> None:
-    done = verify(run)
-    assert done.exit_code == 0, done.output
-    assert "REFUSED" not in done.output
-    assert verify(run, "--campaign", small).exit_code == 0
-    assert command("report", run).exit_code == 0
-    assert verify(run).exit_code == 0  # as the page is none of what was proved
-    assert verify(runs[2]).exit_code == 0
+    assert "REFUSED" not in done("verify", run)
+    done("verify", run, "--campaign", small)
+    done("report", run)
+    done("verify", run)  # as the page is none of what was proved
+    done("verify", runs[2])
 
 
 def test_the_original_files_can_be_compared(run: Path, runs: tuple[Path, Path, Path]) -> None:
-    done = verify(run, "--campaign", runs[1].parent / "campaign")
-    assert done.exit_code == 1
-    assert "another one" in done.output
-    refused = command("report", run, "--campaign", runs[1].parent / "campaign")
-    assert refused.exit_code == 2
+    assert "another one" in done("verify", run, "--campaign", runs[1].parent / "campaign", status=1)
+    refused("report", run, "--campaign", runs[1].parent / "campaign")
 
 
 @pytest.mark.parametrize("missing", ["campaign.json", "result.json"])
 def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> None:
     (run / missing).unlink()
-    assert verify(run).exit_code == {"campaign.json": 2, "result.json": 0}[missing]  # the certificates by themselves
-    assert verify(run, "--campaign", run / "absent").exit_code == 2
+    done("verify", run, status={"campaign.json": 2, "result.json": 0}[missing])  # the certificates by themselves
+    done("verify", run, "--campaign", run / "absent", status=2)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -339,23 +307,20 @@ def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> Non
 
 def test_a_leg_that_is_not_certified_is_named(run: Path) -> None:
     stated(lambda data: uncertified(data["legs"][0]))(run)
-    told(not_certified="the search was interrupted")(run)
+    at(f"{INFORMATION}.not_certified", "the search was interrupted")(run)
     (run / FIRST).unlink()
-    done = verify(run)
-    assert done.exit_code == 0
-    assert "leg 1: NOT CERTIFIED, the search was interrupted" in done.output
-    assert command("report", run).exit_code == 0
+    assert "leg 1: NOT CERTIFIED, the search was interrupted" in done("verify", run)
+    done("report", run)
     assert "ot certified" in (run / "report.html").read_text(encoding="utf-8")
 
 
 def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> None:
     box = {"lo": [0.0] * 7, "hi": [0.0] * 7}
-    leg(ranges=lambda old: {"certificate": None, "information": {"eps": old["eps"], "box": old["box"] | box}})(run)
+    none = {"certificate": None}
+    at("legs.0.ranges", lambda old: none | {"information": {"eps": old["eps"], "box": old["box"] | box}})(run)
     (run / "ranges-leg1.cert.jsonl").unlink()
-    done = verify(run)
-    assert done.exit_code == 0
-    assert "leg 1: its ranges are NOT CERTIFIED" in done.output
-    exported = json.loads(command("export", run, "--format", "json").output)
+    assert "leg 1: its ranges are NOT CERTIFIED" in done("verify", run)
+    exported = json.loads(done("export", run, "--format", "json"))
     first, second = (leg["parameters"]["a_x"] for leg in exported["legs"])
     assert "range_lo" not in first
     assert "range_lo" in second
@@ -364,10 +329,12 @@ def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> 
 
 def test_numbers_that_are_not_certified_are_not_exported_as_if_they_were(run: Path) -> None:
     stated(lambda data: uncertified(data["legs"][0]))(run)
-    told(not_certified="no certificate was asked for", eps_lo=0.0, eps_hi=0.0, point=[0.0] * 7)(run)
-    stated(lambda data: data["options"]["information"].update(tolerance=1.0))(run)
+    at(f"{INFORMATION}.not_certified", "no certificate was asked for")(run)
+    for key, value in (("lo", 0.0), ("hi", 0.0), ("point", [0.0] * 7)):
+        bracket(f"information.{key}", value)(run)
+    at("options.information.tolerance", 1.0)(run)
     (run / FIRST).unlink()
-    exported = json.loads(command("export", run, "--format", "json").output)
+    exported = json.loads(done("export", run, "--format", "json"))
     first, second = exported["legs"]
     assert (exported["verdict"], first["verdict"]) == ("not certified", "not certified")
     assert first["not_certified"] == "no certificate was asked for"
@@ -379,8 +346,8 @@ def test_numbers_that_are_not_certified_are_not_exported_as_if_they_were(run: Pa
 def test_legs_that_nobody_asked_about_are_named(run: Path) -> None:
     """A leg that fails could be left out of a run, and what is left would look like the robot."""
     sentence = "Not asked about, and not judged: leg 3, 4, 5, 6."
-    assert sentence in verify(run).output
-    assert command("report", run).exit_code == 0
+    assert sentence in done("verify", run)
+    done("report", run)
     assert sentence in (run / "report.html").read_text(encoding="utf-8")
-    exported = json.loads(command("export", run, "--format", "json").output)
+    exported = json.loads(done("export", run, "--format", "json"))
     assert exported["missing_legs"] == [3, 4, 5, 6]

@@ -19,26 +19,7 @@ from tests.cli.command import done, refused, run
 from tests.robot.wrong_ways import WRONG_WAYS
 
 # ------------------------------------------------------------------------------------------------------------------
-# The verbs, in one process: what they write, print and refuse.
-
-
-def squeezed(text):
-    return " ".join(text.replace("│", " ").split())
-
-
-@pytest.fixture(scope="module")
-def certified(campaign, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cli") / "run"
-    return folder, run("certify", campaign, "-o", folder, "--legs", "1")
-
-
-def test_plugins_lists_the_contractors():
-    outcome = run("plugins")
-    assert outcome.exit_code == 0
-    assert "lifted" in outcome.stdout
-    assert "hc4" in outcome.stdout
-    assert "cpcal.contractors" in outcome.stdout
-
+# `cpcal simulate`, `plugins` and `check`.
 
 COMMON = {"seed": 5, "runs": 2, "random_poses": 3, "noise": 0.5, "truncate": 2.0, "deviation": 0.5}
 COMMON |= {"joint_error": 0.5, "stroke": (10.0, 130.0)}
@@ -71,14 +52,14 @@ def test_a_study_of_the_given_options_is_written(tmp_path):
         assert (tmp_path / "same" / name).read_bytes() == (new / name).read_bytes()
 
 
-def test_simulate_refuses_a_folder_that_holds_something(tmp_path):
+@pytest.mark.parametrize("verb", [("simulate", "deltalab"), ("demo",)])
+def test_a_folder_that_holds_something_is_refused(tmp_path, verb):
     (tmp_path / "mine.txt").write_text("precious")
-    refused = run("simulate", "deltalab", "-o", tmp_path)
-    assert refused.exit_code == 2
-    assert "--force" in refused.stderr
+    assert "--force" in refused(*verb, "-o", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
-    assert run("simulate", "deltalab", "-o", tmp_path, "--force").exit_code == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["campaign.toml", "measurements.csv", "mine.txt"]
+    if verb != ("demo",):
+        done(*verb, "-o", tmp_path, "--force")
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["campaign.toml", "measurements.csv", "mine.txt"]
 
 
 @pytest.mark.parametrize(
@@ -96,54 +77,58 @@ def test_simulate_refuses_a_folder_that_holds_something(tmp_path):
     ],
 )
 def test_simulate_refuses_senseless_options(tmp_path, arguments, texts):
-    outcome = run("simulate", *arguments, "-o", tmp_path / "c")
-    assert outcome.exit_code == 2
-    assert all(text in outcome.stderr for text in texts)
+    said = refused("simulate", *arguments, "-o", tmp_path / "c")
+    assert all(text in said for text in texts)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_certify_writes_and_prints_the_answer(certified):
-    folder, outcome = certified
-    assert outcome.exit_code == 0
-    assert sorted(p.name for p in folder.iterdir()) == [
-        "campaign.json",
-        "leg1.cert.jsonl",
-        "ranges-leg1.cert.jsonl",
-        "report.html",
-        "result.json",
-    ]
-    result = cpcal.load_result(folder)
-    leg = result.legs[0]
-    assert leg.bracket.verdict is cpcal.Verdict.PROVED
-    text = squeezed(outcome.stdout)
-    for piece in (
-        "64 measurements",
-        "Leg 1: fits to within ",
-        "look at ",
-        "next: state a tolerance",
-        "for every measurement some reading in its set",
-    ):
-        assert piece in text
-    assert str(folder / "report.html") in outcome.stdout
-    assert outcome.stderr == ""  # no progress where no terminal is
+def test_plugins_lists_the_contractors():
+    said = done("plugins")
+    assert all(name in said for name in ("lifted", "hc4", "cpcal.contractors"))
 
 
-def test_certify_replaces_an_earlier_run(campaign, tmp_path):
-    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")
-    assert outcome.exit_code == 0  # "refuted" is an answer
-    (tmp_path / "notes.txt").write_text("mine")
-    assert run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1").exit_code == 0
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert not (tmp_path / "leg2.cert.jsonl").exists()
-    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
-    assert "does not fit to within 0.1 mm" in outcome.stdout
+TRUE = simulate(seed=2, random_poses=20)
+
+
+@pytest.mark.parametrize("way", ["none", "quaternion scalar last", "one outlier"])
+def test_a_campaign_is_called_good_or_each_finding_is_a_line_and_status_1(tmp_path, way):
+    make, expected = WRONG_WAYS.get(way, (lambda campaign: campaign, None))
+    save_campaign(make(TRUE), tmp_path)
+    said = done("check", tmp_path, status=0 if expected is None else 1)
+    findings = [line for line in said.splitlines() if line.startswith("! ")]
+    if expected is None:
+        assert findings == []
+        assert all(text in said for text in ("84 measurements, 6 legs", "7 of 7", "Nothing looks wrong."))
+    else:
+        (line,) = findings
+        assert expected in line
+    refused("check", tmp_path / "none")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal certify`.
+
+
+def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campaign, tmp_path):
+    said = done("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")  # "refuted" is an answer
+    assert "does not fit to within 0.1 mm" in said
     assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
+    (tmp_path / "notes.txt").write_text("mine")
+    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1")
+    assert (outcome.exit_code, outcome.stderr) == (0, "")  # no progress where no terminal is
+    names = ["campaign.json", "leg1.cert.jsonl", "notes.txt", "ranges-leg1.cert.jsonl", "report.html", "result.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == names
+    assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.PROVED
+    pieces = ("64 measurements", "Leg 1: fits to within ", "look at ", "next: state a tolerance")
+    text = " ".join(outcome.stdout.split())
+    for piece in (*pieces, "for every measurement some reading in its set", str(tmp_path / "report.html")):
+        assert piece in text
 
 
 def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
-    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9")
-    assert outcome.exit_code == 1
-    assert "undecided" in outcome.stdout
+    said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9", status=1)
+    assert "undecided" in said
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.UNKNOWN
 
 
@@ -160,10 +145,8 @@ def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     ],
 )
 def test_certify_refuses_bad_options(campaign, tmp_path, arguments, texts):
-    outcome = run("certify", campaign, "-o", tmp_path / "run", *arguments)
-    assert outcome.exit_code == 2
-    assert all(text in outcome.stderr for text in texts)
-    assert outcome.stdout == ""
+    said = refused("certify", campaign, "-o", tmp_path / "run", *arguments)
+    assert all(text in said for text in texts)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -173,115 +156,93 @@ def test_certify_lists_every_problem_of_a_campaign(campaign, tmp_path):
     toml = (campaign / "campaign.toml").read_text(encoding="utf-8")
     lines = (campaign / "measurements.csv").read_text(encoding="utf-8").splitlines()
     (broken / "campaign.toml").write_text(toml + "\n[strange]\n", encoding="utf-8")
-    lines[3] = lines[3].replace(lines[3].split(",")[2], "nan")
-    lines[5] = lines[5].replace(lines[5].split(",")[2], "a\x1b[2Jb")
+    for k, cell in ((3, "nan"), (5, "a\x1b[2Jb")):
+        lines[k] = lines[k].replace(lines[k].split(",")[2], cell)
     (broken / "measurements.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    outcome = run("certify", broken, "-o", tmp_path / "run")
-    assert outcome.exit_code == 2
-    assert outcome.stderr.startswith("cpcal: 3 problems in the input:")
-    assert "measurements.csv:4" in outcome.stderr
-    assert "measurements.csv:6" in outcome.stderr
-    assert "strange" in outcome.stderr
-    assert "\x1b" not in outcome.stderr
+    said = refused("certify", broken, "-o", tmp_path / "run")
+    assert said.startswith("cpcal: 3 problems in the input:")
+    assert all(text in said for text in ("measurements.csv:4", "measurements.csv:6", "strange"))
+    assert "\x1b" not in said
     assert not (tmp_path / "run").exists()
 
 
-def test_a_run_that_cannot_be_written_is_refused_at_once(campaign, tmp_path):
+def test_a_run_that_cannot_be_written_is_refused_at_once_or_its_answer_is_printed(campaign, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     assert "run: cannot be written: Not a directory" in refused("certify", campaign, "-o", tmp_path / "file" / "run")
 
-
-def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monkeypatch):
     def full(_result, folder):
         raise unwritable(folder, OSError(28, "No space left on device"))
 
     monkeypatch.setattr("cpcal.cli.certify.save_result", full)
-    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
+    outcome = run("certify", campaign, "-o", tmp_path / "run", "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
     assert "Leg 1: does not fit to within 0.1 mm" in outcome.stdout
     assert "No space left" in outcome.stderr
 
 
-@pytest.mark.parametrize(("tolerance", "status", "word"), [("50", 0, "pass"), ("0.01", 1, "fail")])
-def test_a_tolerance_is_passed_or_failed(campaign, tmp_path, tolerance, status, word):
-    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", tolerance)
-    assert outcome.exit_code == status
-    assert f"Leg 1: {word}, " in outcome.stdout
-    assert f">{word}<" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert cpcal.load_result(tmp_path).options.tolerance == float(tolerance)
+def test_a_tolerance_is_passed(campaign, tmp_path):
+    said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", "50")
+    assert "Leg 1: pass, " in said
+    assert ">pass<" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert cpcal.load_result(tmp_path).options.tolerance == 50.0
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # How much a verb says: a short end, everything, nothing, a record; and help that can be tried.
 
 
+def recorded(path):
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
 def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(campaign, tmp_path):
-    outcome = run("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", tmp_path / "log.jsonl")
-    assert outcome.exit_code == 1
-    lines = outcome.stdout.splitlines()
+    log = tmp_path / "log.jsonl"
+    said = done("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", log, status=1)
+    lines = said.splitlines()
     assert len(lines) <= 12
     assert [line[:6] for line in lines if line.startswith("Leg")] == [f"Leg {k}:" for k in range(1, 7)]
     assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
     assert "tolerance 0.55 mm: FAIL" in lines[0]
-    records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert ">fail<" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    records = recorded(log)
     assert {"began", "certify", "bracket", "kept", "leg", "written", "ended"} == {record["event"] for record in records}
     assert (records[0]["command"], records[-1]["status"]) == ("certify", 1)
     assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
     assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)
 
 
-def test_verbose_shows_tables_with_their_frame_and_quiet_shows_nothing(campaign, tmp_path):
-    loud = run("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").stdout
-    for piece in (
-        "eps_lo [mm]",
-        "Parameters [mm]",
-        "b_z",
-        "in the base frame of the campaign's poses",
-        "there exists a reading",
-    ):
-        assert piece in " ".join(loud.split())
-    silent = run("certify", campaign, "-o", tmp_path / "q", "--legs", "1", "-q")
-    assert (silent.exit_code, silent.stdout, silent.stderr) == (0, "", "")
-    assert (tmp_path / "q" / "report.html").exists()
-
-
-def test_a_log_holds_what_went_wrong(campaign, tmp_path):
-    log = tmp_path / "log.jsonl"
-    outcome = run("certify", campaign, "-o", tmp_path / "r", "--eps", "-1", "--log", log)
-    assert outcome.exit_code == 2
-    last = json.loads(log.read_text(encoding="utf-8").splitlines()[-1])
-    assert (last["event"], last["kind"]) == ("failed", "InputError")
-    assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
-
-
-LONG = ("certify", "accuracy", "solve", "image detect", "image sets", "calibrate", "demo", "verify", "handeye certify")
+def test_verbose_shows_tables_with_their_frame(campaign, tmp_path):
+    loud = " ".join(done("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").split())
+    pieces = ("eps_lo [mm]", "Parameters [mm]", "b_z", "there exists a reading")
+    assert all(piece in loud for piece in (*pieces, "in the base frame of the campaign's poses"))
 
 
 def test_a_quiet_verb_prints_nothing_and_its_record_says_how_it_ended(campaign, tmp_path):
     folder, log = tmp_path / "r", tmp_path / "log.jsonl"
     asked = (
-        ("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"),
-        ("verify", folder),
-        ("verify", folder, "--campaign", folder),  # no folder of a campaign: unusable
+        (("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"), 0, 0),
+        (("verify", folder), 0, 0),
+        (("verify", folder, "--campaign", folder), 2, "InputError"),  # no folder of a campaign: unusable
+        (("certify", campaign, "-o", tmp_path / "other", "--eps", "-1"), 2, "InputError"),
     )
-    ended = []
-    for arguments in asked:
+    for arguments, status, _ in asked:
         outcome = run(*arguments, "-q", "--log", log)
-        assert outcome.stdout == ""
-        ended.append(outcome.exit_code)
-    records = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    assert [one["command"] for one in records if one["event"] == "began"] == ["certify", "verify", "verify"]
-    assert [one.get("status", one.get("kind")) for one in records if one["event"] in ("ended", "failed")] == [
-        0,
-        0,
-        "InputError",
-    ]
-    assert ended == [0, 0, 2]
+        assert (outcome.stdout, outcome.exit_code) == ("", status)
+        assert bool(outcome.stderr) == bool(status)
+    assert (folder / "report.html").exists()
+    records = recorded(log)
+    assert [one["command"] for one in records if one["event"] == "began"] == [words[0] for words, *_ in asked]
+    ends = [one.get("status", one.get("kind")) for one in records if one["event"] in ("ended", "failed")]
+    assert ends == [end for *_, end in asked]
+    refused("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path)  # a folder
+
+
+LONG = ("certify", "accuracy", "solve", "image detect", "image sets", "calibrate", "demo", "verify", "handeye certify")
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_type(verb):
-    text = " ".join(run(*verb.split(), "--help").stdout.split())
+    text = " ".join(done(*verb.split(), "--help").split())
     example = VERBS[verb].example
     assert f"Example: cpcal {example[:30]}" in text
     assert "<bool>" not in text
@@ -297,40 +258,7 @@ def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_t
 
 
 def test_several_models_end_with_a_line_a_leg(campaign, tmp_path):
-    outcome = run("certify", campaign, "-o", tmp_path, "--model", "plain,gain", "--legs", "1", "--tolerance", "0.01")
-    assert outcome.exit_code == 1
-    lines = outcome.stdout.splitlines()
+    asked = ("--model", "plain,gain", "--legs", "1", "--tolerance", "0.01")
+    lines = done("certify", campaign, "-o", tmp_path, *asked, status=1).splitlines()
     assert len(lines) <= 12
     assert any(line.startswith("leg 1: plain ") and "fail" in line and "no model passes" in line for line in lines)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# `cpcal check`: what it prints, and its exit status.
-
-TRUE = simulate(seed=2, random_poses=20)
-
-
-def check(campaign, folder):
-    save_campaign(campaign, folder)
-    return run("check", folder)
-
-
-def test_a_good_campaign_is_called_so_with_status_0(tmp_path):
-    result = check(TRUE, tmp_path)
-    assert result.exit_code == 0
-    assert "84 measurements, 6 legs" in result.stdout
-    assert "7 of 7" in result.stdout
-    assert "Nothing looks wrong." in result.stdout
-
-
-@pytest.mark.parametrize("way", ["quaternion scalar last", "one outlier"])
-def test_a_finding_is_a_line_and_status_1(tmp_path, way):
-    make, expected = WRONG_WAYS[way]
-    result = check(make(TRUE), tmp_path)
-    assert result.exit_code == 1
-    (line,) = (line for line in result.stdout.splitlines() if line.startswith("! "))
-    assert expected in line
-
-
-def test_an_unusable_campaign_is_status_2(tmp_path):
-    assert run("check", tmp_path / "none").exit_code == 2

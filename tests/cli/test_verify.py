@@ -24,10 +24,9 @@ def test_a_bound_that_is_not_proved_is_refused(genuine, small, tmp_path):
     forged = tmp_path / "forged.cert.jsonl"
     forged.write_text("\n".join(lines) + "\n")
     shutil.copy(genuine / "campaign.json", tmp_path)
-    outcome = run("verify", forged, "--campaign", small)
-    assert outcome.exit_code == 1
-    assert "REFUSED" in outcome.output
-    assert "still open below eps_lo" in outcome.output
+    said = done("verify", forged, "--campaign", small, status=1)
+    assert "REFUSED" in said
+    assert "still open below eps_lo" in said
     assert "PROVED" in done("verify", genuine / "leg2.cert.jsonl", "--campaign", small)
 
 
@@ -93,9 +92,8 @@ def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch):
     monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: -(-whole // legs))
     done("verify", folder)
     monkeypatch.setattr("cpcal.checker.run.leg_work", lambda *_: whole // legs - 1)
-    outcome = run("verify", folder)
-    assert outcome.exit_code == 1
-    refused = [line for line in outcome.output.splitlines() if "takes more work than the" in line]
+    said = done("verify", folder, status=1)
+    refused = [line for line in said.splitlines() if "takes more work than the" in line]
     assert [line.split(":")[0] for line in refused] == [max(among.names)]
 
 
@@ -113,6 +111,4 @@ def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path
 def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
     RUNS["fits"](tmp_path)
     (tmp_path / "run" / "campaign.json").write_text("{}")
-    outcome = run("verify", tmp_path / "run")
-    assert outcome.exit_code == 1
-    assert "run: REFUSED, campaign.json: it holds another key than" in outcome.output
+    assert "run: REFUSED, campaign.json: it holds another key than" in done("verify", tmp_path / "run", status=1)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contractors import HC4, Lifted
 from contractors.lifted import Directions, over_box
 from cpcal.calibration import least_squares
-from cpcal.models import leg_box, leg_network, residuals
+from cpcal.models import leg_box, leg_network, model_residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
@@ -67,14 +67,14 @@ def test_they_hold_every_sampled_solution_of_a_leg(arithmetic: str, seed: int) -
     campaign = simulate(seed=int(rng.integers(1000)), joint_error=1.0, factor=0.0, random_poses=12, extremal=False)
     leg, eps = int(rng.integers(1, 7)), 10.0 ** rng.uniform(-1, 1.5)
     center = least_squares(campaign, leg)
-    eps += float(np.abs(residuals(campaign, leg, center)).max())
+    eps += float(np.abs(model_residuals(campaign, leg, center)).max())
     engine = get_arithmetic(arithmetic)
     net = leg_network(campaign, leg, leg_box(center, 10.0 * eps), engine=engine, eps=(eps, eps))
     directions = rng.normal(0, 1, (12, 8)) * 10.0 ** rng.uniform(-6, 6, (12, 1)) * rng.integers(0, 2, (12, 8))
     bounds = Lifted(net, arithmetic=arithmetic).support_function(net.domain, directions)
     assert (bounds <= over_box(engine, net.domain, directions)).all()
     near = center + eps * rng.normal(0, 1, (500, 7)) * 10.0 ** rng.uniform(-2, 0.3, (500, 1))
-    solved = [x for x in near if np.abs(residuals(campaign, leg, x)).max() < eps * (1 - 1e-9)]
+    solved = [x for x in near if np.abs(model_residuals(campaign, leg, x)).max() < eps * (1 - 1e-9)]
     for x in [center, *solved]:
         point = np.append(x, eps)
         assert point not in net.domain or holds(directions, bounds, point)

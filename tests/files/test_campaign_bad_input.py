@@ -138,9 +138,9 @@ def test_a_bad_line_of_measurements(tmp_path, line, row, what, remedy):
 def test_bad_override_cells(tmp_path, cell, what):
     lines = CSV.splitlines()
     table = "\n".join([lines[0] + ",dy", lines[1] + ",", lines[2] + "," + cell, lines[3] + ",0"])
-    (row,) = refused(tmp_path, table=table)
-    assert row[1] == 3
-    assert what in row[2]
+    ((_, line, said, _),) = refused(tmp_path, table=table)
+    assert line == 3
+    assert what in said
 
 
 def test_a_quaternion_within_the_tolerance_is_taken_as_it_is(tmp_path):
@@ -150,33 +150,19 @@ def test_a_quaternion_within_the_tolerance_is_taken_as_it_is(tmp_path):
 
 @pytest.mark.parametrize("table", [b"", b"\n \n\r\n", b"\xef\xbb\xbf"])
 def test_empty_files(tmp_path, table):
-    found = refused(tmp_path, toml=table, table=table)
-    assert [row[:3] for row in found] == [
-        ("campaign.toml", 1, "is empty"),
-        ("measurements.csv", 1, "is empty"),
-    ]
-
-
-def test_no_measurements(tmp_path):
-    assert refused(tmp_path, table=CSV.splitlines()[0])[0][:3] == (
-        "measurements.csv",
-        1,
-        "holds no measurements",
-    )
+    found = [row[:3] for row in refused(tmp_path, toml=table, table=table)]
+    assert found == [("campaign.toml", 1, "is empty"), ("measurements.csv", 1, "is empty")]
+    assert refused(tmp_path, table=CSV.splitlines()[0])[0][:3] == ("measurements.csv", 1, "holds no measurements")
 
 
 def test_missing_files_and_folders(tmp_path):
     found = refused(tmp_path, toml=None, table=None)
-    assert [row[0] for row in found] == ["campaign.toml", "measurements.csv"]
-    assert all(row[2] == "does not exist" for row in found)
-    with pytest.raises(InputError, match="does not exist"):
-        load_campaign(tmp_path / "nowhere")
+    assert [row[::2] for row in found] == [(name, "does not exist") for name in ("campaign.toml", "measurements.csv")]
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="is not a folder"):
-        load_campaign(tmp_path / "file")
     (tmp_path / "measurements.csv").mkdir()
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
-        load(tmp_path, table=None)
+    for folder, what in (("nowhere", "does not exist"), ("file", "not a folder"), ("", "cannot be read: Is a dir")):
+        with pytest.raises(InputError, match=what):
+            load_campaign(tmp_path / folder)
 
 
 def test_binary_rubbish(tmp_path):
@@ -209,20 +195,11 @@ def test_malicious_toml_ends(tmp_path, toml):
 def test_everything_wrong_in_both_files_is_said_at_once(tmp_path):
     toml = TOML.replace("factor = 3.0", "factor = -1").replace('name = "two legs"', "nam = 1")
     table = CSV.replace("0.6,0.8", "0.6,0.9").replace("a,2,1,2,3", "a,2,one,nan,3")
-    found = refused(tmp_path, toml, table)
-    assert [row[:2] for row in found] == [
-        ("campaign.toml", 3),
-        ("campaign.toml", 2),
-        ("campaign.toml", 12),
-        ("measurements.csv", 3),
-        ("measurements.csv", 3),
-        ("measurements.csv", 4),
-    ]
-
-
-def test_rows_are_checked_even_when_the_robot_is_unusable(tmp_path):
-    found = refused(tmp_path, toml="rubbish", table=CSV.replace("b,1,1", "b,1,?"))
-    assert [row[:2] for row in found] == [("campaign.toml", 1), ("measurements.csv", 4)]
+    rows = [("measurements.csv", 3), ("measurements.csv", 3), ("measurements.csv", 4)]
+    found = [row[:2] for row in refused(tmp_path, toml, table)]
+    assert found == [*(("campaign.toml", line) for line in (3, 2, 12)), *rows]
+    unusable = [row[:2] for row in refused(tmp_path, "rubbish", table)]  # rows are checked all the same
+    assert unusable == [("campaign.toml", 1), *rows]
 
 
 def test_fifty_problems_are_listed_and_the_others_counted(tmp_path):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 
 import pytest
 
@@ -114,38 +112,17 @@ def test_other_types_are_refused(tmp_path, key, value, text):
     assert "\x1b" not in str(caught.value)
 
 
-@pytest.mark.parametrize("key", ["name", "inner", "box", "called"])
-def test_every_field_is_needed(tmp_path, key):
+def test_every_field_is_needed(tmp_path):
     data = json.loads(text_of(VALUE, FORMAT))
-    del data[key]
-    (tmp_path / "x.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match=f"lacks {key}"):
-        load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
+    for key in data:
+        (tmp_path / "x.json").write_text(json.dumps({k: v for k, v in data.items() if k != key}))
+        with pytest.raises(InputError, match="not of format" if key == "format" else f"lacks {key}"):
+            load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"{",
-        b"[]",
-        b"null",
-        b"\xff",
-        b'{"format": NaN}',
-        b'{"format": 1e999}',
-        b'{"format": ' + b"9" * 5000 + b"}",
-        b'{"format": ' + b"[" * 100_000,
-        b'{"format": "x", "format": "x"}',
-    ],
-)
+@pytest.mark.parametrize("content", [b"", b"[]", b'{"format": NaN}', b'{"format": "x", "format": "x"}'])
 def test_hostile_files_give_one_clear_error(tmp_path, content):
+    """What else a file can hold: test_documents."""
     (tmp_path / "x.json").write_bytes(content)
     with pytest.raises(InputError, match=r"x\.json"):
         load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
-
-
-def test_what_is_no_file_is_not_read(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path, tmp_path / "absent"):
-        with pytest.raises(InputError, match=r"cannot be read|does not exist"):
-            load(Outer, path, FORMAT, remedy="again")

@@ -28,12 +28,8 @@ from cpcal.questions import hand_eye
 from cpcal.questions.hand_eye import (
     Within,
     certify_hand_eye,
-    exact_readings,
-    find_wrong_images,
     load_hand_eye_result,
-    load_wrong_images,
     save_hand_eye_result,
-    save_wrong_images,
     verify_hand_eye,
 )
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -53,7 +49,7 @@ class Run:
     folder: Path
     study: HandEyeStudy
     truth: HandEyeFrames | None
-    result: Any = None  # of either kind
+    result: Any = None
 
 
 def certified(run, **options):
@@ -101,25 +97,19 @@ def wrong(tmp_path_factory):
     moved[4] += [8.0, -5.0, 4.0]
     study = replace(simulated.study, poses=Pose(moved, simulated.study.poses.quaternion))
     run = Run(tmp_path_factory.mktemp("runs") / "wrong", study, simulated.truth)
-    run.folder.mkdir()
-    (run.folder / "study.json").write_bytes(study_json(study))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hand_eye, "_TRIALS", 4)
-        run.result = find_wrong_images(study, 1, run.folder, within=NEAR)
-    save_wrong_images(run.result, run.folder)
-    return run
+        return certified(run, outliers=1, within=NEAR)
 
 
 # what is true ------------------------------------------------------------------------------------------------------
 
 
 def test_runs_are_verified_and_read_back(exact_run, uncertain, wrong):
-    for run in (exact_run, uncertain):
+    for run in (exact_run, uncertain, wrong):
         assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
         assert load_hand_eye_result(run.folder) == run.result
         assert load_study_json(run.folder) == run.study
-    assert [accepted for accepted, _ in verify_hand_eye(wrong.folder)] == [True] * 5
-    assert load_wrong_images(wrong.folder) == wrong.result
 
 
 def checked_alone(run, *options):
@@ -184,12 +174,14 @@ def test_the_wrong_image_is_named_and_proved(wrong):
     assert found.left_out == ("image005",)
     assert [image for image, _ in found.blamed] == ["image005"]
     assert 0.0 < found.eps_lo <= found.eps_hi <= 0.2
+    assert max(found.classical.images, key=lambda verdict: verdict.largest).image == "image005"
+    assert found.support
 
 
 def test_the_point_explains_the_pixels_at_its_readings_and_not_at_the_stated_poses(uncertain):
     study, result = exact_study(uncertain.study), uncertain.result
     point = result.point.numbers
-    assert largest(errors(study, point, exact_readings(result.readings))) <= result.eps_hi
+    assert largest(errors(study, point, tuple(map(exact, result.readings)))) <= result.eps_hi
     assert largest(errors(study, point)) > result.eps_hi
     assert (np.abs(np.array(result.readings)) <= uncertain.study.pose_half_width).all()
 
@@ -211,10 +203,10 @@ def test_a_tolerance_below_the_bracket_is_refuted(exact_run, tmp_path):
     assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
 
 
-def test_too_many_wrong_images_for_the_study_are_refused(tmp_path):
+def test_too_many_wrong_images_for_the_study_are_refused():
     study = simulate_hand_eye(images=9, corners=(3, 3), seed=1).study
     with pytest.raises(InputError, match="outliers: is 2 of 9 images"):
-        find_wrong_images(study, 2, tmp_path)
+        certify_hand_eye(study, outliers=2)
 
 
 def test_a_run_without_time_says_so_and_is_verified(exact_run, tmp_path):
@@ -247,6 +239,10 @@ def without_one(*place):
     return put(*place, to=lambda values: values[:-1])
 
 
+def lower_by(certificate):
+    return put("lower", 0, "certificate", to=certificate)
+
+
 UP, DOWN = (lambda v: v * (1 + 1e-9)), (lambda v: v * (1 - 1e-9))
 BOX = "speaks of another box"
 NUMBERS = {
@@ -256,7 +252,7 @@ NUMBERS = {
     "a smaller upper end": (put("eps_hi", to=DOWN), "upper end", "not the largest error of a pixel at the point"),
     "a larger upper end": (put("eps_hi", to=UP), "upper end", "not the largest error of a pixel at the point"),
     "another point": (put("point", "camera_position", 0, to=plus(1e-3)), "upper end", "not the largest error"),
-    "a smaller tolerance of the ranges": (put("ranges", "eps", to=DOWN), "ranges", "at another tolerance"),
+    "a smaller tolerance of the ranges": (put("eps", to=DOWN), "ranges", "at another tolerance"),
     "a larger tolerance": (put("tolerance", to=UP), "ranges", "at another tolerance"),
     "no tolerance": (put("tolerance", to=None), "ranges", "at another tolerance"),
     "a range with a larger lower end": (put("ranges", "low", 0, to=plus(1e-3)), "ranges", "another ranges than"),
@@ -278,11 +274,11 @@ NUMBERS = {
     "an image more": (put("images", to=plus(1)), "box", "another study"),
     "a point more": (put("points", to=plus(1)), "box", "another study"),
     "another setup": (put("setup", to="eye-to-foot"), "box", "another study"),
-    "a certificate elsewhere": (put("lower", to="../exact/lower.cert.jsonl"), "lower end", "names no certificate"),
-    "a certificate with a NUL": (put("lower", to="a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
-    "that of the ranges": (put("lower", to="ranges.cert.jsonl"), "lower end", "at another tolerance"),
-    "no certificate of the lower end": (put("lower", to=None), "lower end", "another eps_lo than is proved"),
-    "an absent certificate": (put("lower", to="some.cert.jsonl"), "lower end", "names no certificate"),
+    "a certificate elsewhere": (lower_by("../exact/lower.cert.jsonl"), "lower end", "names no certificate"),
+    "a certificate with a NUL": (lower_by("a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
+    "that of the ranges": (lower_by("ranges.cert.jsonl"), "lower end", "at another tolerance"),
+    "no certificate of the lower end": (put("lower", to=[]), "lower end", "another eps_lo than is proved"),
+    "an absent certificate": (lower_by("some.cert.jsonl"), "lower end", "names no certificate"),
     "ranges that stop early": (
         put("ranges", "certificate", to="ranges-image-1.cert.jsonl"), "ranges", "claims no box of frames"),
     "no frames where there are some": (
@@ -331,28 +327,33 @@ SPOILED = "so many wrong ones could spoil"
 WRONG = {
     "a larger lower end": (put("eps_lo", to=UP), "lower end", "at another tolerance"),
     "no lower end": (put("eps_lo", to=0.0), "lower end", "at another tolerance"),
-    "no groups": (put("groups", to=[]), "lower end", SPOILED),
-    "a group less": (without_one("groups"), "lower end", SPOILED),
+    "no groups": (put("lower", to=[]), "lower end", "another eps_lo than is proved"),
+    "a group less": (without_one("lower"), "lower end", SPOILED),
     "more wrong images": (put("outliers", to=2), "lower end", SPOILED),
-    "no wrong images": (put("outliers", to=0), "lower end", "'0' is no whole number"),
+    "no wrong images": (put("outliers", to=0), "upper end", "leaves out other images than may be"),
     "a smaller upper end": (put("eps_hi", to=DOWN), "upper end", "not the largest error of a pixel"),
     "another point": (put("point", "target_position", 0, to=plus(1e-3)), "upper end", "not the largest error"),
     "nothing left out": (put("left_out", to=[]), "upper end", "leaves out other images than may be"),
     "another left out": (put("left_out", 0, to="image001"), "upper end", "not the largest error of a pixel"),
     "a stranger left out": (put("left_out", 0, to="image099"), "upper end", "leaves out other images than may be"),
-    "one group twice": (put("groups", to=lambda one: [one[0], one[0]]), "lower end", SPOILED),
-    "a stranger in a group": (put("groups", 0, "images", 0, to="image099"), "lower end", "is not in list|kind|tuple"),
-    "an image less in a group": (without_one("groups", 0, "images"), "lower end", "about other images"),
-    "the certificate of another group": (
-        put("groups", 0, "certificate", to="wrong-2-links.cert.jsonl"), "lower end", "about other images"),
+    "one group twice": (put("lower", to=lambda one: [one[0], one[0]]), "lower end", SPOILED),
+    "a stranger in a group": (put("lower", 0, "images", 0, to="image099"), "lower end", "is not in list|kind|tuple"),
+    "an image less in a group": (without_one("lower", 0, "images"), "lower end", "about other images"),
+    "the certificate of another group": (lower_by("lower-2-links.cert.jsonl"), "lower end", "about other images"),
     "another image blamed": (blamed("image001"), "wrong images", "that is not left out"),
     "one blamed twice": (put("blamed", to=lambda one: [*one, *one]), "wrong images", "that is not left out, or twice"),
     "one reason too few": (without_one("blamed", 0, 1), "wrong images", SPOILED),
     "a reason without the image": (
         put("blamed", 0, 1, 0, "images", to=lambda one: [v for v in one if v != "image005"]),
         "wrong images", "a group without the image"),
-    "a larger tolerance": (put("tolerance", to=UP), "wrong images", "at another tolerance"),
-    "a smaller tolerance": (put("tolerance", to=DOWN), "wrong images", "at another tolerance"),
+    "a larger tolerance": (put("eps", to=UP), "wrong images", "at another tolerance"),
+    "another tolerance that was asked for": (put("tolerance", to=0.1), "wrong images", "at another tolerance"),
+    "images without a point of the support": (without_one("support"), "lower end", "another support"),
+    "a better image that is left out": (
+        put("classical", "images", 4, "largest", to=DOWN), "least squares", "another error in an image"),
+    "ranges that nobody proved": (
+        put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "lo": [], "hi": [], "low": [], "high": []}),
+        "ranges", "at another tolerance"),
     "a centre elsewhere": (put("asked", "center", "target_position", 0, to=plus(300.0)), "centre", "not the least-sq"),
     "a wider search": (put("asked", "reach", to=60.0), "lower end", BOX),
     "any rotation": (put("asked", "angle", to=None), "wrong images", BOX),
@@ -361,7 +362,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_forged_number_of_wrong_images_is_refused(wrong, refused, name):
-    refused(wrong.folder, "handeye-wrong.json", *WRONG[name])
+    refused(wrong.folder, "handeye.json", *WRONG[name])
 
 
 @pytest.mark.parametrize(
@@ -377,14 +378,13 @@ def test_a_forged_number_of_wrong_images_is_refused(wrong, refused, name):
         (put("eps_hi", to="inf"), "eps_hi is inf"),
     ],
 )
-def test_a_number_that_is_none_is_refused(exact_run, wrong, tmp_path, change, reason):
-    for run, name in ((exact_run, "handeye.json"), (wrong, "handeye-wrong.json")):
-        shutil.copytree(run.folder, tmp_path / name)
-        data = json.loads((tmp_path / name / name).read_text())
-        change(data)
-        (tmp_path / name / name).write_text(json.dumps(data))
-        with pytest.raises(InputError, match=f"{name}: lacks or garbles a field: .*{re.escape(reason)}.* -> run cpcal"):
-            verify_hand_eye(tmp_path / name)
+def test_a_number_that_is_none_is_refused(exact_run, tmp_path, change, reason):
+    shutil.copytree(exact_run.folder, tmp_path / "run")
+    data = json.loads((tmp_path / "run" / "handeye.json").read_text())
+    change(data)
+    (tmp_path / "run" / "handeye.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=f"json: lacks or garbles a field: .*{re.escape(reason)}.* -> run cpcal"):
+        verify_hand_eye(tmp_path / "run")
 
 
 # forged studies and certificates -----------------------------------------------------------------------------------
@@ -505,14 +505,13 @@ def test_ranges_of_a_box_hold_the_turns_of_all_rotations_in_it(degrees):
 
 
 def test_the_table_has_every_key_of_a_run(exact_run, uncertain, wrong):
-    for run, name in ((exact_run, "handeye.json"), (uncertain, "handeye.json"), (wrong, "handeye-wrong.json")):
-        assert unlisted_keys(run.folder / name) == []
+    for run in (exact_run, uncertain, wrong):
+        assert unlisted_keys(run.folder / "handeye.json") == []
 
 
 @pytest.mark.nightly
 def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain, wrong, tmp_path):
-    runs = ((exact_run, "handeye.json"), (uncertain, "handeye.json"), (wrong, "handeye-wrong.json"))
-    for number, (run, name) in enumerate(runs):
+    for number, run in enumerate((exact_run, uncertain, wrong)):
         folder = tmp_path / str(number)
         shutil.copytree(run.folder, folder)
 
@@ -523,8 +522,10 @@ def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain
                 return False
 
         assert verified()
-        less = re.compile(r"blamed: .* to \[\]|tolerance: .* to None")  # who names no image claims nothing of any
-        assert [change for change in accepted_changes(folder / name, verified) if not less.fullmatch(change)] == []
+        less = re.compile(r"blamed: .* to \[\]")  # who names no image claims nothing of any
+        assert [
+            change for change in accepted_changes(folder / "handeye.json", verified) if not less.fullmatch(change)
+        ] == []
 
 
 # real robots -------------------------------------------------------------------------------------------------------

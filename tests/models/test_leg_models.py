@@ -326,7 +326,7 @@ def test_a_reading_turns_a_leg_by_the_whole_rotation_however_large():
     rng = np.random.default_rng(1)
     net, arms, s = ConstraintNetwork(), rng.normal(size=(7, 3)), rng.uniform(-0.5, 0.5, (7, 3))
     v = net.variable("v", 3)
-    expr = leg._turning(net, np.ones((7, 3)))(arms + v)
+    expr = leg.turned_rows(net.reading(np.zeros((7, 3)), np.full((7, 3), 0.5)), arms + v)
     tape = Tape(net, [expr])
     (digest,) = tape.reading_slots
     turned = tape.near(np.zeros(3), {digest: IntervalArray.point(s)}).reshape(7, 3)

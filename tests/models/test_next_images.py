@@ -6,7 +6,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import simulate_hand_eye
 from cpcal.questions.hand_eye import PARAMETERS, Within, certify_hand_eye
-from cpcal.questions.next_images import next_poses
+from cpcal.questions.next_measurement import next_images
 
 
 @pytest.fixture(scope="module")
@@ -20,19 +20,21 @@ def case():
 def test_each_chosen_pose_narrows_the_widest_range_and_none_does_so_more(case):
     study, candidates = case
     known = study.part(np.arange(5))
-    found = next_poses(known, candidates, 2)
+    found = next_images(known, candidates, 2)
     assert found.unseen == ("away",)
     widest = [found.before.widest, *(one.widest for one in found.chosen)]
     assert widest == sorted(widest, reverse=True)
     assert len({one.name for one in found.chosen}) == 2
-    alone = [next_poses(known, {name: candidates[name]}, 1).chosen[0].widest for name in ("c5", "c6", "c7", "c8", "c9")]
+    alone = [
+        next_images(known, {name: candidates[name]}, 1).chosen[0].widest for name in ("c5", "c6", "c7", "c8", "c9")
+    ]
     assert found.chosen[0].widest <= min(alone) * (1.0 + 1e-9)
 
 
 @pytest.mark.nightly
 def test_the_estimated_widths_are_nearly_those_that_are_proved(case):
     known = case[0].part(np.arange(5))
-    estimated = next_poses(known, case[1], 1, tolerance=0.2).before.widths
+    estimated = next_images(known, case[1], 1, tolerance=0.2).before.widths
     ranges = certify_hand_eye(known, within=Within(100.0, 5.0), tolerance=0.2).ranges
     proved = np.array(ranges.high) - np.array(ranges.low)
     assert len(proved) == len(PARAMETERS)
@@ -44,9 +46,9 @@ def test_the_estimated_widths_are_nearly_those_that_are_proved(case):
 
 def test_a_tolerance_that_nothing_meets_is_refused(case):
     with pytest.raises(InputError, match="tolerance"):
-        next_poses(case[0].part(np.arange(5)), case[1], 1, tolerance=0.01)
+        next_images(case[0].part(np.arange(5)), case[1], 1, tolerance=0.01)
 
 
 def test_more_poses_than_see_the_target_are_refused(case):
     with pytest.raises(InputError, match="seen from 5 of 6"):
-        next_poses(case[0].part(np.arange(5)), case[1], 6)
+        next_images(case[0].part(np.arange(5)), case[1], 6)

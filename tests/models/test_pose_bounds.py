@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpcal.models.leg_set import SIZE, AskedSet, certified_set
-from cpcal.models.platform import ENGINE, Cells, Equations, cell_bounds, point, pose_bounds, proved_image, sizes
+from cpcal.models.platform import Cells, Equations, cell_bounds, intervals, pose_bounds, proved_image, sizes
 from cpcal.questions.accuracy import distances, true_poses
 from cpcal.robot import (
     Pose,
@@ -126,9 +126,9 @@ def test_the_turns_of_a_cell_are_those_between_its_poses_and_its_centre():
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("r", [0.1, 0.5, 0.9, 0.99, 1.01, 2.0])
 def test_what_is_proved_holds_the_zero_on_whichever_side_the_step_goes(side, r):
-    step = point(np.full((1, 6), 3.0 * side))
+    step = intervals(np.full((1, 6), 3.0 * side))
     reach = np.full((1, 6), r)  # equations p = step + M p, whose M is anywhere in [-r, r] on the diagonal
-    image, proved = proved_image(lambda box: ENGINE.mul(IntervalArray(-reach, reach), box), step, np.array([True]))
+    image, proved = proved_image(lambda box: box * IntervalArray(-reach, reach), step, np.array([True]))
     assert proved[0] or r > 0.4
     assert not (proved[0] and r >= 1.0)
     if proved[0]:
@@ -150,7 +150,7 @@ def test_a_model_error_moves_the_platform_by_its_square_as_well(known):
 
 def alone(known, eps):
     """Sets that hold only the controller's parameters."""
-    nothing = point(np.zeros(SIZE))
+    nothing = intervals(np.zeros(SIZE))
     return [
         replace(one, eps=eps, box=nothing, along=nothing[:7], support=Nothing(), controller=row)
         for one, row in zip(known.sets, known.controller.parameters, strict=True)
@@ -160,7 +160,7 @@ def alone(known, eps):
 def test_newtons_operator_holds_what_it_makes_of_every_pose_in_the_box(known):
     # x - C F(x), F by its definition; with the ends of the box, where what is not linear counts most
     poses, rng = unseen(known, 3, 8), np.random.default_rng(9)
-    equations = Equations(Cells(poses, point(np.zeros((3, 6)))), alone(known, 0.0))
+    equations = Equations(Cells.of_poses(poses), alone(known, 0.0))
     half = np.array([5.0, 5.0, 5.0, 0.03, 0.03, 0.03])
     box = IntervalArray(np.tile(-half, (3, 1)), np.tile(half, (3, 1)))
     spread = equations.spread(box)
@@ -191,4 +191,4 @@ class Nothing:
     """Of a set that holds only the controller's parameters."""
 
     def ranges(self, directions):
-        return point(np.zeros(len(directions)))
+        return intervals(np.zeros(len(directions)))

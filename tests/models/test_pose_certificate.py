@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.pose_sets import drawn_pose, shown
-from cpcal.checker.lens import Bounds, Cameras, number
+from cpcal.checker.bounds import Bounds, number
+from cpcal.checker.lens import Cameras
 from cpcal.checker.sight import check_pose_set, check_pose_sets
 from cpcal.common.errors import InputError
 from cpcal.models.sight import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose

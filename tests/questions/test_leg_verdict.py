@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.cli.sections import STYLES
+from cpcal.cli.certify import STYLES
 from cpcal.questions import (
     CampaignNote,
     Determination,

@@ -7,7 +7,7 @@ import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
 from cpcal.common.values import Floats
-from cpcal.models import residuals
+from cpcal.models import model_residuals
 from cpcal.questions import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
@@ -68,12 +68,12 @@ def test_brackets_close_in_small_and_large_boxes_and_agree(joint_error: float, l
         assert found.bracket.verdict is Verdict.PROVED
         assert 0.0 < found.bracket.lo <= found.bracket.hi <= found.bracket.lo * (1 + 1.01e-6)
         assert found.bracket.point is not None
-        worst = np.abs(residuals(campaign, leg, found.bracket.point)).max()
+        worst = np.abs(model_residuals(campaign, leg, found.bracket.point)).max()
         assert worst == pytest.approx(found.bracket.hi, rel=1e-9)
         assert found.bracket.point in found.bracket.enclosure
         assert found.support.ids
         assert set(found.support.ids) <= set(campaign.measurement_ids)
-    least_squares = np.abs(residuals(campaign, leg, near.bracket.center)).max()
+    least_squares = np.abs(model_residuals(campaign, leg, near.bracket.center)).max()
     assert near.bracket.hi < least_squares
     if (np.abs(np.subtract(far.bracket.point, near.bracket.center)) < 99.0).all():  # type: ignore[arg-type]
         assert near.bracket.lo <= far.bracket.hi
@@ -86,7 +86,7 @@ def test_no_point_does_better_than_the_lower_bound(bent: Campaign, exact: LegRes
     rng = np.random.default_rng(0)
     for size in (1e-4, 1e-2, 1.0, 30.0):
         for x in np.add(found.bracket.point, size * rng.normal(size=(100, 7))):
-            assert np.abs(residuals(campaign, 1, x)).max() >= found.bracket.lo
+            assert np.abs(model_residuals(campaign, 1, x)).max() >= found.bracket.lo
 
 
 def test_the_support_alone_forces_the_bound(bent: Campaign, exact: LegResult) -> None:
@@ -171,7 +171,7 @@ def test_deficient_campaigns_are_answered_truthfully(bent: Campaign, rows: list[
     assert 0.0 == found.bracket.lo <= found.bracket.hi <= 1e-9
     assert found.bracket.point is not None
     if exact:
-        assert np.abs(residuals(campaign, 2, found.bracket.point)).max() <= max(found.bracket.hi, 1e-12)
+        assert np.abs(model_residuals(campaign, 2, found.bracket.point)).max() <= max(found.bracket.hi, 1e-12)
     else:
         assert found.not_refuted
     # many other parameters fit as well: shift base and mobile centres together, say
@@ -222,7 +222,7 @@ def test_center_and_delta_define_the_box(bent: Campaign, exact: LegResult) -> No
     )
     assert found.bracket.lo > exact.bracket.hi  # the true leg is further off
     point = only(campaign, delta=0.0)
-    assert point.bracket.hi == pytest.approx(np.abs(residuals(campaign, 1, point.bracket.center)).max(), rel=1e-9)
+    assert point.bracket.hi == pytest.approx(np.abs(model_residuals(campaign, 1, point.bracket.center)).max(), rel=1e-9)
     assert point.bracket.lo == pytest.approx(point.bracket.hi, rel=2e-6)
 
 

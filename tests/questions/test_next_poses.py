@@ -9,7 +9,7 @@ import pytest
 
 from cpcal.models.leg_set import SIZE
 from cpcal.models.platform import pose_bounds
-from cpcal.questions.next_poses import CERTIFIED, DETERMINANT, _polytope, next_poses
+from cpcal.questions.next_measurement import CERTIFIED, DETERMINANT, Polytope, next_poses
 from cpcal.robot import central_pose
 from tests.models.known_robot import known
 
@@ -19,7 +19,7 @@ __all__ = ["known"]
 def test_the_polytope_has_nearly_the_proved_ranges(known):
     one = known.sets[0]
     forms = np.random.default_rng(2).standard_normal((6, 7))
-    middle, half = _polytope(known.campaign, one).ranges(forms)
+    middle, half = Polytope.about(known.campaign, one).ranges(forms)
     directions = np.zeros((6, SIZE))
     directions[:, :7] = forms
     proved = one.ranges(directions)

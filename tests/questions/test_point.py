@@ -11,7 +11,7 @@ import pytest
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.checker import check
-from cpcal.models import fit_model, leg_model, leg_statement, residuals
+from cpcal.models import fit_model, leg_model, leg_statement, model_residuals
 from cpcal.robot import ModelChoice
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.float_rows import at_point, failing, holding
@@ -36,7 +36,7 @@ def test_verdicts_agree_with_exact_fractions(factor: float, eps: float, arithmet
 def test_exact_readings_are_judged_by_the_residual() -> None:
     campaign = cpcal.simulate(seed=5, joint_error=1.0, factor=0.0)
     x = least_squares(campaign, 1)
-    size = np.abs(residuals(campaign, 1, x))
+    size = np.abs(model_residuals(campaign, 1, x))
     eps = float(np.median(size))
     found = cpcal.certify_point(campaign, 1, x, eps=eps)
     names = np.array(campaign.measurement_ids)

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 import cpcal
-from cpcal.models import PARAMETERS, residuals
+from cpcal.models import PARAMETERS, model_residuals
 from cpcal.questions import ask
 from cpcal.questions.bracket import prepared_leg
 from cpcal.questions.question import Question
@@ -55,15 +55,15 @@ def farthest(campaign, leg, point, eps, direction):
     x = point
     for _ in range(4):
         steps = 1e-3 * np.eye(7)
-        columns = [residuals(campaign, leg, x + h) - residuals(campaign, leg, x - h) for h in steps]
-        jacobian, g = np.stack(columns, axis=1) / 2e-3, residuals(campaign, leg, x)
+        columns = [model_residuals(campaign, leg, x + h) - model_residuals(campaign, leg, x - h) for h in steps]
+        jacobian, g = np.stack(columns, axis=1) / 2e-3, model_residuals(campaign, leg, x)
         rows = np.concatenate([jacobian, -jacobian])
         sides = np.concatenate([eps - g, eps + g])
         x = x + linprog(-direction / np.abs(direction).max(), rows, sides, bounds=[(-10, 10)] * 7).x
     inside, outside = 0.0, 1.0
     for _ in range(40):
         share = 0.5 * (inside + outside)
-        reaches = np.abs(residuals(campaign, leg, point + share * (x - point))).max() < eps * (1 - 1e-9)
+        reaches = np.abs(model_residuals(campaign, leg, point + share * (x - point))).max() < eps * (1 - 1e-9)
         inside, outside = (share, outside) if reaches else (inside, share)
     return point + inside * (x - point)
 

@@ -288,7 +288,8 @@ class TaggedRows(Protocol):
 
     @property
     def unknowns(self) -> tuple[str, ...]: ...
-    def tags(self) -> Any: ...
+    @property
+    def tags(self) -> Sequence[tuple[str, int]]: ...
     def row(self, side: str, k: int, /) -> Terms: ...
     def problem(self, spend: Spend, /) -> Problem: ...
 
@@ -306,7 +307,7 @@ class System:
         *, wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
         self.problem, self.asked, self.derived, self.wrong = rows.problem(free), asked, derived, wrong
-        self.tags: list[tuple[str, int]] = list(rows.tags())
+        self.tags: list[tuple[str, int]] = list(rows.tags)
         self.owner = [owner(*tag) for tag in self.tags]
         names = rows.unknowns
         place: dict[tuple[int, int], int] = {}

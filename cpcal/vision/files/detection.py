@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import Problems
 from cpcal.common.values import Floats
-from cpcal.files.tables import csv_table, file_cell, guarded, read_table
+from cpcal.files.tables import csv_table, read_table
 from cpcal.robot import PoseTable
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
@@ -69,13 +67,11 @@ def values_of(detections: Iterable[Detection]) -> npt.NDArray[np.float64]:
 
 def detections_bytes(detections: Iterable[Detection]) -> bytes:
     """poses.csv, in the order of the files' names; the same detections give the same bytes."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for d in sorted(detections, key=lambda d: d.file):
-        numbers = [repr(v) for v in d.values] if d.found else [""] * len(NUMBERS)
-        writer.writerow([file_cell(d.file), str(d.dots), *numbers, guarded(d.doubt), guarded(d.reason)])
-    return buffer.getvalue().encode()
+    rows = (
+        [d.file, d.dots, *(d.values if d.found else [None] * len(NUMBERS)), d.doubt, d.reason]
+        for d in sorted(detections, key=lambda d: d.file)
+    )
+    return csv_table(COLUMNS, rows, files=True)
 
 
 def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:
@@ -101,7 +97,7 @@ def readings_of(table: PoseTable) -> Readings:
 def readings_bytes(readings: Readings) -> bytes:
     """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
     header = _columns(len(next(iter(readings.values()), ())))
-    return csv_table(header, ((key, row.tolist()) for key, row in readings.items()))
+    return csv_table(header, ([*key, *row.tolist()] for key, row in readings.items()))
 
 
 def load_readings(path: Path) -> Readings:

@@ -25,7 +25,6 @@ from cpcal.files.settings import (
     truth,
     whole,
 )
-from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, wrong_deviations
@@ -38,10 +37,7 @@ def _loaded(
 ) -> T:
     """What `read` makes of the TOML file `path`. Raises one InputError that lists every problem of the file."""
     problems, file = Problems(), Path(path)
-    content = small_file(file, problems, "write one as docs/images.md shows")
-    reader = None
-    if content is not None:
-        reader = TomlReader.of(content, str(file), format_, (*sections, "provenance"), problems)
+    reader = TomlReader.opened(file, format_, sections, problems, "write one as docs/images.md shows")
     found = None if reader is None else read(reader)
     problems.raise_any()
     assert found is not None  # what keeps it from being read is a problem, and was raised

@@ -18,7 +18,7 @@ import cpcal
 from cpcal.cli import app
 from cpcal.solver.execution import executors, outcomes
 
-OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--support", "none", "--no-checker", "-q"]
+OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--gap", "1e-2", "--support", "none", "--no-checker", "-q"]
 pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
 
 
@@ -70,7 +70,7 @@ def cluster(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    few = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=8)
+    few = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=8)
     folder = tmp_path_factory.mktemp("campaign") / "day"
     cpcal.save_campaign(few, folder)
     return folder
