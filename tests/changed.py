@@ -13,6 +13,17 @@ from cpcal.robot import PoseTable, Study, normalised, quaternion_product, small_
 from cpcal.simulate.campaigns import streams
 
 
+def put(*place, to):
+    """A change of JSON: what stands at a place becomes `to`, or what `to` makes of it."""
+
+    def change(data):
+        for key in place[:-1]:
+            data = data[key]
+        data[place[-1]] = to(data[place[-1]]) if callable(to) else to
+
+    return change
+
+
 def with_gain(campaign, gain):
     """The same robot read by sensors that show L / (1 + gain)."""
     return replace(campaign, length=campaign.length / (1.0 + gain))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
+import shutil
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +47,7 @@ LONG = [
     "benchmarks/test_runs.py",
     "test_commands.py",
     "models/test_robot_study.py",
-    "models/test_uncertain_poses.py",
+    "models/test_hand_eye_fit.py",
     "solver/network/test_forms.py",
     "checker/forged/test_fuzz.py",
     "checker/valid/test_rule.py",
@@ -64,7 +67,6 @@ LONG = [
     "cli/test_tampering.py",
     "cli/test_process.py",
     "models/test_pose_set.py",
-    "models/test_pose_set_robust.py",
     "solver/test_minimum_checkpoint.py",
 ]
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
@@ -85,6 +87,29 @@ def pytest_collection_finish() -> None:
     """Thousands of tests and all that they import stay to the end: the garbage collector need not look through them."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def genuine_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Path], None]:
+    """Copies a run of a kind (`benchmarks.genuine_runs`) into a folder; each is made once, for all workers."""
+    from benchmarks.genuine_runs import RUNS  # which loads everything
+
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "genuine"
+    shared.mkdir(exist_ok=True)
+
+    def copied(kind: str, folder: Path) -> None:
+        made, draft = shared / kind, shared / f"{kind}.draft"
+        with (shared / f"{kind}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not made.exists():
+                shutil.rmtree(draft, ignore_errors=True)
+                draft.mkdir()
+                RUNS[kind](draft)
+                draft.rename(made)
+        shutil.copytree(made, folder, dirs_exist_ok=True)
+
+    return copied
 
 
 def _missing(report: pytest.TestReport | pytest.CollectReport) -> tuple[str, bool]:

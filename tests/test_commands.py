@@ -27,7 +27,7 @@ ELSEWHERE = {  # what needs files that a page does not make, or an installed pac
     "accuracy": "tests/questions/test_accuracy.py",
     "import": "tests/cli/test_import.py, tests/test_your_data.py",
     "solve": "tests/problems",
-    "certify campaign -o run --model stretched": "tests/models/test_known_models.py",
+    "certify campaign -o run --model stretched": "tests/models/test_leg_models.py",
     "report run": "tests/cli/test_report.py",
 }
 

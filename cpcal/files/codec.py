@@ -1,13 +1,14 @@
 """Frozen dataclasses as JSON and back: one codec for all of cpcal's own files.
 
 What is read is checked: every field there, none besides, each of its type; what the types cannot say, a class says in
-its `__post_init__` by ValueError or InputError. A field's name in the file is its own, or `metadata["json"]`.
+its `__post_init__` by ValueError or InputError. A field's name in the file is its own, or `json` of its annotation.
 JSON has no NaN and no infinities: they are the strings "nan", "inf" and "-inf". A box is {"names", "lo", "hi"}, an
 empty one has null for its bounds.
 
-A field of a file that `cpcal verify` reads says in its `metadata` how it is checked: `checked(...)`, or `INFORMED`, and
-then it stands under the key "information" of its object. What is checked by a certificate or other proofs stands there
-too where these are missing: a number beside them, and without them, is refused. `keys_of` is the table of all this.
+A field of a file that `cpcal verify` reads says in its type how it is checked: `Annotated[..., checked(...)]`, or
+`Informed[...]`, and then it stands under the key "information" of its object. What is checked by a certificate or other
+proofs stands there too where these are missing: a number beside them, and without them, is refused. `keys_of` is the
+table of all this.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.files import write_file
@@ -31,16 +32,17 @@ T = TypeVar("T")
 
 INFORMATION = "information"  # the key, and how it is checked: not at all
 INFORMED: Mapping[str, Any] = {"checked": INFORMATION}
+Informed = Annotated[T, INFORMED]
 _NUMBERS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
 def checked(how: str, *by: str, json: str | None = None) -> dict[str, Any]:
-    """The metadata of a field: `how` it is checked, and `by` which other fields, that hold proofs; `json`: its key."""
+    """The annotation of a field: `how` it is checked, `by` which other fields, that hold proofs; `json`: its key."""
     return {"checked": how, "by": by} | ({} if json is None else {"json": json})
 
 
 def informed(json: str) -> dict[str, Any]:
-    """The metadata of a field that is checked by nothing, and has another key."""
+    """The annotation of a field that is checked by nothing, and has another key."""
     return {**INFORMED, "json": json}
 
 
@@ -136,17 +138,13 @@ class _Field:
 
 @cache
 def _layout(kind: type) -> tuple[_Field, ...]:
-    hints = get_type_hints(kind)
-    keys = {field.name: field.metadata.get("json", field.name) for field in fields(kind)}
+    kinds, names = get_type_hints(kind), [field.name for field in fields(kind)]
+    hints = get_type_hints(kind, include_extras=True)
+    said: dict[str, Mapping[str, Any]] = {name: getattr(hints[name], "__metadata__", ({},))[0] for name in names}
+    keys = {name: said[name].get("json", name) for name in names}
     return tuple(
-        _Field(
-            field.name,
-            keys[field.name],
-            hints[field.name],
-            field.metadata.get("checked", ""),
-            tuple(keys[name] for name in field.metadata.get("by", ())),
-        )
-        for field in fields(kind)
+        _Field(name, keys[name], kinds[name], how.get("checked", ""), tuple(keys[other] for other in how.get("by", ())))
+        for name, how in said.items()
     )
 
 

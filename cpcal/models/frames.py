@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from fractions import Fraction as F
 from hashlib import sha256
 from pathlib import Path
@@ -61,8 +61,7 @@ class PlacedFrames:
     @property
     def numbers(self) -> tuple[F, ...]:
         """The 14 that the checker takes."""
-        parts = self.camera_position, self.camera_quaternion, self.target_position, self.target_quaternion
-        return tuple(F(v) for part in parts for v in part)
+        return tuple(F(v) for part in astuple(self) for v in part)
 
     @property
     def frames(self) -> HandEyeFrames:

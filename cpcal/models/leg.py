@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +28,7 @@ from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import INFORMED, checked
+from cpcal.files.codec import Informed, checked
 from cpcal.robot import Campaign, Pose, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
@@ -45,9 +46,9 @@ PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 class Parameter:
     """An extra parameter of a leg model; it is looked for within `half_width` (in `unit`) of 0."""
 
-    name: str = field(metadata=checked("the unknown of the certificates"))
-    unit: str = field(metadata=INFORMED)
-    half_width: float = field(metadata=checked("the box of each certificate"))
+    name: Annotated[str, checked("the unknown of the certificates")]
+    unit: Informed[str]
+    half_width: Annotated[float, checked("the box of each certificate")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,11 +33,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker import FORMAT, Refused
+from cpcal.checker.readers import up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
-from cpcal.common.values import ByValue, Floats, Indices, Value, frozen_array
+from cpcal.common.values import ByValue, Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.prover import Contracted, System, contracted, line, write_steps
@@ -77,14 +78,11 @@ class PixelBoxes:
     def __post_init__(self) -> None:
         numbers = np.array(self.numbers, dtype=np.intp)
         numbers.setflags(write=False)
-        object.__setattr__(self, "numbers", numbers)
-        object.__setattr__(self, "lo", frozen_array(self.lo))
-        object.__setattr__(self, "hi", frozen_array(self.hi))
-        shape = (len(numbers), 2) if numbers.ndim == 1 else None
-        if shape is None or self.lo.shape != shape or self.hi.shape != shape:
+        fill(self, numbers=numbers, lo=frozen_array(self.lo), hi=frozen_array(self.hi))
+        if numbers.ndim != 1 or {self.lo.shape, self.hi.shape} != {(len(numbers), 2)}:
             what = f"have shapes {numbers.shape}, {self.lo.shape} and {self.hi.shape}"
             raise InputError([Problem("pixel boxes", what, "give numbers (m,), lo (m, 2) and hi (m, 2)")])
-        good = (self.lo <= self.hi).all(axis=1) & np.isfinite(self.lo).all(axis=1) & np.isfinite(self.hi).all(axis=1)
+        good = ((self.lo <= self.hi) & np.isfinite(self.lo) & np.isfinite(self.hi)).all(axis=1)
         problems = [
             Problem(f"pixel box {k}", "has no points, or infinitely many", "give finite lo <= hi")
             for k in np.flatnonzero(~good)
@@ -129,7 +127,7 @@ class CameraSet(Value):
     ball: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "spread", frozen_array(self.spread))
+        fill(self, spread=frozen_array(self.spread))
         problems = []
         if self.camera.model != BROWN:
             what = f"has a lens of the model {self.camera.model}"
@@ -207,7 +205,7 @@ class TargetSet(Value):
         if not 0.0 <= self.scale <= LARGEST_SCALE:
             what = f"is {self.scale}"
             raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE}")])
-        object.__setattr__(self, "half_widths", widths)
+        fill(self, half_widths=widths)
 
     @classmethod
     def of(cls, target: Target | TargetSet) -> TargetSet:
@@ -244,7 +242,7 @@ class Frames(ByValue):
         for name in ("camera", "target"):
             pose: Pose = getattr(self, name)
             one = Pose(frozen_array(pose.position), frozen_array(pose.quaternion))
-            object.__setattr__(self, name, one)
+            fill(self, **{name: one})
             numbers = np.concatenate([one.position.ravel(), one.quaternion.ravel()])
             if one.position.shape != (3,) or one.quaternion.shape != (4,) or not np.isfinite(numbers).all():
                 problems.append(Problem(f"frames {name}", "is not one motion", "give (3,) mm and a quaternion (4,)"))
@@ -525,18 +523,17 @@ class PoseSet:
         """Whether a pose (of exact floats) lies in the enclosure, in exact numbers."""
         if self.pose is None or self.position_radius is None or self.rotation_radius is None:
             return False
-        away = [abs(F(p) - F(q)) for p, q in zip(pose.position.tolist(), self.pose.position.tolist(), strict=True)]
-        a, b = ([F(v) for v in one.quaternion.tolist()] for one in (pose, self.pose))
-        # (1, s) times the other quaternion is proportional to this one
-        w = sum(p * q for p, q in zip(a, b, strict=True))
-        if not w:
+        p, a, q, b = (
+            np.array([F(v) for v in part.tolist()])
+            for one in (pose, self.pose)
+            for part in (one.position, one.quaternion)
+        )
+        scalar = a @ b  # (1, s) times the other quaternion is proportional to this one
+        if not scalar:
             return False
-        s = [
-            (b[0] * a[1 + i] - a[0] * b[1 + i] - (a[1 + j] * b[1 + k] - a[1 + k] * b[1 + j])) / w
-            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-        ]
-        radii = [*self.position_radius.tolist(), *self.rotation_radius.tolist()]
-        return all(v <= F(r) for v, r in zip([*away, *(2 * abs(v) for v in s)], radii, strict=True))
+        s = (b[0] * a[1:] - a[0] * b[1:] - np.cross(a[1:], b[1:])) / scalar
+        away, radii = np.concatenate([p - q, 2 * s]), np.concatenate([self.position_radius, self.rotation_radius])
+        return bool((np.abs(away) <= radii).all())
 
 
 def enclose_pose(
@@ -581,7 +578,7 @@ def enclose_pose(
             place = [float(a + b) / 2.0 for a, b in zip(found.left.lo[9:12], found.left.hi[9:12], strict=True)]
             pose = Pose(np.array(place), normalised([float(v) for v in _middle(found.turn, found.left)]))
             at = [F(v) for v in (*pose.position.tolist(), *pose.quaternion.tolist())]
-            radii = np.array([_above(F(v.hi, 1 << 160)) for v in sight.radii(found.left, found.turn, at)])
+            radii = np.array([up(v.ends[1]) for v in sight.radii(found.left, found.turn, at)])
     except Refused as reason:
         return answer(Verdict.UNKNOWN, None, None, (), str(reason))
     if stem is not None:
@@ -592,7 +589,7 @@ def enclose_pose(
                 "inputs": inputs,
                 "outliers": outliers,
                 "refuted": refuted,
-                "pose": _motion(pose or Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))),
+                "pose": _motion(pose or _IDENTITY),
                 "position_radius": None if radii is None else _hex(radii[:3]),
                 "rotation_radius": None if radii is None else _hex(radii[3:]),
                 "wrong": list(found.wrong),
@@ -600,11 +597,6 @@ def enclose_pose(
             }
         )
     return answer(Verdict.REFUTED if radii is None else Verdict.PROVED, pose, radii, found.wrong)
-
-
-def _above(value: F) -> float:
-    near = float(value)
-    return near if F(near) >= value else float(np.nextafter(near, np.inf))
 
 
 def _check(boxes: PixelBoxes, target: Target, outliers: int) -> None:

@@ -1,6 +1,6 @@
 from .accuracy import Accuracy, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
 from .ask import COMPARED, certify, compare
-from .data_check import DataCheck, Finding, check_data
+from .data_check import DataCheck, check_data
 from .points import PointResult, certify_point
 from .result import (
     ARITHMETICS,
@@ -15,7 +15,6 @@ from .result import (
     ModelNote,
     Options,
     Projection,
-    Projections,
     Ranges,
     Result,
     Support,
@@ -25,7 +24,6 @@ from .result import (
     Work,
     load_result,
     model_of,
-    result_text,
     save_result,
 )
 from .verdict import (
@@ -51,7 +49,6 @@ __all__ = [
     "CampaignNote",
     "DataCheck",
     "Determination",
-    "Finding",
     "LegBracket",
     "LegResult",
     "LegVerdict",
@@ -60,7 +57,6 @@ __all__ = [
     "Options",
     "PointResult",
     "Projection",
-    "Projections",
     "Ranges",
     "Result",
     "Support",
@@ -79,7 +75,6 @@ __all__ = [
     "load_result",
     "model_of",
     "proved_sentence",
-    "result_text",
     "save_accuracy",
     "save_result",
     "status_of",

@@ -8,10 +8,10 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import INFORMED, checked, load, save
+from cpcal.files.codec import Informed, checked, load, save
 from cpcal.models import PLAIN, beyond_legs, fit_model, leg_box, leg_network
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.models.platform import Workspace, cover
@@ -84,11 +84,11 @@ class CertifiedBox:
     """PROVED, by the `certificate`: all parameters (a, b, l) of the leg with a model error up to `eps` lie from `lo` to
     `hi`, mm; both are empty where there are none."""
 
-    leg: int = field(metadata=checked("the certificate: each leg once"))
-    eps: float = field(metadata=checked("the cap of the certificate"))
-    lo: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
-    hi: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate"))
-    certificate: str = field(metadata=checked("a file of the folder, which is accepted"))
+    leg: Annotated[int, checked("the certificate: each leg once")]
+    eps: Annotated[float, checked("the cap of the certificate")]
+    lo: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
+    hi: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
+    certificate: Annotated[str, checked("a file of the folder, which is accepted")]
 
 
 @dataclass(frozen=True)
@@ -116,17 +116,17 @@ class PoseAccuracy:
     leg can move the platform. `beyond`: a leg's length at this pose lies outside of those that were measured.
     """
 
-    name: str = field(metadata=INFORMED)
-    position: tuple[float, float, float] = field(metadata=checked("the form of this pose in each certificate"))
-    quaternion: tuple[float, float, float, float] = field(metadata=checked("the form in each certificate"))
-    proved: bool = field(metadata=checked("`lo` to `rotation_bound` are proved"))
-    lo: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
-    hi: tuple[float, ...] = field(metadata=checked(_AGAIN, "proved"))
-    position_bound: float = field(metadata=checked(_AGAIN, "proved"))
-    rotation_bound: float = field(metadata=checked(_AGAIN, "proved"))
-    shares: tuple[float, ...] = field(metadata=INFORMED)
-    beyond: bool = field(metadata=INFORMED)
-    estimated: Estimated = field(metadata=INFORMED)
+    name: Informed[str]
+    position: Annotated[tuple[float, float, float], checked("the form of this pose in each certificate")]
+    quaternion: Annotated[tuple[float, float, float, float], checked("the form in each certificate")]
+    proved: Annotated[bool, checked("`lo` to `rotation_bound` are proved")]
+    lo: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
+    hi: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
+    position_bound: Annotated[float, checked(_AGAIN, "proved")]
+    rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
+    shares: Informed[tuple[float, ...]]
+    beyond: Informed[bool]
+    estimated: Informed[Estimated]
 
     @property
     def rotation(self) -> tuple[float, float, float]:
@@ -191,20 +191,20 @@ class Accuracy:
     rad (each component of a rotation vector) of those that are commanded."""
 
     campaign: CampaignNote
-    version: str = field(metadata=INFORMED)
-    controller: str = field(metadata=INFORMED)
-    parameters: tuple[tuple[float, ...], ...] = field(metadata=checked("the forms of the certificates"))
-    delta: float = field(metadata=checked("the box of each certificate"))
-    within: tuple[float, float] = field(metadata=checked("what is computed again begins with it"))
-    assumed: tuple[AssumedError, ...] = field(metadata=INFORMED)
+    version: Informed[str]
+    controller: Informed[str]
+    parameters: Annotated[tuple[tuple[float, ...], ...], checked("the forms of the certificates")]
+    delta: Annotated[float, checked("the box of each certificate")]
+    within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
+    assumed: Informed[tuple[AssumedError, ...]]
     boxes: tuple[CertifiedBox, ...]  # around the sets of parameters
     # legs for which the campaign refutes what is assumed: nothing else is said then
-    refuted: tuple[int, ...] = field(metadata=checked("the certificates that claim that there are no parameters"))
+    refuted: Annotated[tuple[int, ...], checked("the certificates that claim that there are no parameters")]
     poses: tuple[PoseAccuracy, ...]
-    workspace: WorkspaceAccuracy | None = field(metadata=INFORMED)
-    next_poses: tuple[NextPose, ...] = field(metadata=INFORMED)
-    truth_known: bool = field(metadata=INFORMED)
-    seconds: float = field(metadata=INFORMED)
+    workspace: Informed[WorkspaceAccuracy | None]
+    next_poses: Informed[tuple[NextPose, ...]]
+    truth_known: Informed[bool]
+    seconds: Informed[float]
 
     @property
     def proved_poses(self) -> tuple[PoseAccuracy, ...]:
@@ -239,7 +239,6 @@ MOST_POSES = 1000  # which a certificate can hold
 CONTROLLERS = ("nominal", "fit", "proved")
 _WORST = 4  # poses, for which next poses are chosen
 Told = Callable[[str], None]
-Truth = Callable[[Robot, Pose], Pose | None]
 
 
 @dataclass(frozen=True)
@@ -262,7 +261,6 @@ def certify_accuracy(
     gap: float = 0.2,
     cells: int = 600,
     next_poses: int = 4,
-    truth: Truth | None = None,
     certificates: str | os.PathLike[str] | None = None,
     tell: Told | None = None,
 ) -> Accuracy:
@@ -278,8 +276,7 @@ def certify_accuracy(
     `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
     points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
     is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
-    each of two rules (estimates). `truth`: gives the true poses of a simulated robot
-    (default: of what `cpcal simulate` wrote). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
+    each of two rules (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
     the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
 
@@ -332,7 +329,7 @@ def certify_accuracy(
     at: tuple[PoseAccuracy, ...] = ()
     if not refuted and poses is not None:
         say(f"{len(poses.names)} poses")
-        really = (truth or (lambda controlled, there: true_poses(campaign, controlled, there)))(robot, poses.poses)
+        really = true_poses(campaign, robot, poses.poses)
         at = _at_poses(campaign, robot, legs, assumed, poses, commanded, really)
     over = _over(workspace, sets, gap, cells, say) if sets and workspace is not None else None
     return Accuracy(

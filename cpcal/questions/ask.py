@@ -11,178 +11,24 @@ from pathlib import Path
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import scratch_folder, write_file
-from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
-from cpcal.models import LegModel, built_in, exactly_read
-from cpcal.questions.bracket import (
-    Answered,
-    PreparedLeg,
-    by_timeout,
-    prepared_leg,
-    searched,
-    the_answer,
-    the_lower_bound,
-)
-from cpcal.questions.data_check import determination
-from cpcal.questions.outliers import all_or_none, robust_leg
+from cpcal.models import LegModel
+from cpcal.questions.leg import all_or_none, certify_leg
 from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
-from cpcal.questions.ranges import projections_of, ranges_of
-from cpcal.questions.result import (
-    CampaignNote,
-    LegBracket,
-    LegResult,
-    ModelNote,
-    Result,
-    Support,
-    SupportProof,
-    Uncertified,
-    VerifiedPoint,
-    Work,
-)
+from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
-from cpcal.solver.accounts import Found
-from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.executors import Here, Place, Processes, executor_for
 from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
 from cpcal.solver.execution.stopping import Stopped, asked, heard, within_memory
 from cpcal.solver.execution.threads import linear_algebra_on_one_thread
-from cpcal.solver.interval import Box
-from cpcal.solver.optimize.local import Known
-from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, irreducible
-from cpcal.solver.optimize.minimum import support as find_support
-from cpcal.solver.optimize.witness import verify_point
+from cpcal.solver.optimize.minimum import Bracket
 
 if TYPE_CHECKING:
     from distributed import Client
-
-# ------------------------------------------------------------------------------------------------------------------
-# One leg: its bracket, few measurements that prove it, ranges and projections of its parameters.
-
-# at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
-_SUPPORT_NODES = 3
-
-
-def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
-    """The result of one leg, and whether the user interrupted it."""
-    if question.options.outliers:
-        return robust_leg(question, leg), asked() is not None
-    prepared = prepared_leg(question, leg)
-    start = np.append(prepared.center, question.options.eps or 0.0)
-
-    def tell(bracket: Bracket) -> None:
-        if question.progress is not None:
-            question.progress(leg, bracket)
-
-    if question.options.method == "bound":
-        answer = searched(prepared, the_answer, start=start, tell=tell)
-    else:
-        answer = by_timeout(prepared, start, tell)
-    result = _leg_result(prepared, answer, _support(prepared, start, answer.minimum))
-    stopped = answer.minimum.interrupted or asked() is not None
-    if not question.options.ranges or stopped:
-        return result, stopped
-    ranges, stopped = ranges_of(prepared, result)
-    result = replace(result, ranges=ranges)
-    try:
-        drawn = None if stopped or ranges is None else projections_of(prepared, ranges)
-    except KeyboardInterrupt:
-        return result, True
-    return replace(result, projections=drawn), stopped or asked() is not None
-
-
-def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
-    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
-    question = replace(leg.question, place=None, checkpoints=None)
-    if question.options.support == "none":
-        return Support()
-    leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
-
-    def alone(elements: Indices) -> Alone:
-        """The lower bound by a part of the measurements; the best point of all is one of theirs."""
-        part = leg.alone(tuple(elements.tolist()))
-        least = searched(part, limits=replace(limits, nodes=_SUPPORT_NODES), best=best, enclose=False).minimum
-        members = (k for _, k in least.rows) if leg.restrictable else elements.tolist()
-        better = least.witness if least.hi < found.hi else None
-        return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
-
-    few, proof = find_support(leg.problem, found, limits.gap, alone), None
-    if question.options.support == "irreducible" and few:
-        few = irreducible(found, few, limits.gap, alone)
-        if question.certificates is not None and not asked():
-            start = start if found.witness is None else found.witness.point
-            part = prepared_leg(question, leg.leg, center=leg.center, only=few)
-            proved = searched(part, the_lower_bound, file=".support", start=start, enclose=False)
-            if proved.certificate is not None:
-                lowest, highest = part.domain["eps"].lo, part.domain["eps"].hi
-                lo = highest if lowest == highest else float(proved.minimum.lo)
-                proof = SupportProof(lo, proved.certificate)
-    ids = question.campaign.measurement_ids
-    return Support(tuple(ids[k] for k in few), proof)
-
-
-def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResult:
-    question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
-    names, witness, eps = question.model.parameters, found.witness, options.eps or 0.0
-    lo = float(found.lo)
-    if options.eps is not None:  # of that one alone something is said
-        lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
-    verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
-    determined, beyond = None, None
-    if options.delta > 0.0:  # at the proved point, or the center of the box
-        at = center if witness is None else witness.point[:-1]
-        determined = determination(question.campaign, leg.leg, at, question.model)
-    if found.found is not None:
-        enclosure = found.found.enclosure
-        beyond = Found(
-            found.found.lo if found.found.lo > found.lo else lo, Box(names, enclosure.lo[:-1], enclosure.hi[:-1])
-        )
-    return LegResult(
-        leg=leg.leg,
-        bracket=LegBracket(
-            verdict=found.verdict,
-            lo=lo,
-            hi=float(found.hi),
-            point=None if witness is None else tuple(map(float, witness.point[:-1])),
-            center=tuple(map(float, center[:7])),
-            enclosure=Box(names, found.enclosure.lo[:-1], found.enclosure.hi[:-1]),
-            certificate=answer.certificate,
-        ),
-        support=support,
-        not_certified=_not_certified(question, leg.leg, answer),
-        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
-        extra=tuple(map(float, center[7:])),
-        determination=determined,
-        found=beyond,
-        work=Work(
-            nodes=found.nodes,
-            programs=found.programs,
-            seconds=found.seconds,
-            pending=found.pending,
-            floor=float(found.floor),
-            trials=answer.trials,
-            contractors_used=found.contractors_used,
-        ),
-    )
-
-
-def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:
-    """Why there is no certificate."""
-    if answer.certificate is not None or answer.lost:
-        return answer.lost
-    if question.certificates is None:
-        return Uncertified.NOT_ASKED
-    if answer.minimum.interrupted:
-        return Uncertified.INTERRUPTED
-    if not built_in(question.model) and not exactly_read(question.campaign, leg):
-        return Uncertified.MODEL
-    return Uncertified.NOTHING_PROVED
-
 
 # ------------------------------------------------------------------------------------------------------------------
 # All legs: each is a task, here or wherever an executor does it.

@@ -6,9 +6,10 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from fractions import Fraction as F
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import INFORMED, checked, load, save
+from cpcal.files.codec import Informed, checked, load, save
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (
@@ -51,17 +52,24 @@ Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.model
 # ------------------------------------------------------------------------------------------------------------------
 # The answer to a hand-eye study, as plain values.
 
-_FILE = "a file of the run, which is accepted, and so are those that it rests on"
-LARGEST_ERROR = (  # how `eps_hi`, the point and its readings are checked
+_STUDY, _AGAIN, _ASKED = map(checked, ("the study", "computed again, exactly", "the box of the certificates"))
+_FILE = checked("a file of the run, which is accepted, and so are those that it rests on")
+_LARGEST = checked(
     "the largest error at the point is computed again, exactly, and is `eps_hi`; the point in the box, readings within "
     "half-widths"
 )
+_LEAST_SQUARES = checked("least squares, computed again: a thousandth of the half-widths apart at most, and in them")
+_CENTER = checked(
+    "least squares, computed again without the images left out: a thousandth of its deviations, or of the box, apart "
+    "at most; and the box of the certificates"
+)
+_GROUP = checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
+_BLAMED = checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`")
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
 
 REACH = 2000.0  # mm: the box around the classical positions
-_ASKED = "the box of the certificates"
 
 
 @dataclass(frozen=True)
@@ -71,8 +79,8 @@ class Within:
     Raises InputError for a reach or an angle that is none.
     """
 
-    reach: float = field(default=REACH, metadata=checked(_ASKED))
-    angle: float | None = field(default=None, metadata=checked(_ASKED))
+    reach: Annotated[float, _ASKED] = REACH
+    angle: Annotated[float | None, _ASKED] = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
@@ -95,12 +103,7 @@ class Within:
 class AskedBox(Within):
     """The box of frames that everything speaks of, about the least-squares answer."""
 
-    center: PlacedFrames = field(
-        metadata=checked(
-            "least squares, computed again without the images left out: a thousandth of its deviations, or of the box, "
-            "apart at most; and the box of the certificates"
-        )
-    )
+    center: Annotated[PlacedFrames, _CENTER]
 
     def holds(self, placed: PlacedFrames) -> bool:
         """Whether frames are in the box, exactly."""
@@ -116,11 +119,11 @@ class FrameRanges:
     Without numbers there are no such frames. `certificate`: the file that claims it.
     """
 
-    low: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
-    high: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
-    lo: tuple[float, ...] = field(metadata=checked("the claim of `ranges.certificate`"))
-    hi: tuple[float, ...] = field(metadata=checked("the claim of `ranges.certificate`"))
-    certificate: str = field(metadata=checked(_FILE))
+    low: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
+    high: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
+    lo: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
+    hi: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
+    certificate: Annotated[str, _FILE]
 
     def __post_init__(self) -> None:
         sizes = len(self.low), len(self.high), len(self.lo), len(self.hi)
@@ -140,9 +143,9 @@ class ImageVerdict:
     pose: another reading may do better.
     """
 
-    image: str = field(metadata=checked("the study"))
-    largest: float | None = field(metadata=checked("computed again, exactly"))
-    ok: bool = field(metadata=checked("computed again, exactly"))
+    image: Annotated[str, _STUDY]
+    largest: Annotated[float | None, _AGAIN]
+    ok: Annotated[bool, _AGAIN]
 
 
 @dataclass(frozen=True)
@@ -153,10 +156,11 @@ class Classical:
     `readings`: of the robot's poses, image by image, where these are uncertain.
     """
 
-    readings: tuple[Reading, ...] = field(
-        metadata=checked("least squares, computed again: a thousandth of the half-widths apart at most, and in them")
-    )
-    largest: float = field(metadata=checked("computed again, exactly"))
+    readings: Annotated[
+        tuple[Reading, ...],
+        checked("least squares, computed again: a thousandth of the half-widths apart at most, and in them"),
+    ]
+    largest: Annotated[float, _AGAIN]
     images: tuple[ImageVerdict, ...]
 
 
@@ -164,10 +168,8 @@ class Classical:
 class RefutedGroup:
     """PROVED: no frames in the box explain these images to within the tolerance of what the group is for."""
 
-    images: tuple[str, ...] = field(
-        metadata=checked("no so many images as `outliers` meet all groups; the certificate speaks of no others")
-    )
-    certificate: str = field(metadata=checked(_FILE))
+    images: Annotated[tuple[str, ...], _GROUP]
+    certificate: Annotated[str, _FILE]
 
 
 @dataclass(frozen=True)
@@ -186,35 +188,34 @@ class HandEyeResult:
     and `remarks`. `programs`: linear ones that were solved. `timed`: the time limit ended a search.
     """
 
-    setup: str = field(metadata=checked("the study"))
-    images: int = field(metadata=checked("the study"))
-    points: int = field(metadata=checked("the study"))
+    setup: Annotated[str, _STUDY]
+    images: Annotated[int, _STUDY]
+    points: Annotated[int, _STUDY]
     asked: AskedBox
-    outliers: int = field(metadata=checked("so many are left out, and each claim has a group more"))
-    left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
-    eps_lo: float = field(metadata=checked("that of the certificates of `lower`; 0 without these"))
-    eps_hi: float = field(metadata=checked(LARGEST_ERROR))
-    point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
-    readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
+    outliers: Annotated[int, checked("so many are left out, and each claim has a group more")]
+    left_out: Annotated[tuple[str, ...], checked("images of the study; all others are explained by the point")]
+    eps_lo: Annotated[float, checked("that of the certificates of `lower`; 0 without these")]
+    eps_hi: Annotated[float, _LARGEST]
+    point: Annotated[PlacedFrames, _LARGEST]
+    readings: Annotated[tuple[Reading, ...], _LARGEST]
     lower: tuple[RefutedGroup, ...]
-    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last steps of the certificates of `lower`"))
-    tolerance: float | None = field(metadata=checked("`eps`"))
-    eps: float = field(
-        metadata=checked("`tolerance`, or 1.1 `eps_hi` without one; certificates of ranges and `blamed`")
-    )
+    support: Annotated[tuple[tuple[str, str], ...], checked("the last steps of the certificates of `lower`")]
+    tolerance: Annotated[float | None, checked("`eps`")]
+    eps: Annotated[float, checked("`tolerance`, or 1.1 `eps_hi` without one; certificates of ranges and `blamed`")]
     ranges: FrameRanges | None
     classical: Classical
-    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
-        metadata=checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`")
-    )
-    version: str = field(metadata=INFORMED)
-    gap: float = field(metadata=INFORMED)
-    rms: float = field(metadata=INFORMED)
-    sigma: tuple[float, ...] = field(metadata=INFORMED)
-    remarks: tuple[str, ...] = field(metadata=INFORMED)
-    programs: int = field(metadata=INFORMED)
-    timed: bool = field(metadata=INFORMED)
-    seconds: float = field(metadata=INFORMED)
+    blamed: Annotated[
+        tuple[tuple[str, tuple[RefutedGroup, ...]], ...],
+        checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`"),
+    ]
+    version: Informed[str]
+    gap: Informed[float]
+    rms: Informed[float]
+    sigma: Informed[tuple[float, ...]]
+    remarks: Informed[tuple[str, ...]]
+    programs: Informed[int]
+    timed: Informed[bool]
+    seconds: Informed[float]
 
     def __post_init__(self) -> None:
         _check_finite(self, "")

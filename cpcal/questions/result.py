@@ -7,14 +7,16 @@ import math
 import operator
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
 
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import stated
-from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
+from cpcal.files.codec import Informed, checked, informed, load, save
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
@@ -30,10 +32,16 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------------------------------------------
 # What a user asks of `certify` and `compare`: one frozen value that checks itself, stored in every result.
 
+_FILE, _CAMPAIGN = checked("a file of the run, which is accepted"), checked("campaign.json")
+_CLAIM = checked("the claim of the certificate", "certificate")
+_POINT = checked("the claim of the certificate", "certificate", "point_certificate")
+_BOX = checked("the box of each certificate", "certificate", "proofs", "point_certificate")
+
 CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "irreducible", "none")
 METHODS = ("bound", "timeout")
 ARITHMETICS = ("float64", "arb")
+_ALWAYS = ("delta", "center", "gap", "contractors", "arithmetic")
 LARGEST_DELTA = 1e6  # mm: a kilometre
 
 
@@ -84,22 +92,22 @@ class Options:
     Raises InputError with every problem that shows without the campaign.
     """
 
-    legs: tuple[int, ...] | None = field(default=None, metadata=checked("the legs that are there"))
-    delta: float = field(default=100.0, metadata=checked("the box of each certificate"))
-    center: str = field(default="fit", metadata=INFORMED)
-    gap: float = field(default=1e-6, metadata=INFORMED)
-    time_limit: float | None = field(default=None, metadata=INFORMED)
-    node_limit: int | None = field(default=None, metadata=INFORMED)
-    contractors: tuple[str, ...] = field(default=("lifted",), metadata=INFORMED)
-    arithmetic: str = field(default="float64", metadata=INFORMED)
-    eps: float | None = field(default=None, metadata=checked("the box and the cap of each certificate"))
-    tolerance: float | None = field(default=None, metadata=INFORMED)
-    support: str = field(default="few", metadata=INFORMED)
-    method: str = field(default="bound", metadata=INFORMED)
-    model: str | None = field(default=None, metadata=INFORMED)
-    half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
-    ranges: bool = field(default=False, metadata=INFORMED)
-    outliers: int = field(default=0, metadata=checked("what the proofs bear"))
+    legs: Annotated[tuple[int, ...] | None, checked("the legs that are there")] = None
+    delta: Annotated[float, checked("the box of each certificate")] = 100.0
+    center: Informed[str] = "fit"
+    gap: Informed[float] = 1e-6
+    time_limit: Informed[float | None] = None
+    node_limit: Informed[int | None] = None
+    contractors: Informed[tuple[str, ...]] = ("lifted",)
+    arithmetic: Informed[str] = "float64"
+    eps: Annotated[float | None, checked("the box and the cap of each certificate")] = None
+    tolerance: Informed[float | None] = None
+    support: Informed[str] = "few"
+    method: Informed[str] = "bound"
+    model: Informed[str | None] = None
+    half_widths: Informed[Mapping[str, float]] = field(default_factory=dict)
+    ranges: Informed[bool] = False
+    outliers: Annotated[int, checked("what the proofs bear")] = 0
 
     def __post_init__(self) -> None:
         problems = [*self._problems_of_one(), *self._problems_of_several()]
@@ -138,17 +146,14 @@ class Options:
 
     def words(self) -> list[str]:
         """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
-        out = [] if self.legs is None else ["--legs", ",".join(map(str, self.legs))]
-        out += ["--delta", repr(self.delta), "--center", self.center, "--gap", repr(self.gap)]
-        out += ["--contractors", ",".join(self.contractors), "--arithmetic", self.arithmetic]
-        out += [] if self.model is None else ["--model", self.model]
-        out += [word for name, width in self.half_widths.items() for word in ("--half-width", f"{name}={width!r}")]
-        for name in ("eps", "tolerance", "time_limit", "node_limit"):
-            value = getattr(self, name)
-            out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
-        for name, usual in (("outliers", 0), ("method", "bound"), ("support", "few")):
-            value = getattr(self, name)
-            out += [] if value == usual else [f"--{name}", str(value)]
+        out: list[str] = []
+        for option in fields(self):
+            name, value = option.name, getattr(self, option.name)
+            if name == "half_widths":
+                out += [word for of, width in value.items() for word in ("--half-width", f"{of}={width!r}")]
+            elif name in _ALWAYS or (name != "ranges" and value != option.default):
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                out += [f"--{name.replace('_', '-')}", text]
         return out
 
 
@@ -164,8 +169,8 @@ class SupportProof:
     Raises ValueError for a bound that says nothing.
     """
 
-    eps_lo: float = field(metadata=checked("the bound of the certificate, by the support alone"))
-    certificate: str = field(metadata=checked("a file of the run, which is accepted"))
+    eps_lo: Annotated[float, checked("the bound of the certificate, by the support alone")]
+    certificate: Annotated[str, _FILE]
 
     def __post_init__(self) -> None:
         if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
@@ -177,36 +182,13 @@ class Support:
     """`ids` of measurements that by themselves prove the lower bound up to the gap or, where no few were found to, of
     all with a weight in some step. `proof`: that they do."""
 
-    ids: tuple[str, ...] = field(default=(), metadata=INFORMED)
+    ids: Informed[tuple[str, ...]] = ()
     proof: SupportProof | None = None
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # In which range each parameter of a leg lies, if the leg's equations are to hold to within some eps: plain values.
 
-
-@dataclass(frozen=True)
-class Ranges:
-    """Proved: all parameters in the leg's box that satisfy its equations to within `eps` (mm) lie in `box`.
-
-    "Satisfies": THERE EXISTS for every measurement a reading in its set. `certificate`: the file that claims exactly
-    this; None: proved in outward-rounded arithmetic, and nobody can check it again. Raises ValueError for an eps that
-    is no tolerance, and for a box that holds nothing.
-    """
-
-    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
-    box: Box = field(metadata=checked("the enclosure of the certificate", "certificate"))
-    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.eps < math.inf:
-            raise ValueError("eps of the ranges is no tolerance")
-        if self.box.is_empty:
-            raise ValueError("the ranges are empty")
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Projections of a set of parameters on planes of two of them, as proved half-planes: plain values.
 
 HalfPlane = tuple[float, float, float]
 
@@ -228,22 +210,26 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Projections:
-    """What holds all parameters that satisfy a leg's equations to within `eps`, of those it was asked about.
+class Ranges:
+    """Proved: all parameters in the leg's box that satisfy its equations to within `eps` (mm) lie in `box`.
 
-    "Satisfies": THERE EXISTS for every measurement a reading in its set. `box` and each of `pairs` hold for themselves.
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `certificate`: the file that claims exactly
+    this; None: proved in outward-rounded arithmetic, and nobody can check it again. So are `projections` of the same
+    set. Raises ValueError for an eps that is no tolerance, a box that holds nothing or is not finite, and projections
+    on parameters that it has not.
     """
 
-    eps: float
-    box: Box
-    pairs: tuple[Projection, ...]
+    eps: Annotated[float, checked("the cap of the certificate", "certificate")]
+    box: Annotated[Box, checked("the enclosure of the certificate", "certificate")]
+    certificate: Annotated[str | None, _FILE] = None
+    projections: Informed[tuple[Projection, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Raises ValueError for an eps or a box that is not finite, and parameters that the box has not."""
-        bounds = (self.eps, *self.box.lo.tolist(), *self.box.hi.tolist())
-        if not all(map(math.isfinite, bounds)):
-            raise ValueError("eps or the box of the projections is not finite")
-        if not {name for pair in self.pairs for name in pair.parameters} <= set(self.box.names):
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps of the ranges is no tolerance")
+        if not np.isfinite(self.box.width).all():
+            raise ValueError("the ranges are empty, or not finite")
+        if not {name for pair in self.projections for name in pair.parameters} <= set(self.box.names):
             raise ValueError("a projection is of parameters that are not there")
 
 
@@ -322,7 +308,7 @@ class Determination:
         return ""
 
 
-FORMAT = "cpcal-result/9"
+FORMAT = "cpcal-result/10"
 RESULT_NAME = "result.json"
 _OURS = {model.name: model.summary for model in BUILT_IN}
 
@@ -331,8 +317,8 @@ _OURS = {model.name: model.summary for model in BUILT_IN}
 class ModelNote:
     """The leg model of a result: its name, and its parameters beyond (a, b, l). Raises ValueError for no such name."""
 
-    name: str = field(default=PLAIN.name, metadata=checked("the model of each certificate"))
-    extra: tuple[Parameter, ...] = field(default=(), metadata={"json": "parameters"})
+    name: Annotated[str, checked("the model of each certificate")] = PLAIN.name
+    extra: Annotated[tuple[Parameter, ...], {"json": "parameters"}] = ()
 
     def __post_init__(self) -> None:
         if not self.is_ours and (problem := model_name_problem(self.name)):
@@ -413,24 +399,16 @@ class LegBracket:
     `point_certificate` proves. Raises ValueError for fields that contradict each other.
     """
 
-    verdict: Verdict = field(metadata=checked("follows from the bounds and the gap", "certificate", json="status"))
-    lo: float = field(
-        metadata=checked("the claim of the certificate, or the least of the proofs", "certificate", "proofs")
-    )
-    hi: float = field(metadata=checked("the claim of the certificate", "certificate", "point_certificate"))
-    point: tuple[float, ...] | None = field(
-        metadata=checked("the claim of the certificate", "certificate", "point_certificate")
-    )
-    center: tuple[float, ...] = field(
-        metadata=checked("the box of each certificate", "certificate", "proofs", "point_certificate")
-    )
-    enclosure: Box = field(metadata=checked("the claim of the certificate", "certificate"))
-    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
-    proofs: tuple[str, ...] = field(default=(), metadata=checked("files of the run, which are accepted"))
-    point_certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
-    left_out: tuple[str, ...] = field(
-        default=(), metadata=checked("the measurements of the certificate", "point_certificate")
-    )
+    verdict: Annotated[Verdict, checked("follows from the bounds and the gap", "certificate", json="status")]
+    lo: Annotated[float, checked("the claim of the certificate, or the least of the proofs", "certificate", "proofs")]
+    hi: Annotated[float, _POINT]
+    point: Annotated[tuple[float, ...] | None, _POINT]
+    center: Annotated[tuple[float, ...], _BOX]
+    enclosure: Annotated[Box, _CLAIM]
+    certificate: Annotated[str | None, _FILE] = None
+    proofs: Annotated[tuple[str, ...], checked("files of the run, which are accepted")] = ()
+    point_certificate: Annotated[str | None, _FILE] = None
+    left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate", "point_certificate")] = ()
 
     def __post_init__(self) -> None:
         size = len(self.enclosure.names)
@@ -453,7 +431,7 @@ class Work:
     """
 
     nodes: int = 0
-    programs: int = field(default=0, metadata={"json": "lps"})
+    programs: Annotated[int, {"json": "lps"}] = 0
     seconds: float = 0.0
     pending: int = 0
     floor: float = 0.0
@@ -471,25 +449,23 @@ class LegResult:
     nobody can check them again. Raises ValueError for fields that contradict each other.
 
     support        few measurements that prove the lower bound
-    ranges         of the parameters at a tolerance; see cpcal.questions.ranges
+    ranges         of the parameters at a tolerance; see cpcal.questions.leg
     verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
     extra          the model's own parameters of the fit that the box is around; they are no part of the box
     determination  None: nothing is to be determined, or it was not asked
-    projections    what the page draws; see cpcal.questions.ranges
     found          what all contractors together found, where the certificate proves less: nobody can check it
     """
 
-    leg: int = field(metadata=checked("the list of legs, and the certificate"))
+    leg: Annotated[int, checked("the list of legs, and the certificate")]
     bracket: LegBracket
     support: Support = Support()
     ranges: Ranges | None = None
-    not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
-    verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
-    extra: tuple[float, ...] = field(default=(), metadata=INFORMED)
-    determination: Determination | None = field(default=None, metadata=INFORMED)
-    projections: Projections | None = field(default=None, metadata=INFORMED)
-    found: Found | None = field(default=None, metadata=INFORMED)
-    work: Work = field(default=Work(), metadata=INFORMED)
+    not_certified: Informed[Uncertified] = Uncertified.NOTHING
+    verified: Annotated[VerifiedPoint | None, informed("center_verified")] = None
+    extra: Informed[tuple[float, ...]] = ()
+    determination: Informed[Determination | None] = None
+    found: Informed[Found | None] = None
+    work: Informed[Work] = Work()
 
     def __post_init__(self) -> None:
         if self.certified and self.not_certified:
@@ -514,7 +490,7 @@ class LegResult:
         return self.bracket.point is not None and self.bracket.hi == 0.0
 
     def _repr_html_(self) -> str:
-        from cpcal.questions.notebook import leg_html  # which reads results
+        from cpcal.questions.verdict import leg_html  # which reads results
 
         return leg_html(self)
 
@@ -523,9 +499,9 @@ class LegResult:
 class CampaignNote:
     """Which campaign a result is of: SHA-256 of its campaign.json, the robot's name, the number of measurements."""
 
-    sha256: str = field(metadata=checked("campaign.json"))
-    robot: str = field(metadata=checked("campaign.json"))
-    measurements: int = field(metadata=checked("campaign.json"))
+    sha256: Annotated[str, _CAMPAIGN]
+    robot: Annotated[str, _CAMPAIGN]
+    measurements: Annotated[int, _CAMPAIGN]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -539,8 +515,8 @@ class Result:
     campaign: CampaignNote
     options: Options
     model: ModelNote = ModelNote()
-    version: str = field(metadata=INFORMED)
-    interrupted: bool = field(default=False, metadata=INFORMED)
+    version: Informed[str]
+    interrupted: Informed[bool] = False
     legs: tuple[LegResult, ...]
 
     def __post_init__(self) -> None:
@@ -551,19 +527,14 @@ class Result:
 
     def to_frame(self) -> DataFrame:
         """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
-        from cpcal.questions.notebook import result_frame
+        from cpcal.questions.verdict import result_frame
 
         return result_frame(self)
 
     def _repr_html_(self) -> str:
-        from cpcal.questions.notebook import result_html
+        from cpcal.questions.verdict import result_html
 
         return result_html(self)
-
-
-def result_text(result: Result) -> str:
-    """The text of `result.json`."""
-    return text_of(result, FORMAT)
 
 
 def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:

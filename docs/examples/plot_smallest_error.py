@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cpcal
-from cpcal.models import residuals
+from cpcal.models import model_residuals
 
 campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
 result = cpcal.certify(campaign, delta=100.0)
@@ -22,7 +22,7 @@ for leg in result.legs:
 # other parameters within 100 mm do better, because these measurements (the support) contradict each other below it.
 
 leg = result.legs[0]
-residual = residuals(campaign, leg.leg, leg.bracket.point)  # ||P + R b - a|| - (L + l)
+residual = model_residuals(campaign, leg.leg, leg.bracket.point)  # ||P + R b - a|| - (L + l)
 support = np.isin(campaign.measurement_ids, leg.support.ids)
 
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -41,6 +42,40 @@ def exact_weights(value: dict[str, Any]) -> Weights:
         tuple((i, dyadic(touch), w) for i, touch, w in value["tangents"]),
         (r, p, t),
     )
+
+
+# matrices of fractions, apart from the checker's own ------------------------------------------------------------------
+
+Matrix = list[list[F]]
+
+
+def rotation_of(q: Sequence[F]) -> Matrix:
+    """R(q), divided by |q|^2: the columns are q e q' for the axes e."""
+    w, x, y, z = q
+    norm = w * w + x * x + y * y + z * z
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    return [[v / norm for v in row] for row in rows]
+
+
+def applied(a: Sequence[Sequence[F]], v: Sequence[F]) -> list[F]:
+    return [sum((x * y for x, y in zip(row, v, strict=True)), F(0)) for row in a]
+
+
+def across(a: Sequence[Sequence[F]]) -> Matrix:
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def times(a: Sequence[Sequence[F]], b: Sequence[Sequence[F]]) -> Matrix:
+    return [applied(across(b), row) for row in a]
+
+
+def value_at(terms: Mapping[tuple[int, ...], int], at: Sequence[F]) -> F:
+    """Of a row at the values of its unknowns."""
+    return sum((c * math.prod((at[i] for i in monomial), start=F(1)) for monomial, c in terms.items()), F(0))
 
 
 def unknowns(point: Sequence[Any]) -> Unknowns:

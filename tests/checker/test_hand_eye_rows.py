@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from cpcal.checker import Refused
-from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds, rotation
+from cpcal.checker.frames import EQUATIONS, SIDES, Rows, Study, asked_box, holds
 from cpcal.checker.hand_eye import errors, largest
 from cpcal.checker.rule import Box
+from tests.checker.proofs import across, applied, rotation_of, times, value_at
 
 SETUPS = [True, False]
 
@@ -19,20 +20,7 @@ def rational(random, count, scale, power=20):
 
 
 def turned(q):
-    rows, norm = rotation([int(v * (1 << 40)) for v in q])
-    return [[F(v, norm) for v in row] for row in rows]
-
-
-def times(a, b):
-    return [[sum(x * y for x, y in zip(row, column, strict=True)) for column in zip(*b, strict=True)] for row in a]
-
-
-def applied(a, v):
-    return [sum(x * y for x, y in zip(row, v, strict=True)) for row in a]
-
-
-def across(a):
-    return [list(row) for row in zip(*a, strict=True)]
+    return rotation_of([F(int(v * (1 << 40)), 1 << 40) for v in q])
 
 
 def truth_of(random, in_hand, *, wide):
@@ -104,16 +92,6 @@ def unknowns(rows, truth, readings, a_of, hand, board):
     return at
 
 
-def value(terms, at):
-    found = F(0)
-    for monomial, c in terms.items():
-        one = F(c)
-        for i in monomial:
-            one *= at[i]
-        found += one
-    return found
-
-
 @pytest.mark.parametrize("in_hand", SETUPS)
 @pytest.mark.parametrize(("stage", "wide"), [("image", True), ("links", False), ("links", True), ("frames", False)])
 @pytest.mark.parametrize("seed", range(3))
@@ -137,7 +115,7 @@ def test_every_row_holds_at_the_truth_and_equations_are_met(in_hand, stage, wide
     rows = Rows(study, stage, images, F(0), hand, board, {k: v for k, v in sets.items() if k in images}, box)
     at, kinds = unknowns(rows, truth, readings, a_of, hand, board), set()
     for side, k in rows.tags:
-        found = value(rows.row(side, k), at)
+        found = value_at(rows.row(side, k), at)
         assert found <= 0, (side, k)
         kinds.add(side)
         if side[:-1] in ("turn", "tie") or (side[:-1] == "link" and not wide):
@@ -194,13 +172,13 @@ def test_rows_fail_for_a_pixel_beyond_the_tolerance_and_a_reading_beyond_its_hal
     for eps, fails in ((F(1, 9), True), (F(1, 7), False)):
         rows = Rows(moved, "image", [0], eps, hand, board, {}, box)
         at = unknowns(rows, truth, readings, a_of, hand, board)
-        assert any(value(rows.row(side, n), at) > 0 for side in SIDES[:4] for n in range(4)) == fails
+        assert any(value_at(rows.row(side, n), at) > 0 for side in SIDES[:4] for n in range(4)) == fails
     rows = Rows(study, "links", [0], F(0), hand, board, {}, box)
     at = unknowns(rows, truth, readings, a_of, hand, board)
     for j in (12, 15):  # w and d of the image
         off = list(at)
         off[rows.first[0] + j] = -off[rows.first[0] + j]
-        assert any(value(rows.row(side, k), off) > 0 for side in SIDES[8:10] for k in range(12))
+        assert any(value_at(rows.row(side, k), off) > 0 for side in SIDES[8:10] for k in range(12))
 
 
 def test_rows_that_are_none_are_refused():

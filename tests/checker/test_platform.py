@@ -36,6 +36,7 @@ from cpcal.robot import (
 )
 from cpcal.solver.certificate.exact_network import free
 from tests.models.known_robot import ERROR, known
+from tests.remembered import verify_once
 
 __all__ = ["known"]
 
@@ -51,6 +52,13 @@ def run(known, tmp_path_factory):
     save_accuracy(found, folder)
     save_campaign_json(known.campaign, folder)
     return folder, poses, found
+
+
+@pytest.fixture(scope="module", autouse=True)
+def legs_checked_once():
+    with pytest.MonkeyPatch.context() as patch:
+        verify_once(patch)
+        yield
 
 
 def test_the_truth_is_in_the_box_which_is_no_wider_than_newtons(run, known):

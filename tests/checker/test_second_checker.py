@@ -16,6 +16,7 @@ import pytest
 
 from cpcal.checker import Refused
 from tests.checker.conftest import KINDS
+from tests.checker.malformed.test_bytes import NO_CERTIFICATES
 from tests.checker.second import Second, agreed, encoded, told
 
 pytest.importorskip("py_mini_racer", reason="mini-racer is not installed (pip install 'cpcal[test]')")
@@ -38,15 +39,7 @@ def test_true_certificates_are_accepted(
     assert agree(checked, second, encoded(proof.lines), proof.folder) == ""
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        *(b"", b"\n", b"{}\n", b"[]\n", b"null\n", b"\xff\xfe{\n", b"\xef\xbb\xbf{}\n", b"\x00" * 100),
-        *(b'{"format": NaN}\n', b'{"format": "\\ud800"}\n', b'{"format": 1.5}\n', b'{"format": 01}\n', b'{"a": 1,}\n'),
-        *(b"[" * 100_000 + b"]" * 100_000, b'{"format": "cpcal-certificate/4"} {}\n', b'{"a": "\t"}\n'),
-    ],
-    ids=range(16),
-)
+@pytest.mark.parametrize("content", NO_CERTIFICATES, ids=range(len(NO_CERTIFICATES)))
 def test_what_is_no_certificate(content: bytes, exact_proof: Any, checked: Any, second: Second) -> None:
     assert agree(checked, second, content, exact_proof.folder)
 

@@ -10,36 +10,15 @@ import pytest
 
 from cpcal.checker import Refused
 from cpcal.checker.bounds import between, number
-from cpcal.checker.frames import rotation
 from cpcal.checker.lens import Cameras
-from cpcal.checker.polynomial import dyadics
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import SIDES, Dot, Rows, Sight
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.target import DELTALAB_TARGET
+from tests.checker.proofs import across, applied, rotation_of, times, value_at
 
 WIDTHS = (0.2, 0.2, 0.1, 0.1, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4)
 BENT = (600.0, 601.0, 511.0, 380.0, -0.33, 0.15, 1e-3, -1e-3, -0.03)
-Matrix = list[list[F]]
-
-
-def turn(q: list[F]) -> Matrix:
-    rows, norm = rotation(dyadics(q).values)
-    return [[F(v, norm) for v in row] for row in rows]
-
-
-def product(a: Matrix, b: Matrix) -> Matrix:
-    return [
-        [sum((x * y for x, y in zip(row, column, strict=True)), F(0)) for column in zip(*b, strict=True)] for row in a
-    ]
-
-
-def applied(a: Matrix, v: list[F]) -> list[F]:
-    return [sum((x * y for x, y in zip(row, v, strict=True)), F(0)) for row in a]
-
-
-def back(a: Matrix) -> Matrix:
-    return [list(column) for column in zip(*a, strict=True)]
 
 
 def pixel(numbers: list[F], x: list[F]) -> list[F]:
@@ -67,9 +46,12 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
     true = [F(v) + sum((a * b for a, b in zip(row, t, strict=True)), F(0)) for v, row in zip(numbers, by, strict=True)]
     camera, target, about = ([drawn(1.0) for _ in range(4)] for _ in range(3))
     before, arm = [drawn(500.0) for _ in range(3)], [drawn(50.0) for _ in range(3)]
-    seen, place = turn([drawn(0.2), F(1), drawn(0.2), drawn(0.2)]), [drawn(30.0), drawn(30.0), 700 + drawn(150.0)]
-    mobile = product(back(turn(camera)), product(seen, back(turn(target))))
-    moved = applied(back(turn(camera)), [a - b for a, b in zip(place, before, strict=True)])
+    seen, place = (
+        rotation_of([drawn(0.2), F(1), drawn(0.2), drawn(0.2)]),
+        [drawn(30.0), drawn(30.0), 700 + drawn(150.0)],
+    )
+    mobile = times(across(rotation_of(camera)), times(seen, across(rotation_of(target))))
+    moved = applied(across(rotation_of(camera)), [a - b for a, b in zip(place, before, strict=True)])
     position = [a - b for a, b in zip(moved, applied(mobile, arm), strict=True)]
     half, dots, reach = F(0.05), [], []
     for k in rng.sample(range(len(DELTALAB_TARGET.dots)), 5):
@@ -84,7 +66,7 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
     frames = ([number(v) for v in part] for part in ((*before, *camera), (*arm, *target)))
     in_camera, in_mobile = frames
     sight = Sight(tuple(dots), False, cameras, number(F(6)), in_camera, in_mobile, number(0))
-    at = [v for row in product(mobile, back(turn(about))) for v in row] + position + t
+    at = [v for row in times(mobile, across(rotation_of(about))) for v in row] + position + t
     everywhere = sight.anywhere()
     assert everywhere.holds(at, at)
     near = Box((*(v - F(1, 50) for v in at[:12]), *[F(-1)] * size), (*(v + F(1, 50) for v in at[:12]), *[F(1)] * size))
@@ -92,12 +74,7 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
         rows = Rows(sight, range(len(dots)), about, root, placed=False)
         values = {}
         for side, k in rows.tags:
-            value = F(0)
-            for monomial, c in rows.row(side, k).items():
-                term = F(c)
-                for i in monomial:
-                    term *= at[i]
-                value += term
+            value = value_at(rows.row(side, k), at)
             assert value <= 0
             values[side, k] = float(value / 2**80 / place[2])
         assert not any(map(rows.fails, range(len(dots))))

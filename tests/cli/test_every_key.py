@@ -15,6 +15,7 @@ from tests.every_key import FILES, accepted_changes, table, unlisted_keys
 from tests.remembered import verify_once
 
 Verify = Callable[[], bool]
+Genuine = Callable[[str, Path], None]
 
 
 @pytest.fixture
@@ -41,9 +42,9 @@ EXTENT = [False, pytest.param(True, marks=pytest.mark.nightly)]  # a key in one 
 @pytest.mark.parametrize("every_place", EXTENT)
 @pytest.mark.parametrize("kind", [kind for kind in RUNS if kind not in ELSEWHERE])
 def test_every_change_outside_of_the_information_is_refused(
-    kind: str, every_place: bool, tmp_path: Path, verified: Verify
+    kind: str, every_place: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
 ) -> None:
-    RUNS[kind](tmp_path)
+    genuine_run(kind, tmp_path)
     assert verified()
     folder = tmp_path / "run" / ("lateral" if kind == "compare" else "")
     (file,) = (folder / name for name in FILES if (folder / name).exists())
@@ -52,15 +53,19 @@ def test_every_change_outside_of_the_information_is_refused(
 
 
 @pytest.mark.parametrize("every_place", EXTENT)
-def test_every_change_of_what_a_pose_set_states_is_refused(every_place: bool, tmp_path: Path, verified: Verify) -> None:
-    RUNS["pose sets"](tmp_path)
+def test_every_change_of_what_a_pose_set_states_is_refused(
+    every_place: bool, tmp_path: Path, verified: Verify, genuine_run: Genuine
+) -> None:
+    genuine_run("pose sets", tmp_path)
     assert verified()
     file = tmp_path / "run" / "one.pose.json"
     assert list(accepted_changes(file, verified, but="chains", every_place=every_place)) == []
 
 
-def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(tmp_path: Path, verified: Verify) -> None:
-    RUNS["campaigns"](tmp_path)
+def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(
+    tmp_path: Path, verified: Verify, genuine_run: Genuine
+) -> None:
+    genuine_run("campaigns", tmp_path)
     assert verified()
     path = tmp_path / "run" / "summary.csv"
     text = path.read_text(encoding="utf-8")
@@ -81,9 +86,9 @@ def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(tmp_path: Path, v
     assert not verified()
 
 
-def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path) -> None:
+def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path, genuine_run: Genuine) -> None:
     """What header or claims say otherwise is refused, or said to be proved; the constraints are its own."""
-    RUNS["solve"](tmp_path)
+    genuine_run("solve", tmp_path)
     path = tmp_path / "run" / "it.cert.jsonl"
     good, text = check(path), path.read_text(encoding="utf-8")
     lines = text.splitlines()

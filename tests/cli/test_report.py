@@ -31,9 +31,9 @@ def test_the_same_page_as_certify_wrote(copy):
 def test_the_run_has_polygons_and_one_without_still_has_its_page(copy):
     file, page = copy / "run" / "result.json", copy / "run" / "report.html"
     data = json.loads(file.read_text(encoding="utf-8"))
-    assert len(data["legs"][0]["information"]["projections"]["pairs"]) == 7
+    assert len(data["legs"][0]["ranges"]["information"]["projections"]) == 7
     assert page.read_text(encoding="utf-8").count("Leg 1: polygon that holds") == 7
-    data["legs"][0]["information"]["projections"] = None
+    data["legs"][0]["ranges"]["information"]["projections"] = []
     file.write_text(json.dumps(data), encoding="utf-8")
     done("report", copy / "run")
     assert "Leg 1: polygon that holds" not in page.read_text(encoding="utf-8")

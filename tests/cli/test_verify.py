@@ -8,7 +8,6 @@ import shutil
 import pytest
 
 import cpcal
-from benchmarks.genuine_runs import RUNS
 from cpcal.checker import Refused, certificates_of
 from cpcal.checker.files import A_FILE
 from cpcal.files.folders import save_campaign_json
@@ -79,9 +78,9 @@ def test_a_refuted_tolerance_is_certified(small, tmp_path):
     assert "|g| <= 0.1 mm for any readings" in done("verify", tmp_path, "--campaign", small)
 
 
-def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch):
+def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch, genuine_run):
     """Each by itself costs less than half of what they may cost together."""
-    RUNS["fits"](tmp_path)
+    genuine_run("fits", tmp_path)
     folder = tmp_path / "run"
     among = certificates_of(folder)
     before = among.budget.left
@@ -108,7 +107,7 @@ def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path
             among.accepted(name)
 
 
-def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path):
-    RUNS["fits"](tmp_path)
+def test_other_files_are_refused_with_a_campaign_that_is_none(tmp_path, genuine_run):
+    genuine_run("fits", tmp_path)
     (tmp_path / "run" / "campaign.json").write_text("{}")
     assert "run: REFUSED, campaign.json: it holds another key than" in done("verify", tmp_path / "run", status=1)

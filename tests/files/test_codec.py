@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
 import pytest
 
@@ -39,7 +40,7 @@ class Outer:
     inner: Inner | None
     widths: Mapping[str, float]
     box: Box
-    flag: bool = field(default=False, metadata={"json": "called"})
+    flag: Annotated[bool, {"json": "called"}] = False
 
 
 VALUE = Outer(

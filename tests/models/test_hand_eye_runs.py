@@ -33,6 +33,7 @@ from cpcal.questions.hand_eye import (
     verify_hand_eye,
 )
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from tests.changed import put
 from tests.every_key import accepted_changes, unlisted_keys
 from tests.models.conftest import unknowns_of
 
@@ -142,7 +143,7 @@ def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run,
         assert run.result.passes is True
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2, 3))])
 def test_no_stage_excludes_a_planted_truth(seed):
     """Random studies with uncertain poses and pixels, at the tolerance that the truth needs, and hardly more."""
     random = np.random.default_rng(seed)
@@ -218,17 +219,6 @@ def test_a_run_without_time_says_so_and_is_verified(exact_run, tmp_path):
 
 
 # forged numbers ----------------------------------------------------------------------------------------------------
-
-
-def put(*place, to):
-    """A change of data: what stands at a place becomes `to`, or what `to` makes of it."""
-
-    def change(data):
-        for key in place[:-1]:
-            data = data[key]
-        data[place[-1]] = to(data[place[-1]]) if callable(to) else to
-
-    return change
 
 
 def plus(amount):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from fractions import Fraction as F
 
@@ -10,11 +13,13 @@ import numpy as np
 import pytest
 
 import cpcal
+from cpcal.calibration.diagnosis import mid_range, sag_shape
 from cpcal.checker.readers import dyadic
 from cpcal.files import campaign_sha256
 from cpcal.models import (
     PLAIN,
     ModelResiduals,
+    built_in,
     fit_model,
     leg,
     leg_box,
@@ -24,13 +29,14 @@ from cpcal.models import (
     model_statement,
     reading_sensitivities,
 )
-from cpcal.robot import ModelChoice, rotation_matrix
+from cpcal.robot import ModelChoice, Pose, leg_vectors, rotation_matrix
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, sqr
 from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
+from tests.checker.proofs import applied, rotation_of
 
 NAMES = ("plain", "gain", "linear", "lateral")
 
@@ -164,15 +170,10 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     at = tuple(F(float(v)) for v in [*x, 0.3125])
     a, b, (offset, *extra), eps = at[:3], at[3:6], at[6:-1], at[-1]
     for k, item in enumerate(statement.items[:5]):
-        w, q1, q2, q3 = (F(float(v)) for v in campaign.quaternion[k])
+        w, *q = quaternion = [F(float(v)) for v in campaign.quaternion[k]]
         position, length = [F(float(v)) for v in campaign.position[k]], F(float(campaign.length[k, leg - 1]))
-        size = w * w + q1 * q1 + q2 * q2 + q3 * q3
-        rows = (
-            (w * w + q1 * q1 - q2 * q2 - q3 * q3, 2 * (q1 * q2 - w * q3), 2 * (q1 * q3 + w * q2)),
-            (2 * (q1 * q2 + w * q3), w * w - q1 * q1 + q2 * q2 - q3 * q3, 2 * (q2 * q3 - w * q1)),
-            (2 * (q1 * q3 - w * q2), 2 * (q2 * q3 + w * q1), w * w - q1 * q1 - q2 * q2 + q3 * q3),
-        )
-        v = [position[i] + sum(r * u for r, u in zip(rows[i], b, strict=True)) / size - a[i] for i in range(3)]
+        size, turned = sum(c * c for c in quaternion), applied(rotation_of(quaternion), b)
+        v = [position[i] + turned[i] - a[i] for i in range(3)]
         square, reading = sum(c * c for c in v), length + offset
         if name == "lateral":
             square -= extra[0]
@@ -180,7 +181,7 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
             reading += extra[0] * length
         if name == "linear":
             reading += sum(c * p for c, p in zip(extra[1:4], position, strict=True))
-            reading += sum(t * 2 * w * r for t, r in zip(extra[4:], (q1, q2, q3), strict=True)) / size
+            reading += sum(t * 2 * w * r for t, r in zip(extra[4:], q, strict=True)) / size
         assert item.root
         assert value(item.body, at) == size**2 * square
         assert value(item.at_most, at) == size * (reading + eps)
@@ -333,3 +334,108 @@ def test_a_reading_turns_a_leg_by_the_whole_rotation_however_large():
     quaternion = np.column_stack([np.ones(7), s])
     quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
     np.testing.assert_allclose(turned, (rotation_matrix(quaternion) @ arms[..., None])[..., 0], atol=1e-14)
+
+
+# the leg model `sag` ---------------
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    return cpcal.simulate(seed=1, factor=0.0, deviation=0.0, noise=0.0)
+
+
+def bent(campaign, c):
+    """The same poses read by the sensors of legs that sag by c mm: longer by what is lost."""
+    length, robot = campaign.length.copy(), campaign.robot
+    vector = leg_vectors(robot, Pose(campaign.position, campaign.quaternion))
+    for _ in range(30):
+        shape = sag_shape(vector, length + robot.offset, robot.offset + mid_range(length), np.array([0.0, 0.0, 1.0]))
+        length = campaign.length + c * shape
+    return replace(campaign, length=length)
+
+
+def test_the_sag_comes_by_its_entry_point():
+    model = leg_model("sag")
+    assert (model.name, model.parameters[-1]) == ("sag", "c")
+    assert not built_in(model)
+
+
+def test_its_equation_holds_for_legs_that_sag(perfect):
+    heavy, model = bent(perfect, 2.0), leg_model("sag")
+    x = np.append(heavy.robot.parameters[2], 2.0)
+    assert np.abs(model_residuals(heavy, 3, x, model)).max() < 1e-9
+    assert np.abs(model_residuals(heavy, 3, np.append(x[:7], 0.0), model)).max() > 1.0
+
+
+def test_its_fit_finds_the_sag(perfect):
+    assert fit_model(bent(perfect, 2.0), 3, leg_model("sag"))[-1] == pytest.approx(2.0, abs=1e-4)
+
+
+def test_proofs_enclose_it(perfect):
+    found = cpcal.compare(bent(perfect, 2.0), ["plain", "sag"], legs=[3], tolerance=0.1)
+    assert [cpcal.verdict_of(result, result.legs[0]).word for result in found.values()] == ["fail", "not compared"]
+    assert found["sag"].legs[0].bracket.hi <= 0.1
+    assert 2.0 in found["sag"].legs[0].bracket.enclosure["c"]
+
+
+# models of other packages: found by entry point, in this process and in every other one ---------------
+
+MODULE = """
+from cpcal import LegModel, Parameter
+stretched = LegModel("stretched", "L + l + k", (Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+misnamed = stretched
+shadowing = LegModel("plain", "L + l + k", (Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+"""
+POINTS = """[cpcal.leg_models]
+stretched = others:stretched
+broken = absent:model
+other = others:misnamed
+plain = others:shadowing
+"""
+
+
+@pytest.fixture
+def other_package(tmp_path, monkeypatch):
+    """A folder on sys.path that holds an installed package with four leg models, only one of which is usable."""
+    metadata = tmp_path / "others-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n", encoding="utf-8")
+    (metadata / "entry_points.txt").write_text(POINTS, encoding="utf-8")
+    (tmp_path / "others.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def test_an_entry_point_makes_a_model_known_by_its_name(other_package):
+    model = leg_model("stretched")
+    assert model.parameters[7:] == ("k",)
+    assert not built_in(model)
+
+
+def test_a_broken_or_misnamed_entry_point_is_refused_with_what_it_names(other_package):
+    with pytest.raises(cpcal.PluginError, match=r"leg model 'broken' \(absent:model\) does not load"):
+        leg_model("broken")
+    with pytest.raises(cpcal.PluginError, match=r"'other' \(others:misnamed\) is no cpcal.LegModel of that name"):
+        leg_model("other")
+
+
+def test_no_package_takes_the_place_of_a_model_of_cpcal(other_package):
+    assert built_in(leg_model("plain"))
+
+
+def test_an_unknown_name_lists_those_there_are(other_package):
+    with pytest.raises(cpcal.InputError, match="plain, gain, linear, lateral, broken, other, sag, stretched,"):
+        leg_model("streched")
+
+
+def test_a_report_in_another_process_has_all_figures_of_a_provided_model(other_package, tmp_path):
+    campaign = cpcal.simulate(seed=1, factor=0.0, joint_error=1.0)
+    cpcal.save_campaign(campaign, tmp_path / "campaign")
+    cpcal.save_result(cpcal.certify(campaign, legs=[1], model="stretched"), tmp_path / "run", campaign)
+    environment = {**os.environ, "PYTHONPATH": str(other_package)}
+    command = [sys.executable, "-m", "cpcal", "report", str(tmp_path / "run"), "--campaign", str(tmp_path / "campaign")]
+    for variables, drawn in ((environment, True), (dict(os.environ), False)):
+        subprocess.run(command, env=variables, check=True, capture_output=True)
+        page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+        assert ("residuals of the proved point over the measurements" in page) is drawn
+        assert ("the leg model &#39;stretched&#39; is not known here" in page) is not drawn

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+import cpcal
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
 from cpcal.common.errors import InputError
-from cpcal.models.sight import Frames, PixelBoxes, PoseSet, TargetSet, enclose_pose
+from cpcal.files import load_campaign, save_campaign
+from cpcal.models.sight import Frames, PixelBoxes, PoseSet, TargetSet, campaign_of, enclose_pose
 from cpcal.robot import (
     Pose,
     compose,
     inverse,
+    inverse_kinematics,
     normalised,
+    quaternion_conjugate,
     quaternion_from_rotation_vector,
     quaternion_product,
     transformed,
@@ -209,3 +215,161 @@ def test_the_benchmark_prints_a_table(monkeypatch: pytest.MonkeyPatch, capsys: p
     told = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in told[2:4]] == [["uniform", "1/1"], ["adversarial", "1/1"]]
     assert told[4].startswith("3 sigma")
+
+
+# all dots but q: the true pose stays inside, outliers are named only when they are ones, and the set stays useful -----
+
+DOTS = np.arange(0, len(DELTALAB_TARGET.dots), 2)  # half of them: quicker
+PIXELS = DELTALAB_CAMERA.project(transformed(NOMINAL, DELTALAB_TARGET.points[DOTS]))
+HALF_WIDTH = 0.1
+
+
+def noisy(seed: int) -> np.ndarray:
+    return PIXELS + np.random.default_rng(seed).uniform(-HALF_WIDTH, HALF_WIDTH, PIXELS.shape)
+
+
+def enclosed(pixels: np.ndarray, outliers: int) -> PoseSet:
+    boxes = PixelBoxes.around(DOTS, pixels, HALF_WIDTH)
+    return enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=outliers)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_gross_outliers_are_found_and_cost_nothing(count: int) -> None:
+    pixels, rng = noisy(count), np.random.default_rng(10 + count)
+    wrong = np.sort(rng.choice(len(DOTS), count, replace=False))
+    clean = enclosed(pixels, 0)
+    pixels[wrong] += rng.choice([-1.0, 1.0], (count, 2)) * rng.uniform(10.0, 40.0, (count, 2))
+    found = enclosed(pixels, count)
+    assert found.verdict is Verdict.PROVED
+    assert NOMINAL in found
+    assert found.refuted == tuple(DOTS[wrong])
+    assert (radii(found) < 1.3 * radii(clean)).all()
+    assert "but at most" in found.status
+
+
+def test_fewer_outliers_than_allowed() -> None:
+    pixels = noisy(4)
+    clean = enclosed(pixels, 0)
+    pixels[25] -= 25.0
+    found = enclosed(pixels, 2)
+    assert NOMINAL in found
+    assert found.refuted == (50,)
+    assert (radii(clean) <= radii(found)).all()
+    assert (radii(found) < 6.0 * radii(clean)).all()
+
+
+def test_more_outliers_than_allowed_refute() -> None:
+    pixels = noisy(5)
+    pixels[[1, 17, 30]] += 30.0
+    found = enclosed(pixels, 2)
+    assert found.verdict is Verdict.REFUTED
+    assert NOMINAL not in found
+
+
+def test_outliers_that_agree_on_another_pose() -> None:
+    """Three dots where another pose shows them: the set holds the truth all the same."""
+    other = Pose(NOMINAL.position + [5.0, 3.0, 20.0], NOMINAL.quaternion)
+    pixels = noisy(6)
+    wrong = [0, 3, 6]
+    pixels[wrong] = DELTALAB_CAMERA.project(transformed(other, DELTALAB_TARGET.points[DOTS[wrong]]))
+    found = enclosed(pixels, 3)
+    assert NOMINAL in found
+    assert other not in found
+    assert found.refuted == (0, 6, 12)
+
+
+def test_slight_outliers() -> None:
+    """A dot a little outside its box, the hardest to tell: no verdict about it need be had, but the truth is inside."""
+    for seed, excess in ((7, 0.01), (8, 0.1)):
+        pixels = noisy(seed)
+        pixels[7] = PIXELS[7] + HALF_WIDTH + excess
+        found = enclosed(pixels, 1)
+        assert NOMINAL in found
+        assert found.refuted in ((), (14,))
+
+
+def test_one_outlier_costs_no_more_than_leaving_out_any_one_dot() -> None:
+    """The hull of the sets without dot 0, without dot 1, ...: inside what is stated, and hardly narrower."""
+    chosen = np.sort(np.random.default_rng(9).choice(len(DOTS), 16, replace=False))
+    pixels = noisy(9)
+    boxes = PixelBoxes.around(DOTS[chosen], pixels[chosen], HALF_WIDTH)
+    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=1)
+    assert found.pose is not None
+    away = []
+    for dot in chosen:
+        rest = chosen[chosen != dot]
+        one = enclose_pose(PixelBoxes.around(DOTS[rest], pixels[rest], HALF_WIDTH), DELTALAB_TARGET, DELTALAB_CAMERA)
+        assert one.pose is not None
+        turn = quaternion_product(one.pose.quaternion, quaternion_conjugate(found.pose.quaternion))
+        step = np.concatenate([one.pose.position - found.pose.position, 2.0 * turn[1:] / turn[0]])
+        away.append([step - radii(one), step + radii(one)])
+    lowest, highest = np.min(away, axis=0)[0], np.max(away, axis=0)[1]
+    assert (np.maximum(-lowest, highest) <= 1.003 * radii(found)).all()  # each is itself wider than need be, a little
+    assert (radii(found) <= 1.02 * np.maximum(-lowest, highest)).all()
+
+
+def test_too_few_dots_for_so_many_outliers() -> None:
+    boxes = PixelBoxes.around(DOTS[:20], PIXELS[:20], HALF_WIDTH)
+    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=2)
+    assert found.verdict is Verdict.UNKNOWN
+    assert "too few" in found.reason
+
+
+# campaigns whose reading sets come from pixels ------------------------------------------------------------------------
+
+STUDY = simulate_study(seed=2, runs=1, validation_runs=1, random_poses=1, noise=0.0)
+TRUTH = STUDY.truth
+assert TRUTH is not None
+POSES = TRUTH.mobile_in_base(STUDY.calibration)
+TRUE = [Pose(POSES.position[k], POSES.quaternion[k]) for k in range(0, 64, 6)]
+ROWS = len(TRUE)
+
+
+def pose_set(pose: Pose, seed: int, frames: Frames, spoiled: float = 0.0) -> PoseSet:
+    assert TRUTH is not None
+    seen = compose(compose(TRUTH.camera, pose), TRUTH.target)
+    pixels = DELTALAB_CAMERA.project(transformed(seen, DELTALAB_TARGET.points))
+    inside = np.flatnonzero(((pixels > 1.0) & (pixels < [1022.0, 766.0])).all(axis=1))
+    pixels = pixels[inside] + np.random.default_rng(seed).uniform(-0.05, 0.05, (len(inside), 2))
+    pixels[3] += spoiled
+    return enclose_pose(PixelBoxes.around(inside, pixels, 0.05), DELTALAB_TARGET, DELTALAB_CAMERA, frames=frames)
+
+
+def test_a_campaign_of_pose_sets_holds_the_truth(tmp_path: Path) -> None:
+    """From pixels to a certificate: all parameters with which the model holds are enclosed, the true ones too."""
+    assert TRUTH is not None
+    frames = Frames(TRUTH.camera, TRUTH.target)
+    sets = [pose_set(pose, k, frames) for k, pose in enumerate(TRUE)]
+    lengths = np.array([inverse_kinematics(TRUTH.robot, pose) for pose in TRUE])
+    campaign = campaign_of(sets, lengths, STUDY.robot, length_radius=0.03, run=["a"] * ROWS)
+    save_campaign(campaign, tmp_path / "campaign")
+    again = load_campaign(tmp_path / "campaign")
+    assert again == campaign
+    for k, pose in enumerate(TRUE):
+        row = PoseSet(
+            sets[k].verdict,
+            Pose(again.position[k], again.quaternion[k]),
+            again.position_radius[k],
+            again.rotation_radius[k],
+            frames,
+        )
+        assert pose in row
+    assert campaign.position_radius.min() > 0.0
+    assert campaign.position_radius.max() < 0.1
+    assert (campaign.length_radius == 0.03).all()
+    assert len(np.unique(campaign.rotation_radius)) == 3 * ROWS  # each row has its own
+    [leg] = cpcal.certify(campaign, delta=10.0, legs=[2]).legs
+    assert leg.bracket.hi == 0.0
+    assert TRUTH.robot.parameters[1] in leg.bracket.enclosure
+    assert leg.bracket.enclosure.width.max() < 4.0
+
+
+def test_what_is_not_proved_makes_no_campaign() -> None:
+    assert TRUTH is not None
+    frames = Frames(TRUTH.camera, TRUTH.target)
+    good, bad = pose_set(TRUE[0], 0, frames), pose_set(TRUE[1], 1, frames, spoiled=10.0)
+    with pytest.raises(InputError, match="pose set 1"):
+        campaign_of([good, bad], np.zeros((2, 6)), STUDY.robot)
+    other = pose_set(TRUE[1], 1, Frames())
+    with pytest.raises(InputError, match="different frames"):
+        campaign_of([good, other], np.zeros((2, 6)), STUDY.robot)

@@ -17,6 +17,7 @@ from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.target import DELTALAB_TARGET, Target
+from tests.changed import put
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])
 FEW = Target("few dots", DELTALAB_TARGET.dots[::8], 6.0, ())
@@ -66,108 +67,53 @@ def test_the_checker_proves_it_again_from_the_pixels(certified: Path, robust: Pa
         assert {path.name for path in folder.glob("*.cert.jsonl")} == set(found.certificates)
 
 
-Edit = Callable[[dict[str, Any]], None]
+Edit = Callable[[Any], None]
+INPUTS, CAMERA, TARGET = "inputs", ("inputs", "camera"), ("inputs", "target")
 
 
-def _digit(number: str) -> str:
-    """A number that is hardly another one."""
-    return (float.fromhex(number) * (1.0 + 1e-3) + 1e-6).hex()
+def scaled(*path: Any, by: float = 1.1, plus: float = 0.0) -> Edit:
+    """A change of all numbers at a place."""
+
+    def change(value: Any) -> Any:
+        return (by * float.fromhex(value) + plus).hex() if isinstance(value, str) else [change(v) for v in value]
+
+    return put(*path, to=change)
 
 
-def _pixel(claim: dict[str, Any]) -> None:
-    for side in ("lo", "hi"):  # of all dots, by a tenth of a pixel
+def all_dots_moved(claim: Any) -> None:
+    for side in ("lo", "hi"):
         for x in claim["inputs"]["pixels"][side]:
-            x[0] = (float.fromhex(x[0]) + 0.1).hex()
+            scaled(0, by=1.0, plus=0.1)(x)
 
 
-def _camera(claim: dict[str, Any]) -> None:
-    numbers = claim["inputs"]["camera"]["numbers"]
-    numbers[0] = _digit(numbers[0])
+def refuted(claim: Any) -> None:
+    claim.update(refuted=True, position_radius=None, rotation_radius=None)
 
 
-def _wider_camera(claim: dict[str, Any]) -> None:
-    rows = claim["inputs"]["camera"]["spread"]
-    claim["inputs"]["camera"]["spread"] = [[(1.1 * float.fromhex(v)).hex() for v in row] for row in rows]
-
-
-def _cube(claim: dict[str, Any]) -> None:
-    claim["inputs"]["camera"]["ball"] = False
-
-
-def _target(claim: dict[str, Any]) -> None:
-    dots = claim["inputs"]["target"]["dots"]
-    claim["inputs"]["target"]["dots"] = [[_digit(v) for v in dot] for dot in dots]
-
-
-def _plate(claim: dict[str, Any]) -> None:
-    widths = claim["inputs"]["target"]["half_widths"]
-    claim["inputs"]["target"]["half_widths"] = [[(1.1 * float.fromhex(v)).hex() for v in one] for one in widths]
-
-
-def _radius(claim: dict[str, Any]) -> None:
-    claim["inputs"]["target"]["radius"] = (9.0).hex()
-
-
-def _frame(claim: dict[str, Any]) -> None:
-    claim["inputs"]["frames"]["camera"][0] = (0.5).hex()
-
-
-def _scale(claim: dict[str, Any]) -> None:
-    claim["inputs"]["target"]["scale"] = (4e-4).hex()
-
-
-def _narrower(claim: dict[str, Any]) -> None:
-    claim["position_radius"] = [(0.99 * float.fromhex(v)).hex() for v in claim["position_radius"]]
-
-
-def _wider(claim: dict[str, Any]) -> None:
-    claim["rotation_radius"] = [(1.01 * float.fromhex(v)).hex() for v in claim["rotation_radius"]]
-
-
-def _moved(claim: dict[str, Any]) -> None:
-    claim["pose"][2] = (float.fromhex(claim["pose"][2]) + 0.01).hex()
-
-
-def _refuted(claim: dict[str, Any]) -> None:
-    claim["refuted"], claim["position_radius"], claim["rotation_radius"] = True, None, None
-
-
-def _outliers(claim: dict[str, Any]) -> None:
-    claim["outliers"] = 1
-
-
-def _nothing(claim: dict[str, Any]) -> None:
-    claim["after"] = []
-
-
-def _twice(claim: dict[str, Any]) -> None:
-    claim["after"] *= 2
-
-
-def _elsewhere(claim: dict[str, Any]) -> None:
-    claim["after"] = ["../other.cert.jsonl"]
-
-
-def _wrong(claim: dict[str, Any]) -> None:
-    claim["wrong"] = [3]
-
-
-def _no_such_dot(claim: dict[str, Any]) -> None:
-    claim["wrong"] = [len(claim["inputs"]["pixels"]["numbers"])]
-
-
+HARDLY = {"by": 1.0 + 1e-3, "plus": 1e-6}  # another number
 PROVES = "the weights prove less|do not exclude|prove a wider box"
-EDITS = {
-    _pixel: PROVES, _camera: PROVES, _wider_camera: PROVES, _cube: f"{PROVES}|there is no row ball", _target: PROVES,
-    _plate: PROVES, _radius: PROVES, _frame: PROVES,
-}  # fmt: skip
-CLAIMS = {
-    _scale: "prove a wider box", _narrower: "prove a wider box", _wider: "states a wider box",
-    _moved: "a wider box", _refuted: "a pose is not excluded",
-    _outliers: "so many wrong dots could spoil all of its certificates",
-    _nothing: "give no box together", _twice: "give no box together", _elsewhere: "names no certificate of its folder",
-    _wrong: "not proved that dot 3 is wrong", _no_such_dot: "a dot that is not there",
-}  # fmt: skip
+SPOILED = "so many wrong dots could spoil all of its certificates"
+EDITS: dict[str, tuple[Edit, str]] = {
+    "pixels a tenth beside": (all_dots_moved, PROVES),
+    "another camera": (scaled(*CAMERA, "numbers", 0, **HARDLY), PROVES),
+    "a wider camera": (scaled(*CAMERA, "spread"), PROVES),
+    "a cube of cameras": (put(*CAMERA, "ball", to=False), f"{PROVES}|there is no row ball"),
+    "another target": (scaled(*TARGET, "dots", **HARDLY), PROVES),
+    "a rougher plate": (scaled(*TARGET, "half_widths"), PROVES),
+    "larger dots": (put(*TARGET, "radius", to=(9.0).hex()), PROVES),
+    "another frame": (put(INPUTS, "frames", "camera", 0, to=(0.5).hex()), PROVES),
+    "another scale": (put(*TARGET, "scale", to=(4e-4).hex()), "prove a wider box"),
+    "a narrower box": (scaled("position_radius", by=0.99), "prove a wider box"),
+    "a wider box": (scaled("rotation_radius", by=1.01), "states a wider box"),
+    "another pose": (scaled("pose", 2, by=1.0, plus=0.01), "a wider box"),
+    "refuted": (refuted, "a pose is not excluded"),
+    "outliers": (put("outliers", to=1), SPOILED),
+    "after nothing": (put("after", to=[]), "give no box together"),
+    "after one twice": (put("after", to=lambda files: files * 2), "give no box together"),
+    "after one elsewhere": (put("after", to=["../other.cert.jsonl"]), "names no certificate of its folder"),
+    "a wrong dot": (put("wrong", to=[3]), "not proved that dot 3 is wrong"),
+    "a wrong dot that is not there": (put("wrong", to=[1_000]), "a dot that is not there"),
+}
 
 
 def refusal(folder: Path, copy: Path, edit: Edit, *, renewed: bool = True) -> str:
@@ -186,14 +132,15 @@ def refusal(folder: Path, copy: Path, edit: Edit, *, renewed: bool = True) -> st
     return str(found.refused)
 
 
-@pytest.mark.parametrize("edit", [*EDITS, *CLAIMS])
-def test_what_does_not_follow_is_refused(certified: Path, tmp_path: Path, edit: Edit) -> None:
+@pytest.mark.parametrize("name", EDITS)
+def test_what_does_not_follow_is_refused(certified: Path, tmp_path: Path, name: str) -> None:
+    edit, reasons = EDITS[name]
     found = refusal(certified, tmp_path, edit)
-    assert any(reason in found for reason in (EDITS | CLAIMS)[edit].split("|")), found
+    assert any(reason in found for reason in reasons.split("|")), found
 
 
 def test_certificates_about_other_pixels_are_refused(certified: Path, tmp_path: Path) -> None:
-    assert "about other pixels" in refusal(certified, tmp_path, _camera, renewed=False)
+    assert "about other pixels" in refusal(certified, tmp_path, EDITS["another camera"][0], renewed=False)
 
 
 def edited(folder: Path, copy: Path, number: int, line: int, edit: Edit) -> str:
@@ -208,65 +155,36 @@ def edited(folder: Path, copy: Path, number: int, line: int, edit: Edit) -> str:
     return str(check_pose_set(copy / f"{NAME}.pose.json").refused)
 
 
-def _all_right(header: dict[str, Any]) -> None:
-    header["outliers"] = 0
+def one_wrong(header: Any) -> None:
+    header.update(wrong=[3], dots=[k for k in header["dots"] if k != 3], outliers=0)
 
 
-def _one_wrong(header: dict[str, Any]) -> None:
-    header["wrong"], header["dots"], header["outliers"] = [3], [k for k in header["dots"] if k != 3], 0
+HEADERS: dict[str, tuple[Edit, str]] = {
+    "all right": (put("outliers", to=0), "another number of wrong dots"),
+    "one wrong": (one_wrong, "not proved that dot 3 is wrong"),
+    "after itself": (put("after", to=[f"{NAME}.4.cert.jsonl"]), "on itself"),
+    "after the same dots": (put("after", to=[f"{NAME}.1.cert.jsonl"] * 3), "give no box together"),
+    "after one group": (put("after", to=[f"{NAME}.1.cert.jsonl"]), SPOILED),
+    "no turn": (put("turn", to=["0x0p+0"] * 4), "a quaternion is zero"),
+    "another turn": (scaled("turn", 1, **HARDLY), PROVES),
+}
 
 
-def _on_itself(header: dict[str, Any]) -> None:
-    header["after"] = [f"{NAME}.4.cert.jsonl"]
-
-
-def _same_dots(header: dict[str, Any]) -> None:
-    header["after"] = [f"{NAME}.1.cert.jsonl"] * 3
-
-
-def _one_group(header: dict[str, Any]) -> None:
-    header["after"] = [f"{NAME}.1.cert.jsonl"]
-
-
-def _no_turn(header: dict[str, Any]) -> None:
-    header["turn"] = ["0x0p+0"] * 4
-
-
-def _other_turn(header: dict[str, Any]) -> None:
-    header["turn"][1] = _digit(header["turn"][1])
-
-
-HEADERS = {
-    _all_right: "another number of wrong dots", _one_wrong: "not proved that dot 3 is wrong", _on_itself: "on itself",
-    _same_dots: "give no box together", _one_group: "so many wrong dots could spoil all of its certificates",
-    _no_turn: "a quaternion is zero", _other_turn: PROVES,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("edit", list(HEADERS))
-def test_what_a_certificate_rests_on_is_checked(robust: Path, tmp_path: Path, edit: Edit) -> None:
+@pytest.mark.parametrize("name", HEADERS)
+def test_what_a_certificate_rests_on_is_checked(robust: Path, tmp_path: Path, name: str) -> None:
+    edit, reasons = HEADERS[name]
     found = edited(robust, tmp_path, 4, 0, edit)
-    assert any(reason in found for reason in HEADERS[edit].split("|")), found
+    assert any(reason in found for reason in reasons.split("|")), found
 
 
-def _one_set(step: dict[str, Any]) -> None:
-    step["bounds"][0][3] = step["bounds"][0][3][:1]
-
-
-def _no_set(step: dict[str, Any]) -> None:
-    step["bounds"][0][3] = []
-
-
-@pytest.mark.parametrize("edit", [_one_set, _no_set])
-def test_weights_that_one_wrong_dot_could_spoil_are_refused(robust: Path, tmp_path: Path, edit: Edit) -> None:
-    assert "so many wrong dots could spoil all of its weights" in edited(robust, tmp_path, 4, 2, edit)
+@pytest.mark.parametrize("count", [1, 0])
+def test_weights_that_one_wrong_dot_could_spoil_are_refused(robust: Path, tmp_path: Path, count: int) -> None:
+    few = put("bounds", 0, 3, to=lambda sets: sets[:count])
+    assert "so many wrong dots could spoil all of its weights" in edited(robust, tmp_path, 4, 2, few)
 
 
 def test_an_edited_weight_or_a_missing_certificate_is_refused(certified: Path, tmp_path: Path) -> None:
-    def half(step: dict[str, Any]) -> None:
-        weight = step["bounds"][0][3]["rows"][0]
-        weight[1] //= 2
-
+    half = put("bounds", 0, 3, "rows", 0, 1, to=lambda weight: weight // 2)
     assert PROVES.split("|")[0] in edited(certified, tmp_path, 3, 2, half)
     (tmp_path / f"{NAME}.2.cert.jsonl").unlink()
     assert f"{NAME}.2" in str(check_pose_sets(tmp_path)[0].refused)

@@ -23,6 +23,7 @@ from cpcal.robot import (
     quaternion_product,
 )
 from cpcal.solver.interval import get_arithmetic
+from tests.checker.proofs import rotation_of
 
 CENTRE = central_pose(DELTALAB, [70.0] * 6)
 
@@ -36,22 +37,14 @@ def exact_platform(seed):
     position = rng.integers(-400, 400, 3) / 8 + np.array([0, 0, 300])
     mobile = rng.integers(-1600, 1600, (6, 3)) / 8
     quaternion = np.array([[1.0, 0, 0, 0], [1, 1, 0, 0], [1, 1, 1, 1], [1, 0, -1, 0]])[seed % 4]
-    turned = np.array([[F(x) for x in row] for row in mobile.tolist()]) @ exact_rotation(quaternion).T
+    turned = (
+        np.array([[F(x) for x in row] for row in mobile.tolist()])
+        @ np.array(rotation_of([F(v) for v in quaternion.tolist()])).T
+    )
     vectors = 25.0 * rng.permutation(TRIPLES)
     base = position + turned.astype(float) - vectors[:, :3]
     offset = np.full(6, 100.0)
     return Robot("exact", base, mobile, offset), vectors[:, 3] - offset, Pose(position, quaternion)
-
-
-def exact_rotation(quaternion):
-    """Of whole numbers, as fractions."""
-    w, x, y, z = (F(v) for v in quaternion.tolist())
-    rows = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-    return np.array(rows) / (w * w + x * x + y * y + z * z)
 
 
 def exact_s(proved, truth):

@@ -8,8 +8,8 @@ import pytest
 import cpcal
 from cpcal.checker import Refused, check_run
 from cpcal.questions.bracket import prepared_leg
+from cpcal.questions.leg import MARGIN, ranges_of
 from cpcal.questions.question import Question
-from cpcal.questions.ranges import MARGIN, ranges_of
 from tests.changed import leg_with
 
 

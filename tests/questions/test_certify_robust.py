@@ -14,8 +14,8 @@ from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.common.files import write_file
 from cpcal.questions import ask
-from cpcal.questions import outliers as robust
-from cpcal.questions.outliers import all_or_none
+from cpcal.questions import leg as robust
+from cpcal.questions.leg import all_or_none
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.minimum import hitting_set
 
@@ -119,7 +119,7 @@ def test_without_wrong_measurements_it_is_no_larger_than_the_plain_bracket():
 
 
 def test_workers_find_and_prove_the_same(tmp_path):
-    asked, options = campaign(10, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 2.0, "center": "nominal"}
+    asked, options = campaign(10, (3,)), {"outliers": 1, "legs": (1,), "delta": 0.5, "center": "nominal"}
     cpcal.certify(asked, **options, certificates=tmp_path / "here")
     with ThreadPoolExecutor(2) as threads:
         cpcal.certify(asked, **options, certificates=tmp_path / "there", executor=threads)

@@ -10,10 +10,10 @@ from scipy.optimize import linprog
 
 import cpcal
 from cpcal.models import PARAMETERS, model_residuals
-from cpcal.questions import ask
+from cpcal.questions import leg as one_leg
 from cpcal.questions.bracket import prepared_leg
+from cpcal.questions.leg import MARGIN, projections_of, range_eps
 from cpcal.questions.question import Question
-from cpcal.questions.ranges import MARGIN, projections_of, range_eps
 from cpcal.simulate import true_robot
 from tests.changed import leg_with
 
@@ -28,7 +28,7 @@ def exact():
 def holds(found, x):
     """Whether the box and every half-plane hold x, over the rationals."""
     value = dict(zip(PARAMETERS, map(Fraction, map(float, x)), strict=True))
-    planes = [(s.parameters, plane) for s in found.pairs for plane in s.half_planes]
+    planes = [(s.parameters, plane) for s in found.projections for plane in s.half_planes]
     inside = all(Fraction(u) * value[p] + Fraction(v) * value[q] <= Fraction(c) for (p, q), (u, v, c) in planes)
     return inside and x in found.box
 
@@ -36,11 +36,11 @@ def holds(found, x):
 def test_they_hold_the_proved_point_and_the_solutions_farthest_from_it(exact):
     campaign, result = exact
     leg = result.legs[0]
-    found = leg.projections
+    found = leg.ranges
     assert found.eps == MARGIN * leg.bracket.hi
-    assert len(found.pairs) == 7
+    assert len(found.projections) == 7
     assert holds(found, leg.bracket.point)
-    for pair in found.pairs:
+    for pair in found.projections:
         for u, v, c in pair.half_planes[::5]:
             direction = np.zeros(7)
             direction[[PARAMETERS.index(name) for name in pair.parameters]] = u, v
@@ -69,11 +69,11 @@ def farthest(campaign, leg, point, eps, direction):
 
 
 def test_they_say_more_than_the_box(exact):
-    found = exact[1].legs[0].projections
+    found = exact[1].legs[0].ranges
     box = found.box
     thinnest = min(
         (c - u * box.mid[i] - v * box.mid[j]) / (abs(u) * box.rad[i] + abs(v) * box.rad[j])
-        for pair in found.pairs
+        for pair in found.projections
         for i, j in [[PARAMETERS.index(name) for name in pair.parameters]]
         for u, v, c in pair.half_planes
     )
@@ -84,8 +84,8 @@ def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
     campaign = cpcal.simulate(seed=4, truncate=3.0)
     result = cpcal.certify(campaign, legs=[3], ranges=True)
     leg = result.legs[0]
-    assert leg.bracket.hi == leg.projections.eps == 0.0
-    assert holds(leg.projections, true_robot(campaign).parameters[2])
+    assert leg.bracket.hi == leg.ranges.eps == 0.0
+    assert holds(leg.ranges, true_robot(campaign).parameters[2])
 
 
 def test_a_file_keeps_them_or_says_that_there_are_none(exact, tmp_path):
@@ -93,9 +93,9 @@ def test_a_file_keeps_them_or_says_that_there_are_none(exact, tmp_path):
     cpcal.save_result(result, tmp_path, exact[0])
     assert cpcal.load_result(tmp_path).legs == result.legs
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    data["legs"][0]["information"]["projections"] = None
+    data["legs"][0]["ranges"]["information"]["projections"] = []
     (tmp_path / "result.json").write_text(json.dumps(data), encoding="utf-8")
-    assert cpcal.load_result(tmp_path).legs[0].projections is None
+    assert cpcal.load_result(tmp_path).legs[0].ranges.projections == ()
 
 
 def with_options(result, **changes):
@@ -122,9 +122,9 @@ def test_where_there_is_nothing_to_draw(exact):
         question = Question(campaign=campaign, options=with_options(result, **changes).options)
         return projections_of(prepared_leg(question, leg.leg), ranges)
 
-    assert drawn(leg.ranges, contractors=("hc4",)) is None
+    assert drawn(leg.ranges, contractors=("hc4",)) == ()
     point = cpcal.Box(PARAMETERS, leg.bracket.point, leg.bracket.point)
-    assert drawn(dataclasses.replace(leg.ranges, box=point)) is None
+    assert drawn(dataclasses.replace(leg.ranges, box=point)) == ()
 
 
 def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
@@ -132,8 +132,7 @@ def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
         raise KeyboardInterrupt
 
     campaign, result = exact
-    monkeypatch.setattr(ask, "projections_of", stop)
+    monkeypatch.setattr(one_leg, "projections_of", stop)
     found = cpcal.certify(campaign, legs=[2], ranges=True, support="none")
     assert found.interrupted
-    assert found.legs[0].ranges == result.legs[0].ranges
-    assert found.legs[0].projections is None
+    assert found.legs[0].ranges == dataclasses.replace(result.legs[0].ranges, projections=())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.models import PARAMETERS
-from cpcal.questions import Projection, Projections, Ranges
+from cpcal.questions import Projection, Ranges
 from cpcal.report import errors_svg, parameters_drawing, residuals_drawing
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, pair_svg, polygon, worst_of_neighbours
 from cpcal.report.run_page import render
@@ -128,7 +128,7 @@ def test_the_page_says_to_which_eps_the_polygons_belong():
 
     def page(eps, asked=None, **changes):
         pair = Projection(("a_z", "l"), ((1.0, 1.0, float(x[2] + x[6])),))
-        one = leg(1, 0.1, eps_lo=0.099, enclosure=box, projections=Projections(eps, box, (pair,)), **changes)
+        one = leg(1, 0.1, eps_lo=0.099, enclosure=box, ranges=Ranges(eps, box, projections=(pair,)), **changes)
         return " ".join(render(CAMPAIGN, made_result(CAMPAIGN, one, eps=asked)).split())
 
     text = page(1.1 * 0.1)

@@ -47,7 +47,7 @@ def test_the_command_repeats_the_run(campaign, tmp_path, asked):
     again = cpcal.load_result(tmp_path / "run")
 
     def answers(found):  # without what differs from run to run, and the names of files
-        return [encoded(leg_with(leg, seconds=0.0, projections=None, ranges=None)) for leg in found.legs]
+        return [encoded(leg_with(leg, seconds=0.0, ranges=None)) for leg in found.legs]
 
     assert answers(again) == answers(result)
     assert dataclasses.replace(again, legs=()) == dataclasses.replace(result, legs=())

@@ -149,8 +149,8 @@ class Recording:
         if self._lost is None:
             try:
                 self._steps.seek(0, os.SEEK_END)  # `saved` may have read
-                lowest = [None if o is None else float(of.lo[o]) for of, _, _ in taken]
-                self._steps.writelines(line([least, *step]) for least, (_, *step) in zip(lowest, taken, strict=True))
+                for of, *step in taken:
+                    self._steps.write(line([None if o is None else float(of.lo[o]), *step]))
             except OSError as error:
                 self._lost = error
 

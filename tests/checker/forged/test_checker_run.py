@@ -19,6 +19,7 @@ from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
 from cpcal.checker.files import parsed
 from cpcal.checker.run import _Leg, certificates_of
 from cpcal.questions import save_result
+from tests.changed import put
 
 Data = dict[str, Any]
 
@@ -52,21 +53,14 @@ def up(value: float) -> float:
 
 def changed(*path: Any, to: Any) -> Callable[[Data, Path], None]:
     """The tampering that puts `to`, or what it makes of the old value, at a path of result.json."""
-
-    def change(data: Data, run: Path) -> None:
-        target: Any = data
-        for key in path[:-1]:
-            target = target[key]
-        target[path[-1]] = to(target[path[-1]]) if callable(to) else to
-
-    return change
+    return lambda data, run: put(*path, to=to)(data)
 
 
 def of_certificate(line: int, *path: Any, to: Any) -> Callable[[Data, Path], None]:
     def change(data: Data, run: Path) -> None:
         file = run / "leg1.cert.jsonl"
         lines = [json.loads(text) for text in file.read_text().splitlines()]
-        changed(line, *path, to=to)(lines, run)  # type: ignore[arg-type]
+        put(line, *path, to=to)(lines)
         file.write_text("".join(json.dumps(value) + "\n" for value in lines))
 
     return change
@@ -188,8 +182,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/9"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/9", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/10"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/10", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))

@@ -8,12 +8,10 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Refused
-from tests.checker.forged import forged_claims, forged_steps, forged_values
-from tests.checker.forged.forging import FORGERIES, PROOFS
+from tests.checker.forged.forgeries import FORGERIES, HEAD, PROOFS
 from tests.checker.second import agreed, encoded, told
 
-assert all((forged_claims, forged_steps, forged_values))  # to load them fills FORGERIES
-CASES = [(name, kind) for name, (_, kinds) in FORGERIES.items() for kind in kinds]
+CASES = [(name, kind) for name, (*_, kinds) in FORGERIES.items() for kind in kinds]
 
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
@@ -22,11 +20,13 @@ def test_forgeries_are_refused_at_their_line(
 ) -> None:
     proof = request.getfixturevalue(PROOFS[kind])
     lines = proof.copy()
-    where = FORGERIES[name][0](lines, proof)
+    where, change, _ = FORGERIES[name]
+    change(lines, proof)
     assert json.dumps(lines) != json.dumps(proof.lines)
-    expected = 1 + (where if isinstance(where, int) else len(lines) - 1 if where == "last" else proof.index(where))
-    if where == "constraint":
-        expected = 2
+    if isinstance(where, int):
+        expected = 1 + where + (proof.head - HEAD if where >= HEAD - 1 else 0)
+    else:
+        expected = {"last": len(lines), "constraint": 2}.get(where) or 1 + proof.index(where)
     with pytest.raises(Refused) as caught:
         verdict(lines, proof.folder)
     assert caught.value.line == expected, str(caught.value)

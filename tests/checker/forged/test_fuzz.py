@@ -19,7 +19,7 @@ import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, Refused, check
 from cpcal.files.folders import NAME
-from tests.checker.valid.exact_legs import in_fractions
+from tests.checker.valid.exact_legs import in_fractions, parts
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))
 SHARE = {
@@ -158,17 +158,9 @@ def obeys(constraint: Any, x: Vector) -> bool:
 
 def solves(m: Any, x: Vector) -> bool:
     """At the centre of the reading set: | ||v|| - (L + l) | <= eps, the leg longer than eps; a gain makes L longer."""
-    w, *q = m.quaternion
-    scale = w * w + sum((c * c for c in q), F(0))
-    b = x[3:6]
-    t = [2 * (q[1] * b[2] - q[2] * b[1]), 2 * (q[2] * b[0] - q[0] * b[2]), 2 * (q[0] * b[1] - q[1] * b[0])]
-    u = [q[1] * t[2] - q[2] * t[1], q[2] * t[0] - q[0] * t[2], q[0] * t[1] - q[1] * t[0]]
-    v = [m.position[i] + b[i] + (w * t[i] + u[i]) / scale - x[i] for i in range(3)]
-    square, base, eps = sum((c * c for c in v), F(0)), m.length + x[6], x[-1]
-    if eps < 0 or base - m.radii[6] < eps:
-        return False
-    base += m.length * sum(x[7:-1], F(0))
-    return base >= eps and (base - eps) ** 2 <= square <= (base + eps) ** 2
+    square, base = parts(m, "gain" if len(x) > 8 else "plain", list(x[:-1]), [F(0)] * 7)
+    eps, shortest = x[-1], m.length - m.radii[6] + x[6]
+    return 0 <= eps <= min(shortest, base) and (base - eps) ** 2 <= square <= (base + eps) ** 2
 
 
 class Truth:

@@ -16,24 +16,13 @@ import pytest
 from cpcal.checker import ExactCampaign, Refused
 from cpcal.files.folders import NAME
 from cpcal.solver.certificate.float_rows import at_point, holding, stretchings
-from tests.checker.valid.exact_legs import in_fractions
+from tests.checker.valid.exact_legs import in_fractions, parts
 
 UP, DOWN = math.inf, -math.inf
 
 
 def moved(text: str, towards: float) -> str:
     return math.nextafter(float.fromhex(text), towards).hex()
-
-
-def length(m: Any, x: list[F]) -> F:
-    """||v||^2 at the centre of the set, with the rotation in cross products."""
-    w, *q = m.quaternion
-    scale = w * w + sum((c * c for c in q), F(0))
-    b = x[3:6]
-    t = [2 * (q[1] * b[2] - q[2] * b[1]), 2 * (q[2] * b[0] - q[0] * b[2]), 2 * (q[0] * b[1] - q[1] * b[0])]
-    u = [q[1] * t[2] - q[2] * t[1], q[2] * t[0] - q[0] * t[2], q[0] * t[1] - q[1] * t[0]]
-    v = [m.position[i] + b[i] + (w * t[i] + u[i]) / scale - x[i] for i in range(3)]
-    return sum((c * c for c in v), F(0))
 
 
 def last_shown(shown: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
@@ -79,7 +68,8 @@ def test_eps_one_ulp_below_the_least_that_the_point_shows(verdict: Any, exact_pr
     rows = [in_fractions(exact.measurement(k, 1)) for k in range(len(exact))]
 
     def shown(eps: float) -> bool:
-        return all((m.length + x[6] - F(eps)) ** 2 <= length(m, x) <= (m.length + x[6] + F(eps)) ** 2 for m in rows)
+        pairs = (parts(m, "plain", x, [F(0)] * 7) for m in rows)
+        return all((base - F(eps)) ** 2 <= square <= (base + F(eps)) ** 2 for square, base in pairs)
 
     low, high = last_shown(shown, 0.9 * exact_proof.eps_hi, 1.1 * exact_proof.eps_hi)
     assert exact_proof.eps_lo <= low
@@ -231,14 +221,25 @@ OTHERS: dict[str, Callable[[dict[str, Any]], object]] = {
     ],
     "rows of nothing": lambda d: d.update(measurements=[[], []]),
 }
+CONTENTS = {
+    "a float": b'{"measurements": 1.5}',
+    "an infinite float": b'{"measurements": 1e999}',
+    "a long integer": b'{"measurements": ' + b"9" * 5000 + b"}",
+    "a key twice": b'{"format": 1, "format": 1}',
+    "NaN": b'{"measurements": NaN}',
+    "not UTF-8": b'{"\xff": 1}',
+    "a byte order mark": b"\xef\xbb\xbf{}",
+    "nothing": b"",
+}
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", [*OTHERS, *CONTENTS])
 def test_files_that_are_no_campaign(name: str, verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
     data, lines = json.loads((moved_campaign / NAME).read_text()), exact_proof.copy()
-    OTHERS[name](data)
-    (moved_campaign / NAME).write_text(json.dumps(data))
-    lines[0]["campaign"] = hashlib.sha256((moved_campaign / NAME).read_bytes()).hexdigest()
+    OTHERS.get(name, len)(data)
+    content = CONTENTS.get(name, json.dumps(data).encode())
+    (moved_campaign / NAME).write_bytes(content)
+    lines[0]["campaign"] = hashlib.sha256(content).hexdigest()
     with pytest.raises(Refused, match=r"campaign\.json") as caught:
         verdict(lines, moved_campaign)
     assert caught.value.line == 0

@@ -67,16 +67,8 @@ def test_endless_files(exact_proof: Any, tmp_path: Path) -> None:
 CONTENTS = {
     "deep lists": b"[" * 200_000 + b"]" * 200_000,
     "deep objects": b'{"measurements":' * 100_000 + b"0" + b"}" * 100_000,
-    "a float": b'{"measurements": 1.5}',
-    "an infinite float": b'{"measurements": 1e999}',
-    "a long integer": b'{"measurements": ' + b"9" * 5000 + b"}",
-    "a key twice": b'{"format": 1, "format": 1}',
-    "NaN": b'{"measurements": NaN}',
-    "not UTF-8": b'{"\xff": 1}',
-    "a byte order mark": b"\xef\xbb\xbf{}",
     "empty lists": b"[" + b"[]," * 5_000_000 + b"[]]",
     "short texts": b"[" + b'"ab",' * 3_000_000 + b'""]',
-    "nothing": b"",
 }
 
 

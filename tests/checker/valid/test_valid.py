@@ -20,7 +20,7 @@ from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.models import leg_statement
 from cpcal.models.leg import exact_measurement
 from cpcal.questions import save_result
-from tests.checker.valid.exact_legs import Exact, in_fractions
+from tests.checker.valid.exact_legs import Exact, in_fractions, parts
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
 
@@ -181,23 +181,6 @@ def test_the_checker_imports_nobody() -> None:
 # the statement ------------------------------------------------------------------------------------------------------
 
 
-def gap(m: Exact, x: list[F], reading: list[F]) -> tuple[F, F]:
-    """||v||^2 and L + e + l, with v through the product of quaternions (1, s) q."""
-    d, s, e = reading[:3], reading[3:6], reading[6]
-    w, a, b, c = m.quaternion
-    q = [
-        w - s[0] * a - s[1] * b - s[2] * c,
-        a + s[0] * w + s[1] * c - s[2] * b,
-        b - s[0] * c + s[1] * w + s[2] * a,
-        c + s[0] * b - s[1] * a + s[2] * w,
-    ]
-    n, u, arm = sum((k * k for k in q), F(0)), q[1:], x[3:6]
-    t = [2 * (u[1] * arm[2] - u[2] * arm[1]), 2 * (u[2] * arm[0] - u[0] * arm[2]), 2 * (u[0] * arm[1] - u[1] * arm[0])]
-    z = [u[1] * t[2] - u[2] * t[1], u[2] * t[0] - u[0] * t[2], u[0] * t[1] - u[1] * t[0]]
-    v = [m.position[i] + d[i] + arm[i] + (q[0] * t[i] + z[i]) / n - x[i] for i in range(3)]
-    return sum((k * k for k in v), F(0)), m.length + e + x[6]
-
-
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> None:
     """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
@@ -212,7 +195,7 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
     def solves(x: list[F], eps: F) -> bool:
         for m in measurements:
             tried = [[*map(drawn, m.radii)] for _ in "1234"]
-            gaps = [gap(m, x, reading) for reading in ([[F(0)] * 7, *tried] if factor else [[F(0)] * 7])]
+            gaps = [parts(m, "plain", x, reading) for reading in ([[F(0)] * 7, *tried] if factor else [[F(0)] * 7])]
             short_enough = m.length - m.radii[6] + x[6] >= eps
             if not short_enough or not any((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in gaps):
                 return False
@@ -240,7 +223,7 @@ def test_the_known_best_point_is_a_solution_by_the_same_words(certified: Any) ->
     rows, best = measured(made), [F(v) for v in made.leg.bracket.point]
     for scale, good in ((1, True), (F(99, 100), False)):
         eps = F(made.leg.bracket.hi) * scale
-        pairs = [gap(rows[k], best, [F(0)] * 7) for k in range(16)]
+        pairs = [parts(rows[k], "plain", best, [F(0)] * 7) for k in range(16)]
         assert all((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in pairs) == good
 
 

@@ -1,19 +1,55 @@
-"""Errors of the robot's poses: one reading an image, shared by all its points."""
+"""The classical answer and the minimax fit of simulated studies."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cpcal.common.errors import InputError
 from cpcal.models import frames, hand_eye_fit
-from cpcal.models.hand_eye import read_poses, simulate_hand_eye
-from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer
+from cpcal.models.hand_eye import HandEyeStudy, read_poses, simulate_hand_eye
+from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer, excess, minimax_fit
 from cpcal.questions.hand_eye import certify_hand_eye
-from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_matrix
 from tests.models.conftest import unknowns_of
 
-MM, DEGREES = 0.1, 0.05
 SETUPS = ["eye-in-hand", "eye-to-hand"]
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_without_errors_the_truth_is_found(setup):
+    simulated = simulate_hand_eye(setup=setup, images=8, pixel_error=0.0, seed=3)
+    found = classical_answer(simulated.study)
+    assert found.largest < 1e-8
+    for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
+        np.testing.assert_allclose(getattr(found.frames, name), getattr(simulated.truth, name), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_minimax_fit_is_no_worse_than_the_truth_and_the_least_squares(seed):
+    simulated = simulate_hand_eye(images=8, corners=(4, 3), seed=seed)
+    model = PixelModel(simulated.study)
+    start = model.stated(classical_answer(simulated.study).frames)
+    _, value = minimax_fit(model, start)
+    assert value <= min(excess(model, model.stated(simulated.truth)), excess(model, start))
+
+
+def test_a_hand_that_turns_about_one_axis_only_is_named():
+    study = simulate_hand_eye(images=8, seed=3).study
+    angles = np.linspace(0.0, 2.0, 8)
+    turned = np.stack([np.cos(angles / 2), 0 * angles, 0 * angles, np.sin(angles / 2)], axis=1)
+    fields = {name: getattr(study, name) for name in study.__dataclass_fields__}
+    one_axis = HandEyeStudy(**fields | {"poses": Pose(study.poses.position, turned)})
+    with pytest.raises(InputError, match="robot_poses"):
+        classical_answer(one_axis)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Errors of the robot's poses: one reading an image, shared by all its points.
+
+MM, DEGREES = 0.1, 0.05
 
 
 def uncertain(setup, images=6, seed=4):

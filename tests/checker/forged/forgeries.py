@@ -1,20 +1,56 @@
-"""Forgeries of one value."""
+"""Forgeries of true certificates by hand, each with its name and the line that must be refused."""
 
 from __future__ import annotations
 
-from tests.checker.forged.forging import (
-    DOWN,
-    GAIN,
-    LEG,
-    NETWORK,
-    ROW,
-    UP,
-    WEIGHTS,
-    moved,
-    negated,
-    place,
-    valued,
-)
+import math
+from collections.abc import Callable
+from typing import Any
+
+# the true certificates: header, (constraints,) claims, split, exclude, pass, halve (a split of what is left)
+Lines = list[dict[str, Any]]
+Change = Callable[[Lines, Any], object]
+Changes = dict[str, tuple[str | int, Change]]
+FORGERIES: dict[str, tuple[str | int, Change, tuple[str, ...]]] = {}
+LEG, NETWORK, BOTH, GAIN = ("leg",), ("network",), ("leg", "network"), ("gain",)
+PROOFS = {"leg": "split_proof", "network": "network_split_proof", "gain": "gain_proof"}
+HEAD = 1 << 20  # the line of the claims
+
+
+def place(
+    name: str, line: str, *path: Any, value: Any, refused: str | None = None, kinds: tuple[str, ...] = BOTH
+) -> None:
+    """The forgery that puts `value` (or what it makes of the old one) at a path of a line."""
+
+    def change(lines: Lines, proof: Any) -> None:
+        target: Any = lines[1] if line == "constraint" else lines[proof.index(line)]
+        first = target["bounds"][0][3]["rows"][0][0] if "first" in path else None
+        *keys, end = (first if key == "first" else key for key in path)
+        for key in keys:
+            target = target[key]
+        target[end] = value(target[end]) if callable(value) else value
+
+    assert name not in FORGERIES, name
+    FORGERIES[name] = refused or line, change, kinds
+
+
+def valued(text: str) -> float:
+    return float.fromhex(text)
+
+
+def moved(text: str, towards: float, ulps: int = 1) -> str:
+    value = valued(text)
+    for _ in range(ulps):
+        value = math.nextafter(value, towards)
+    return value.hex()
+
+
+def negated(text: str) -> str:
+    return (-valued(text)).hex()
+
+
+UP, DOWN = math.inf, -math.inf
+WEIGHTS = ("bounds", 0, 3)
+ROW = ("rows", "first")  # the row of the step that the first bound has the first weight on
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/3")
@@ -272,3 +308,183 @@ place("centres for readings of the point", "claims", "point", "readings", value=
 place("a reading of the point too few", "claims", "point", "readings", value=lambda r: r[1:], kinds=GAIN)
 place("a reading of the point with a sign too few", "claims", "point", "readings", 0, value="+++", kinds=GAIN)
 place("signs of readings of constraints", "claims", "point", "readings", value=lambda _: ["+"] * 14, kinds=NETWORK)
+# constraints
+place("objective too many", "header", "objective", value=4, kinds=NETWORK)
+place("objective by its name", "header", "objective", value="t", kinds=NETWORK)
+place("objective -1", "header", "objective", value=-1, kinds=NETWORK)
+place("objective true", "header", "objective", value=True, kinds=NETWORK)
+place("another objective", "header", "objective", value=0, refused="claims", kinds=NETWORK)
+place("no objective, but a cap", "header", "objective", value=None, refused="claims", kinds=NETWORK)
+place("an unknown twice", "header", "unknowns", value=lambda v: [v[0], *v[:-1]], kinds=NETWORK)
+place("an unknown without a name", "header", "unknowns", value=lambda v: [None, *v[1:]], kinds=NETWORK)
+place("no unknowns", "header", "unknowns", value=[], kinds=NETWORK)
+place("unknowns are a text", "header", "unknowns", value="abct", kinds=NETWORK)
+place("about a number", "header", "about", value=1, kinds=NETWORK)
+place("one constraint more than there are", "header", "constraints", value=lambda n: n + 1, refused="claims",
+      kinds=NETWORK)  # fmt: skip
+place("too many constraints", "header", "constraints", value=100_001, kinds=NETWORK)
+place("constraints true", "header", "constraints", value=True, kinds=NETWORK)
+place("a monomial unsorted", "constraint", "body", 0, 0, value=[1, 0], kinds=NETWORK)
+place("a monomial of degree 9", "constraint", "body", 0, 0, value=[0] * 9, kinds=NETWORK)
+place("a monomial of an unknown too many", "constraint", "body", 0, 0, value=[4], kinds=NETWORK)
+place("a monomial of true", "constraint", "body", 0, 0, value=[True], kinds=NETWORK)
+place("a monomial of a text", "constraint", "body", 0, 0, value="a", kinds=NETWORK)
+place("a monomial twice", "constraint", "body", value=lambda p: [*p, p[0]], kinds=NETWORK)
+place("a coefficient as a float", "constraint", "body", 0, 1, value=1.0, kinds=NETWORK)
+place("a body null", "constraint", "body", value=None, kinds=NETWORK)
+place("a body as an object", "constraint", "body", value={}, kinds=NETWORK)
+place("a bound as a number", "constraint", "at_most", value="0x1p+0", kinds=NETWORK)
+place("root is 1", "constraint", "root", value=1, kinds=NETWORK)
+place("root is null", "constraint", "root", value=None, kinds=NETWORK)
+place("a constraint without a name", "constraint", "name", value=None, kinds=NETWORK)
+place("a bound impossible", "constraint", "at_most", value=[[[], "-0x1p+0"]], refused="claims", kinds=NETWORK)
+
+
+# constraints and steps that are changed, dropped or doubled -----------------------------------------------------------
+
+
+def used(lines: Lines, proof: Any, side: str) -> dict[str, Any]:
+    """A constraint that counts for the bound on the objective, with that side."""
+    step = lines[proof.index("pass")]
+    rows = [step["rows"][n] for n, _ in step["bounds"][0][3]["rows"]]
+    return next(lines[1 + k] for s, k in rows if s == side and lines[1 + k]["root"])
+
+
+def doubled(lines: Lines, k: int) -> None:
+    lines.insert(k, lines[k])
+
+
+def looser(term: list[Any], towards: float) -> None:
+    term[1] = moved(term[1], towards)
+
+
+def without_point(lines: Lines, proof: Any) -> None:
+    lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
+
+
+def former(lines: Lines, proof: Any) -> None:
+    old = lines[proof.head]
+    new = {"cap": old["cap"], "eps_lo": old["epsilon"]["lo"], "enclosure": old["enclosure"], "eps_hi": old["cap"]}
+    lines[proof.head] = new
+
+
+def square_for_a_root(lines: Lines, proof: Any) -> None:
+    """Of one constraint only, and without the point, which sees it first."""
+    without_point(lines, proof)
+    used(lines, proof, "lower")["root"] = False
+
+
+def no_objective(lines: Lines, proof: Any, *also: str) -> None:
+    lines[0]["objective"] = None
+    lines[proof.head].update(dict.fromkeys(("cap", *also)))
+
+
+def weight_left_out(lines: Lines, proof: Any) -> None:
+    step = lines[proof.index("exclude")]
+    k = step["rows"][step["weights"]["rows"][0][0]][1]
+    lines[0]["only"] = [n for n in range(lines[0]["measurements"]) if n != k]
+
+
+def judged_by_one_left_out(lines: Lines, proof: Any, **point: Any) -> None:
+    lines[0]["only"] = list(range(lines[0]["measurements"] - 1))
+    lines[proof.head]["point"].update(point)
+
+
+def roots_and_squares_swapped(lines: Lines, proof: Any) -> None:
+    for line in lines[1 : proof.head]:
+        line["root"] = not line["root"]
+
+
+def no_gain(lines: Lines, proof: Any) -> None:
+    """No gain in the claims, any gain in the problem."""
+    for side in ("lo", "hi"):
+        lines[proof.head]["enclosure"][side][7] = "0x0p+0"
+
+
+def point_judged(lines: Lines, proof: Any, eps: float, judged: Callable[[list[Any]], dict[str, Any]]) -> None:
+    """The claim of a point with another eps, by the rows that it fails at, None where it holds."""
+    x = [*proof.point[:-1], eps]
+    rows = [proof.fails(k, x) for k in range(proof.problem.count)]
+    lines[proof.head]["epsilon"]["hi"] = None
+    lines[proof.head]["point"] = {"at": [v.hex() for v in x], "holds": [], "readings": None, "fails": []} | judged(rows)
+
+
+def holds_where_it_fails(rows: list[Any]) -> dict[str, Any]:
+    return {"holds": [next(k for k, row in enumerate(rows) if row)]}
+
+
+def fails_where_it_holds(rows: list[Any]) -> dict[str, Any]:
+    bad = next(row for row in rows if row)
+    return {"fails": [[bad[0], rows.index(None), *bad[2:]]]}
+
+
+def fails_twice(rows: list[Any]) -> dict[str, Any]:
+    """Counts of what a point fails are made of these rows."""
+    bad = next([row[0], k, *row[2:]] for k, row in enumerate(rows) if row)
+    return {"fails": [bad, bad]}
+
+
+# the line that must be refused: by its name, or counted from the first one or from the claims
+of_network: Changes = {
+    "one constraint less than there are": (HEAD - 1, lambda a, p: a[0].update(constraints=a[0]["constraints"] - 1)),
+    "a constraint dropped": (HEAD - 1, lambda a, p: a.pop(1)),  # the claims, where a constraint is due
+    "no objective but epsilon": ("claims", no_objective),
+    "no objective but caps of steps": ("exclude", lambda a, p: no_objective(a, p, "epsilon")),
+    "roots and squares swapped": ("claims", roots_and_squares_swapped),
+    "a coefficient one ulp looser above": ("pass", lambda a, p: looser(used(a, p, "upper")["body"][0], DOWN)),
+    "a coefficient one ulp looser below": ("pass", lambda a, p: looser(used(a, p, "lower")["body"][0], UP)),
+    "a bound one ulp looser": ("pass", lambda a, p: looser(used(a, p, "upper")["at_most"][0], UP)),
+    "an upper bound dropped": ("pass", lambda a, p: used(a, p, "upper").update(at_most=None)),
+    "a lower bound dropped": ("pass", lambda a, p: used(a, p, "lower").update(at_least=None)),
+    "a square for a root": ("exclude", square_for_a_root),
+    "a campaign beside the constraints": ("header", lambda a, p: a[0].update(campaign="")),
+    "unknown key in a constraint": (1, lambda a, p: a[1].update(note="")),
+}
+of_a_leg: Changes = {
+    "about beside the campaign": ("header", lambda a, p: a[0].update(about="")),
+    "a weight on a measurement left out": ("exclude", weight_left_out),
+    "a measurement left out judges the point": (
+        "claims", lambda a, p: judged_by_one_left_out(a, p, holds=list(range(a[0]["measurements"])))),
+    "a measurement left out refutes the point": (
+        "claims", lambda a, p: judged_by_one_left_out(
+            a, p, at=["0x1p+20"] * 8, holds=[], fails=[["upper", a[0]["measurements"] - 1]])),
+    "rows of another leg without a point": ("exclude", lambda a, p: (a[0].update(leg=2), without_point(a, p))),
+}  # fmt: skip
+of_gain: Changes = {
+    "the header of version 3": ("header", lambda a, p: (a[0].update(format="cpcal-certificate/3"), a[0].pop("model"))),
+    "a proof of the plain model for the gain model": ("last", no_gain),
+}
+of_both: Changes = {
+    "the point holds where it fails": ("claims", lambda a, p: point_judged(a, p, 0.0, holds_where_it_fails)),
+    "the point fails where it holds": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_where_it_holds)),
+    "the point fails twice at one measurement": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_twice)),
+    "the point judged by all but one": (
+        "claims", lambda a, p: a[p.head]["point"].update(holds=list(range(1, p.problem.count)))),
+    "the point outside the box": (
+        "claims", lambda a, p: a[0]["hi"].__setitem__(0, moved(a[p.head]["point"]["at"][0], DOWN))),
+    "excluded part too large": ("exclude", lambda a, p: a[p.index("split")].update(at=a[0]["hi"][-1])),
+    "split along another unknown": ("exclude", lambda a, p: a[p.index("split")].update(unknown=0, at=a[0]["lo"][0])),
+    "unknown key in the header": ("header", lambda a, p: a[0].update(note="trust me")),
+    "unknown key in the claims": ("claims", lambda a, p: a[p.head].update(feasible=True)),
+    "unknown key in the point": ("claims", lambda a, p: a[p.head]["point"].update(reading=[])),
+    "unknown key in a step": ("pass", lambda a, p: a[p.index("pass")].update(note="")),
+    "unknown key in weights": ("exclude", lambda a, p: a[p.index("exclude")]["weights"].update(cubes=[])),
+    "claim missing": ("claims", lambda a, p: a[p.head].pop("enclosure")),
+    "claims of the former format": ("claims", former),
+    "pass and exclude in one": ("pass", lambda a, p: a[p.index("pass")].update(exclude=2)),
+    "no step at all": ("pass", lambda a, p: a.__setitem__(p.index("pass"), {"because": "I say so"})),
+    "point as a last step": ("last", lambda a, p: a.append({"point": a[p.head]["point"]["at"]})),
+    "claims twice": ("split", lambda a, p: doubled(a, p.head)),
+    "header twice": (1, lambda a, p: doubled(a, 0)),
+    "claims first": ("header", lambda a, p: a.insert(0, a.pop(p.head))),
+    "split dropped": ("split", lambda a, p: a.pop(p.index("split"))),
+    "split twice": ("exclude", lambda a, p: doubled(a, p.index("split"))),
+    "leaf dropped": ("last", lambda a, p: a.pop(p.index("exclude"))),
+    "exclusion twice": ("pass", lambda a, p: doubled(a, p.index("exclude"))),
+    "pass dropped": ("last", lambda a, p: a.pop(p.index("pass"))),
+    "no claims": ("claims", lambda a, p: a.__delitem__(slice(p.head, None))),
+    "no steps": ("last", lambda a, p: a.__delitem__(slice(p.head + 1, None))),
+}  # fmt: skip
+for kinds, changes in ((NETWORK, of_network), (LEG, of_a_leg), (GAIN, of_gain), (BOTH, of_both)):
+    FORGERIES |= {name: (where, change, kinds) for name, (where, change) in changes.items()}
+FORGERIES["the model left out"] = ("header", lambda a, p: a[0].pop("model"), (*LEG, *GAIN))

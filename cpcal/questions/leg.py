@@ -1,0 +1,450 @@
+"""One leg: its bracket, few measurements that prove it, ranges and projections of its parameters; with outliers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.values import Floats, Indices
+from cpcal.models import PARAMETERS, built_in, exactly_read, leg_box, model_jacobian, model_statement
+from cpcal.questions.bracket import (
+    Answered,
+    PreparedLeg,
+    by_timeout,
+    network_of,
+    of_measurements,
+    prepared_leg,
+    searched,
+    the_answer,
+    the_enclosure,
+    the_lower_bound,
+    written,
+)
+from cpcal.questions.data_check import determination
+from cpcal.questions.question import Question
+from cpcal.questions.result import (
+    LegBracket,
+    LegResult,
+    Options,
+    Projection,
+    Ranges,
+    Support,
+    SupportProof,
+    Uncertified,
+    VerifiedPoint,
+    Work,
+)
+from cpcal.solver import plugins
+from cpcal.solver.accounts import Found
+from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.contract import Limits, SupportFunction, Verdict
+from cpcal.solver.execution.stopping import Reason, Stopped, asked
+from cpcal.solver.interval import Box
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.local import Known, fit
+from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, hitting_set, irreducible
+from cpcal.solver.optimize.minimum import support as find_support
+from cpcal.solver.optimize.witness import verify_point
+
+# at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
+_SUPPORT_NODES = 3
+
+
+def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
+    """The result of one leg, and whether the user interrupted it."""
+    if question.options.outliers:
+        return robust_leg(question, leg), asked() is not None
+    prepared = prepared_leg(question, leg)
+    start = np.append(prepared.center, question.options.eps or 0.0)
+
+    def tell(bracket: Bracket) -> None:
+        if question.progress is not None:
+            question.progress(leg, bracket)
+
+    if question.options.method == "bound":
+        answer = searched(prepared, the_answer, start=start, tell=tell)
+    else:
+        answer = by_timeout(prepared, start, tell)
+    result = _leg_result(prepared, answer, _support(prepared, start, answer.minimum))
+    stopped = answer.minimum.interrupted or asked() is not None
+    if question.options.ranges and not stopped:
+        ranges, stopped = ranges_of(prepared, result)
+        try:
+            drawn = () if stopped or ranges is None else projections_of(prepared, ranges)
+        except KeyboardInterrupt:
+            drawn, stopped = (), True
+        result = replace(result, ranges=None if ranges is None else replace(ranges, projections=drawn))
+    return result, stopped or asked() is not None
+
+
+def _bracket(center: Floats, found: Minimum, **proved: Any) -> LegBracket:
+    """The witness of a search, and what is proved."""
+    return LegBracket(
+        hi=float(found.hi),
+        point=None if found.witness is None else tuple(map(float, found.witness.point[:-1])),
+        center=tuple(map(float, center[:7])),
+        **proved,
+    )
+
+
+def _of_parameters(question: Question, box: Box) -> Box:
+    """Without eps."""
+    return Box(question.model.parameters, box.lo[:-1], box.hi[:-1])
+
+
+def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResult:
+    question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
+    eps, lo = options.eps or 0.0, float(found.lo)
+    if options.eps is not None:  # of that one alone something is said
+        lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
+    verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
+    determined, beyond = None, None
+    if options.delta > 0.0:  # at the proved point, or the center of the box
+        at = center if found.witness is None else found.witness.point[:-1]
+        determined = determination(question.campaign, leg.leg, at, question.model)
+    if found.found is not None:
+        beyond = Found(
+            found.found.lo if found.found.lo > found.lo else lo, _of_parameters(question, found.found.enclosure)
+        )
+    return LegResult(
+        leg=leg.leg,
+        bracket=_bracket(
+            center,
+            found,
+            verdict=found.verdict,
+            lo=lo,
+            enclosure=_of_parameters(question, found.enclosure),
+            certificate=answer.certificate,
+        ),
+        support=support,
+        not_certified=_not_certified(question, leg.leg, answer),
+        verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
+        extra=tuple(map(float, center[7:])),
+        determination=determined,
+        found=beyond,
+        work=Work(
+            nodes=found.nodes,
+            programs=found.programs,
+            seconds=found.seconds,
+            pending=found.pending,
+            floor=float(found.floor),
+            trials=answer.trials,
+            contractors_used=found.contractors_used,
+        ),
+    )
+
+
+def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
+    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
+    question = replace(leg.question, place=None, checkpoints=None)
+    if question.options.support == "none":
+        return Support()
+    leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
+
+    def alone(elements: Indices) -> Alone:
+        """The lower bound by a part of the measurements; the best point of all is one of theirs."""
+        part = leg.alone(tuple(elements.tolist()))
+        least = searched(part, limits=replace(limits, nodes=_SUPPORT_NODES), best=best, enclose=False).minimum
+        members = (k for _, k in least.rows) if leg.restrictable else elements.tolist()
+        better = least.witness if least.hi < found.hi else None
+        return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
+
+    few, proof = find_support(leg.problem, found, limits.gap, alone), None
+    if question.options.support == "irreducible" and few:
+        few = irreducible(found, few, limits.gap, alone)
+        if question.certificates is not None and not asked():
+            start = start if found.witness is None else found.witness.point
+            part = prepared_leg(question, leg.leg, center=leg.center, only=few)
+            proved = searched(part, the_lower_bound, file=".support", start=start, enclose=False)
+            if proved.certificate is not None:
+                lowest, highest = part.domain["eps"].lo, part.domain["eps"].hi
+                lo = highest if lowest == highest else float(proved.minimum.lo)
+                proof = SupportProof(lo, proved.certificate)
+    ids = question.campaign.measurement_ids
+    return Support(tuple(ids[k] for k in few), proof)
+
+
+def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:
+    """Why there is no certificate."""
+    if answer.certificate is not None or answer.lost:
+        return answer.lost
+    if question.certificates is None:
+        return Uncertified.NOT_ASKED
+    if answer.minimum.interrupted:
+        return Uncertified.INTERRUPTED
+    if not built_in(question.model) and not exactly_read(question.campaign, leg):
+        return Uncertified.MODEL
+    return Uncertified.NOTHING_PROVED
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The ranges of a leg's parameters at a tolerance: how well its measurements determine it, each side proved.
+
+MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left
+PREFIX = "ranges-"  # of the certificates' names
+
+
+def range_eps(options: Options, leg: LegResult) -> float | None:
+    """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
+    if options.eps is not None:
+        return None if leg.bracket.verdict is Verdict.REFUTED else options.eps
+    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
+        return None
+    if options.tolerance is not None and leg.bracket.hi <= options.tolerance:
+        return options.tolerance
+    return MARGIN * leg.bracket.hi
+
+
+def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
+    """The ranges of a leg that has its bracket, and whether the user interrupted the search for them."""
+    question, bracket = prepared.question, leg.bracket
+    eps = range_eps(question.options, leg)
+    if eps is None:
+        return None, False
+    if question.options.eps is not None:  # they are what was asked
+        return None if bracket.enclosure.is_empty else Ranges(eps, bracket.enclosure, bracket.certificate), False
+    domain = prepared.at(eps)
+    if domain.is_empty:
+        return None, False
+    asked = replace(prepared, question=replace(question, prefix=PREFIX, checkpoints=None))
+    start = np.append(leg.center if bracket.point is None else bracket.point, eps)
+    found = searched(asked, the_enclosure, domain=domain, start=start)
+    box = found.minimum.enclosure
+    if box.is_empty or found.minimum.interrupted:
+        return None, found.minimum.interrupted
+    return Ranges(eps, _of_parameters(question, box), found.certificate), False
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How well a leg's parameters are determined, two at a time (the paper's Fig. 6): proved outer polygons.
+#
+# Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
+# relaxation of all parameters, proved from its multipliers by a
+# contractor that has a `support_function`. The certificates do not hold these proofs.
+
+Pair = tuple[int, int]
+
+ARITHMETIC = "float64"  # rounded outward; arb would prove the same in a hundred times the time
+
+_WITHIN = (*combinations(range(3), 2), *combinations(range(3, 6), 2))  # pairs of coordinates of one joint
+_ACROSS = tuple(pair for pair in combinations(range(7), 2) if pair not in _WITHIN)
+_ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a picture whose box is a square
+_DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
+
+
+def projections_of(prepared: PreparedLeg, ranges: Ranges) -> tuple[Projection, ...]:
+    """Of all parameters in the ranges of a leg that satisfy its equations to within the eps of the ranges.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. () where none of the contractors has a
+    `support_function`, or where all is known too well, or too badly, to be drawn.
+    """
+    contractors = [contractor for _, contractor in prepared.named]
+    if prepared.question.options.arithmetic != ARITHMETIC:
+        network = prepared.problem.network
+        contractors = [plugins.load(n)(network, objective="eps", arithmetic=ARITHMETIC) for n, _ in prepared.named]
+    contractor = next((c for c in contractors if isinstance(c, SupportFunction)), None)
+    if contractor is None:
+        return ()
+    bounds = (np.append(side, ranges.eps) for side in (ranges.box.lo, ranges.box.hi))
+    box = Box(prepared.domain.names, *bounds)
+    drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
+    pairs = [pair for pair in (*_WITHIN, _most_correlated(prepared, box.mid[:-1])) if drawn[list(pair)].all()]
+    if not pairs:
+        return ()
+    directions = [_normals(box, pair) for pair in pairs]
+    highest = contractor.support_function(box, np.concatenate(directions)).reshape(len(pairs), -1)
+    if np.isneginf(highest).any():
+        return ()
+    found = []
+    for (i, j), normals, ends in zip(pairs, directions, highest, strict=True):
+        planes = zip(normals[:, i].tolist(), normals[:, j].tolist(), ends.tolist(), strict=True)
+        found.append(Projection((PARAMETERS[i], PARAMETERS[j]), tuple(p for p in planes if math.isfinite(p[2]))))
+    return tuple(found)
+
+
+def _normals(box: Box, pair: Pair) -> Floats:
+    """Directions of the half-planes: all around, but for the axes, whose bounds the box has."""
+    angles = _ANGLES[np.arange(len(_ANGLES)) % 6 != 0]
+    out = np.zeros((len(angles), len(box)))
+    out[:, pair[0]] = np.cos(angles) / box.width[pair[0]]
+    out[:, pair[1]] = np.sin(angles) / box.width[pair[1]]
+    return out
+
+
+def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
+    """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
+
+    In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
+    """
+    jacobian = model_jacobian(prepared.question.campaign, prepared.leg, x, prepared.question.model)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.abs(covariance / np.outer(spread, spread))
+    return max(_ACROSS, key=lambda pair: float(correlation[pair]))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The smallest model error of a leg when up to q of its measurements may be wrong, nobody knows which.
+#
+# A proof that no eps below some target will do rests on the few measurements that have a weight in it, its *support*.
+# It holds whatever is left out elsewhere. So leaving out q measurements can allow a smaller eps only if every support
+# known loses one of its own: if the q measurements meet all of them. The search therefore goes in turns:
+#
+# - a set of at most q measurements that meets all supports known is left out, and the others are searched up to the
+#   target: either that is refuted, which gives one more support, or a point is found, which lowers the target;
+# - when no set of q measurements meets all supports (found out exactly), the target is proved whichever are left out.
+#
+# This is the exchange on supports, without trying the members of each one after the other: every turn settles all
+# sets of q measurements that miss the new support. The proof is the family of refutations: see
+# `checker.robust_claim`.
+
+_BELOW = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
+_SMALLEST = 1e-9  # mm, likewise
+_ACTIVE = 1e-6  # mm: rows this near to the largest decide a fit
+
+
+@dataclass(frozen=True)
+class _Refutation:
+    """Measurements that alone prove eps >= lo, and the certificate of that."""
+
+    members: frozenset[int]
+    lo: float
+    certificate: str | None
+
+
+def robust_leg(question: Question, leg: int) -> LegResult:
+    """The bracket of leg `leg` when some of its measurements may be wrong; with certificates where they are asked for.
+
+    A search that ends at the limits leaves the bracket open, as does one that cannot refute the target.
+    """
+    began, options, ids = time.monotonic(), question.options, question.campaign.measurement_ids
+    question = replace(question, place=None, checkpoints=None)
+    center, supports = question.center(leg), list[_Refutation]()
+    without = guessed(question, leg, center)
+    best = _searched(prepared_leg(question, leg, center=center, only=_others(question, without))).minimum
+    target, searches = best.hi, 1
+    while best.witness is not None and time.monotonic() - began < (options.time_limit or np.inf):
+        target = min(target, best.hi - max(_BELOW * best.hi, _SMALLEST))
+        if target <= 0.0:  # no error is smaller
+            break
+        left_out = hitting_set([one.members for one in supports], options.outliers)
+        if left_out is None:
+            break
+        if question.progress is not None:
+            question.progress(leg, Bracket(0.0, best.hi, searches, 0, time.monotonic() - began))
+        part = prepared_leg(question, leg, center=center, only=_others(question, left_out), highest=target)
+        found = _searched(part, f".{len(supports) + 1:03d}")
+        searches += 1
+        if found.minimum.witness is not None:  # it lies below the target, and so below the best
+            best, without = found.minimum, left_out
+        else:
+            target = min(target, found.minimum.lo)
+            supports.append(_Refutation(_members(found.minimum, part), target, found.certificate))
+    settled = hitting_set([one.members for one in supports], options.outliers) is None
+    lo = min((one.lo for one in supports), default=0.0) if settled else 0.0
+    at_point = None if best.witness is None else _point_certificate(question, leg, center, without, best)
+    # a family that some choice meets proves nothing, and leaves no files
+    proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
+    closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
+    lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
+    return LegResult(
+        leg=leg,
+        bracket=_bracket(
+            center,
+            best if best.witness is not None else replace(best, hi=np.inf),
+            enclosure=leg_box(center, options.delta, question.model),
+            verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
+            lo=float(lo),
+            proofs=proofs,
+            point_certificate=at_point,
+            left_out=() if best.witness is None else tuple(ids[k] for k in sorted(without)),
+        ),
+        not_certified=Uncertified.NOTHING if proofs or at_point else lost,
+        extra=tuple(map(float, center[7:])),
+        work=Work(nodes=searches, seconds=time.monotonic() - began),
+    )
+
+
+def guessed(question: Question, leg: int, center: Floats) -> frozenset[int]:
+    """Measurements to leave out first: one after the other that whose loss lowers a local fit most."""
+    whole, start = network_of(question, leg, center), np.append(center, 0.0)
+    without: frozenset[int] = frozenset()
+
+    def fitted(without: frozenset[int], start: Floats) -> tuple[Floats, list[int]]:
+        """A local minimiser of the others' eps, and the measurements that decide it."""
+        only = _others(question, without)
+        network = whole if only is None else of_measurements(whole, only)
+        rows = Rows(network)
+        point = fit(rows, network.names.index("eps"), network.domain, start)
+        # each one-sided row of a leg has an element for every measurement
+        kept = range(len(question.campaign)) if only is None else only
+        excess = rows.linearize(point).values.reshape(-1, len(kept)).max(axis=0)
+        return point, [kept[k] for k in np.flatnonzero(excess >= -_ACTIVE)]
+
+    for _ in range(question.options.outliers):
+        start, active = fitted(without, start)
+        trials = [(float(fitted(without | {k}, start)[0][-1]), k) for k in active]
+        if not trials:
+            break
+        without |= {min(trials)[1]}
+    return without
+
+
+def all_or_none(question: Question, names: Collection[str | None]) -> tuple[str, ...]:
+    """Certificates that prove something together; none, and no files, where one is missing: the others prove less."""
+    found = tuple(name for name in names if name is not None)
+    if len(found) == len(names):
+        return found
+    for name in found:
+        assert question.certificates is not None
+        (question.certificates / name).unlink()
+    return ()
+
+
+def _others(question: Question, without: frozenset[int]) -> tuple[int, ...] | None:
+    """All measurements but these; None for all."""
+    return tuple(k for k in range(len(question.campaign)) if k not in without) if without else None
+
+
+def _members(found: Minimum, part: PreparedLeg) -> frozenset[int]:
+    """The measurements with a weight in some step."""
+    kept = part.only or range(len(part.question.campaign))
+    return frozenset(kept[k] for _, k in found.rows)
+
+
+def _searched(part: PreparedLeg, file: str | None = None) -> Answered:
+    """The least eps of a part of the measurements; with a `file` a certificate, where no point was found."""
+    limits = Limits(seconds=part.question.options.time_limit, gap=0.1 * _BELOW, gap_absolute=0.1 * _SMALLEST)
+    found = searched(
+        part,
+        None if file is None else lambda f, domain: None if f.witness is not None else the_lower_bound(f, domain),
+        file=file or "",
+        limits=limits,
+        start=np.append(part.center, 0.0),
+        enclose=False,
+    )
+    if found.minimum.interrupted:  # its bracket is of no use to the next search
+        raise Stopped(asked() or Reason.INTERRUPTED)
+    return found
+
+
+def _point_certificate(
+    question: Question, leg: int, center: Floats, without: frozenset[int], best: Minimum
+) -> str | None:
+    """The file that proves the best point, at all measurements but those left out."""
+    domain, only = network_of(question, leg, center).domain, _others(question, without)
+    if question.certificates is None:
+        return None
+    statement = model_statement(question.campaign, leg, question.model, domain, only)
+    if statement is None:
+        return None
+    with Recording(statement, domain) as recording:
+        claims = claims_of(replace(best, lo=0.0), domain, "eps") | {"enclosure": None}
+        return written(question, leg, ".point", partial(recording.write, claims=claims))[0]
