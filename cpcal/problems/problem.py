@@ -21,7 +21,7 @@ from cpcal.problems.values import StatedProblem
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import Paving
-from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.bound import Bracket, Minimum
 from cpcal.solver.search import Event
 
 MOST = 2**26  # bytes

@@ -185,7 +185,7 @@ def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> C
 
 
 def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -> tuple[list[Stated], list[str]]:
-    """The elements of one constraint, and the sides of its polynomial rows in the order of `network.rewrite`."""
+    """The elements of one constraint, and the sides of its polynomial rows in the order of `network.polynomial`."""
     factor, node, rest = _root(constraint.body)
     shape = constraint.body.shape
     low, high = _bound(constraint.lower, exact, shape), _bound(constraint.upper, exact, shape)
