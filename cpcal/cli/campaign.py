@@ -219,7 +219,7 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
             else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
         )
         talk.say(f"Expected: {meaning}")
-    talk.say(*(f"! {finding.sentence}" for finding in found.findings))
+    talk.say(*(f"! {finding}" for finding in found.findings))
     if not found.good:
         return Status.UNKNOWN
     talk.say("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN")

@@ -53,7 +53,6 @@ from cpcal.report.comparison_page import (
     comparison_sentences,
     comparison_table,
     passing,
-    row_of,
     write_campaigns,
     write_comparison,
 )
@@ -62,10 +61,15 @@ from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import Here, Place, Processes
-from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.executors import (
+    Here,
+    LostWorkerError,
+    Place,
+    Processes,
+    linear_algebra_on_one_thread,
+    outcomes,
+)
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 
 
 def warned(campaign: Campaign) -> Campaign:
@@ -300,7 +304,7 @@ def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, plac
             if earlier is None:
                 yield CampaignTask(name, campaign, runs / name if near else None)
             else:
-                rows.append(row_of(name, earlier))
+                rows.append(CampaignRow(name, earlier))
 
     with locked(runs), counted("campaigns", talk.console()) as progress:
         try:
@@ -315,7 +319,7 @@ def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, plac
                 except (CpcalError, OSError) as error:
                     _fail(failed, name, error)
                 else:
-                    rows.append(row_of(name, result))
+                    rows.append(CampaignRow(name, result))
                     worst, done, of = rows[-1].worst, len(rows) + len(failed), len(folders)
                     rate = done / max(time.monotonic() - began, 1e-9)
                     bounds = {"eps_lo": worst.bracket.lo, "eps_hi": worst.bracket.hi, "leg": worst.leg}
@@ -326,8 +330,8 @@ def _certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, plac
             record("lost", message=str(error))
             warn(f"{error}; what is done is kept, and --resume goes on with the others")
         reason, missing = asked(), len(folders) - len(rows) - len(failed)
-        page = write_campaigns(rows, failed, missing, runs)
-    talk.say(*page.lines, f"Summary: {page.path}")
+        printed = write_campaigns(rows, failed, missing, runs)
+    talk.say(*printed)
     if reason is not None and (missing > 0 or any(row.result.interrupted for row in rows)):
         return Status(reason)
     if failed or missing:

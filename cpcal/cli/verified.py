@@ -136,7 +136,7 @@ def of_runs(folder: Path) -> Iterator[Statement]:
     """Each run of a folder, and the table of many campaigns. Raises InputError."""
     from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
         SUMMARY_TABLE,
-        row_of,
+        CampaignRow,
         summary_table,
     )
 
@@ -146,7 +146,7 @@ def of_runs(folder: Path) -> Iterator[Statement]:
         yield from statements(run)
         with suppress(InputError):  # which is refused already
             found = load_result(run)
-            rows += [row_of(run.name, found)] if found.legs else []
+            rows += [CampaignRow(run.name, found)] if found.legs else []
     if table.exists() and table.read_bytes() != summary_table(rows):
         yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 

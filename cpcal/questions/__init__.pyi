@@ -1,6 +1,6 @@
 from .accuracy import Accuracy, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
 from .ask import COMPARED, certify, compare
-from .data_check import DataCheck, Finding, check_data
+from .data_check import DataCheck, check_data
 from .points import PointResult, certify_point
 from .result import (
     ARITHMETICS,
@@ -49,7 +49,6 @@ __all__ = [
     "CampaignNote",
     "DataCheck",
     "Determination",
-    "Finding",
     "LegBracket",
     "LegResult",
     "LegVerdict",

@@ -239,7 +239,6 @@ MOST_POSES = 1000  # which a certificate can hold
 CONTROLLERS = ("nominal", "fit", "proved")
 _WORST = 4  # poses, for which next poses are chosen
 Told = Callable[[str], None]
-Truth = Callable[[Robot, Pose], Pose | None]
 
 
 @dataclass(frozen=True)
@@ -262,7 +261,6 @@ def certify_accuracy(
     gap: float = 0.2,
     cells: int = 600,
     next_poses: int = 4,
-    truth: Truth | None = None,
     certificates: str | os.PathLike[str] | None = None,
     tell: Told | None = None,
 ) -> Accuracy:
@@ -278,8 +276,7 @@ def certify_accuracy(
     `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
     points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
     is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
-    each of two rules (estimates). `truth`: gives the true poses of a simulated robot
-    (default: of what `cpcal simulate` wrote). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
+    each of two rules (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
     the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
 
@@ -332,7 +329,7 @@ def certify_accuracy(
     at: tuple[PoseAccuracy, ...] = ()
     if not refuted and poses is not None:
         say(f"{len(poses.names)} poses")
-        really = (truth or (lambda controlled, there: true_poses(campaign, controlled, there)))(robot, poses.poses)
+        really = true_poses(campaign, robot, poses.poses)
         at = _at_poses(campaign, robot, legs, assumed, poses, commanded, really)
     over = _over(workspace, sets, gap, cells, say) if sets and workspace is not None else None
     return Accuracy(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
@@ -195,34 +194,16 @@ _FITTED = 20_000  # measurements
 _MORE = "Measure poses that differ more; what the robot cannot move stays open."
 
 
-class FindingKind(Enum):
-    """What a finding is about."""
-
-    MISTAKE = "mistake"
-    ODD_ROW = "odd row"
-    COPY = "copy"
-    SAME_POSE = "same pose"
-    OPEN = "open parameters"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing to look at, in a sentence."""
-
-    kind: FindingKind
-    sentence: str
-
-
 @dataclass(frozen=True, eq=False)
 class DataCheck:
     """What `check_data` found. Estimates in floating point, no proofs.
 
-    findings  what to look at, most important first; none: the data are fit to be certified
+    findings  sentences: what to look at, most important first; none: the data are fit to be certified
     nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
     legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[str, ...]
     nominal: tuple[float, ...]
     legs: tuple[LegOutlook, ...]
 
@@ -241,21 +222,15 @@ def check_data(campaign: Campaign) -> DataCheck:
     given = Given.of(campaign)
     typical = given.typical
     mistake = mistake_in(given, typical)
-    findings = [
-        Finding(FindingKind.MISTAKE, sentence) for sentence in [mistake, *sizes_in_question(campaign)] if sentence
-    ]
     still = single_pose(campaign)
-    for kind, sentence in ((FindingKind.SAME_POSE, still), (FindingKind.COPY, copied_rows(campaign))):
-        if sentence:
-            findings.append(Finding(kind, sentence))
+    findings = list(filter(None, (mistake, *sizes_in_question(campaign), still, copied_rows(campaign))))
     nominal = np.median(given.share * given.nominal, axis=0)
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
     sample = _spread(campaign, _FITTED)
     x = robust_parameters(sample)
     legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
-    findings += [Finding(FindingKind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
-    findings += [Finding(FindingKind.OPEN, sentence) for sentence in _open(legs)]
+    findings += [*odd_rows(campaign, x), *_open(legs)]
     return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
 
 

@@ -29,12 +29,18 @@ from cpcal.solver.optimize.witness import verify_point
 
 
 @dataclass(frozen=True)
-class PointResult:
-    """What is proved of a point of one leg: `verified` counts, `holds` and `fails` name the measurements (pose/run)."""
+class VerifiedFit:
+    """A point of one leg, and how many measurements it is proved to satisfy, and to fail."""
 
     leg: int
     point: tuple[float, ...]
     verified: VerifiedPoint
+
+
+@dataclass(frozen=True)
+class PointResult(VerifiedFit):
+    """What is proved of a point of one leg: `holds` and `fails` name the measurements (pose/run)."""
+
     holds: tuple[str, ...]
     fails: tuple[str, ...]
 
@@ -103,15 +109,6 @@ def verified_rows(
 # of the fits is what the checker accepts.
 
 _FILE = re.compile(r"(x_c|x_c_sigma)\.leg([1-9][0-9]{0,3})\.cert\.jsonl")
-
-
-@dataclass(frozen=True)
-class VerifiedFit:
-    """The point of one leg of a fit at eps = 0, and what is proved of it."""
-
-    leg: int
-    point: tuple[float, ...]
-    verified: VerifiedPoint
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import math
 import operator
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,6 +41,7 @@ CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "irreducible", "none")
 METHODS = ("bound", "timeout")
 ARITHMETICS = ("float64", "arb")
+_ALWAYS = ("delta", "center", "gap", "contractors", "arithmetic")
 LARGEST_DELTA = 1e6  # mm: a kilometre
 
 
@@ -145,17 +146,14 @@ class Options:
 
     def words(self) -> list[str]:
         """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
-        out = [] if self.legs is None else ["--legs", ",".join(map(str, self.legs))]
-        out += ["--delta", repr(self.delta), "--center", self.center, "--gap", repr(self.gap)]
-        out += ["--contractors", ",".join(self.contractors), "--arithmetic", self.arithmetic]
-        out += [] if self.model is None else ["--model", self.model]
-        out += [word for name, width in self.half_widths.items() for word in ("--half-width", f"{name}={width!r}")]
-        for name in ("eps", "tolerance", "time_limit", "node_limit"):
-            value = getattr(self, name)
-            out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
-        for name, usual in (("outliers", 0), ("method", "bound"), ("support", "few")):
-            value = getattr(self, name)
-            out += [] if value == usual else [f"--{name}", str(value)]
+        out: list[str] = []
+        for option in fields(self):
+            name, value = option.name, getattr(self, option.name)
+            if name == "half_widths":
+                out += [word for of, width in value.items() for word in ("--half-width", f"{of}={width!r}")]
+            elif name in _ALWAYS or (name != "ranges" and value != option.default):
+                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                out += [f"--{name.replace('_', '-')}", text]
         return out
 
 
@@ -492,7 +490,7 @@ class LegResult:
         return self.bracket.point is not None and self.bracket.hi == 0.0
 
     def _repr_html_(self) -> str:
-        from cpcal.questions.notebook import leg_html  # which reads results
+        from cpcal.questions.verdict import leg_html  # which reads results
 
         return leg_html(self)
 
@@ -529,12 +527,12 @@ class Result:
 
     def to_frame(self) -> DataFrame:
         """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
-        from cpcal.questions.notebook import result_frame
+        from cpcal.questions.verdict import result_frame
 
         return result_frame(self)
 
     def _repr_html_(self) -> str:
-        from cpcal.questions.notebook import result_html
+        from cpcal.questions.verdict import result_html
 
         return result_html(self)
 

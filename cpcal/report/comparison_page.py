@@ -166,32 +166,22 @@ _HEADER = ("campaign", "leg", "verdict", "eps_lo_mm", "eps_hi_mm", "certified", 
 
 @dataclass(frozen=True)
 class CampaignRow:
-    """A campaign by the name of its folder, and what was found."""
+    """A campaign by the name of its folder, and what was found: at least one leg."""
 
     name: str
     result: Result
-    worst: LegResult
+
+    @property
+    def worst(self) -> LegResult:
+        return max(self.result.legs, key=lambda leg: (leg.bracket.lo, leg.bracket.hi))
 
     @property
     def seconds(self) -> float:
         return sum(leg.work.seconds for leg in self.result.legs)
 
 
-@dataclass(frozen=True)
-class CampaignsSummary:
-    """The page, and what is printed of it."""
-
-    path: Path
-    lines: tuple[str, ...]
-
-
-def row_of(name: str, result: Result) -> CampaignRow:
-    """A result with at least one leg."""
-    return CampaignRow(name, result, max(result.legs, key=lambda leg: (leg.bracket.lo, leg.bracket.hi)))
-
-
-def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> CampaignsSummary:
-    """Write `summary.html` and `summary.csv`, sorted by the worst leg's eps; `missing` were not begun.
+def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> list[str]:
+    """Write `summary.html` and `summary.csv`, sorted by the worst leg's eps; `missing` were not begun. What is printed.
 
     Raises InputError.
     """
@@ -221,7 +211,7 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     page = Page("Campaigns certified", "many campaigns", "Campaigns certified", sections, notices, f"{counts}.")
     if len(ordered) > _LINES:
         lines[_LINES + 1 :] = [f"  and {len(ordered) - _LINES:,} with smaller errors"]
-    return CampaignsSummary(page.write(folder / SUMMARY_PAGE), tuple(lines))
+    return [*lines, f"Summary: {page.write(folder / SUMMARY_PAGE)}"]
 
 
 def summary_table(rows: Sequence[CampaignRow]) -> bytes:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.numbers import about, nearest
-from cpcal.report.section import Drawing, Mark, Page, Picture, Section, Table, Words, origin, picture, verdict
+from cpcal.report.section import Drawing, Mark, Page, Picture, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DOT, EDGE, GRID, INK, Plot, Span, Svg, evenly, rectangle
 from cpcal.vision.batch.detect import Detections
 from cpcal.vision.batch.study_images import Sample
@@ -121,7 +121,7 @@ def _some_images(sample: Sample) -> Iterator[Section]:
             kind, word = ("undecided", "doubtful") if row.doubt else ("explained", "found")
             caption += f": {row.dots} dots, {nearest(row.values[RMS], 4)} px RMS"
         words = verdict(word, kind), f" {caption}"
-        pictures.append((picture(f"{caption}, {word}", seen.jpeg, seen.size), words))
+        pictures.append((Picture(f"{caption}, {word}", seen.jpeg, seen.size), words))
     caption = (
         "Blue rings: dots that the pose rests on; red: dots that should be seen and are not; violet: dots that fit no "
         "pose with the others; yellow crosses: found dots that are none of the target’s. Red and green lines: the "

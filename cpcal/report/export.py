@@ -207,61 +207,81 @@ def _parent(found: HandEyeResult) -> str:
     return "tool0" if found.setup == "eye-in-hand" else "base_link"
 
 
-def _told(found: HandEyeResult, mark: str) -> list[str]:
+def _told(found: HandEyeResult, mark: str) -> str:
     """What is proved, as comments."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
-    said[0] += f", without {', '.join(found.left_out)}" if found.left_out else ""
-    if found.ranges is None or found.ranges.empty:
-        return [f"{mark} {said[0]}"]
-    said.append(f"proved of all frames that explain every pixel to {at_least(found.eps, 4)} px:")
-    names = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
-    for k, name in enumerate(names):
-        unit = "mm" if k < 3 else "deg from the rotation below"
-        said.append(f"  {name}: {rounded_down(found.ranges.low[k], 4)} to {rounded_up(found.ranges.high[k], 4)} {unit}")
-    return [f"{mark} {line}" for line in said]
+    if found.ranges is not None and not found.ranges.empty:
+        said.append(f"proved of all frames that explain every pixel to {at_least(found.eps, 4)} px:")
+        ends = zip(_AXES, found.ranges.low, found.ranges.high, strict=False)
+        for k, (name, lo, hi) in enumerate(ends):
+            unit = "mm" if k < 3 else "deg from the rotation below"
+            said.append(f"  {name}: {rounded_down(lo, 4)} to {rounded_up(hi, 4)} {unit}")
+    return "\n".join(f"{mark} {line}" for line in said)
 
 
-def _metres(found: HandEyeResult) -> list[tuple[str, str]]:
+_AXES = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+
+
+def _metres(found: HandEyeResult) -> dict[str, str]:
     """Position in m and quaternion, by the names that ROS has for them."""
     (w, i, j, k), position = found.point.camera_quaternion, (v / 1000.0 for v in found.point.camera_position)
-    return list(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, (*position, i, j, k, w)), strict=True))
+    return dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, (*position, i, j, k, w)), strict=True))
 
 
 def _ros2(found: HandEyeResult) -> str:
     """A node of a ROS 2 launch file in Python."""
-    given = [*_metres(found), ("frame-id", _parent(found)), ("child-frame-id", "camera_optical_frame")]
-    head = ["from launch_ros.actions import Node", "", *_told(found, "#"), "Node("]
-    head += ['    package="tf2_ros",', '    executable="static_transform_publisher",', "    arguments=["]
-    return "\n".join([*head, *(f'        "--{name}", "{value}",' for name, value in given), "    ],", ")"]) + "\n"
+    given = _metres(found) | {"frame-id": _parent(found), "child-frame-id": "camera_optical_frame"}
+    arguments = "\n".join(f'        "--{name}", "{value}",' for name, value in given.items())
+    return f"""from launch_ros.actions import Node
+
+{_told(found, "#")}
+Node(
+    package="tf2_ros",
+    executable="static_transform_publisher",
+    arguments=[
+{arguments}
+    ],
+)
+"""
 
 
 def _easy_handeye(found: HandEyeResult) -> str:
     """A calibration file of easy_handeye."""
     in_hand = found.setup == "eye-in-hand"
-    base = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
-    lines = [*_told(found, "#"), "parameters:", f"  eye_on_hand: {str(in_hand).lower()}", f"  {base}"]
-    lines += ["  tracking_base_frame: camera_optical_frame", "transformation:"]
-    return "\n".join([*lines, *(f"  {name}: {value}" for name, value in _metres(found))]) + "\n"
+    frame = "robot_effector_frame: tool0" if in_hand else "robot_base_frame: base_link"
+    values = "\n".join(f"  {name}: {value}" for name, value in _metres(found).items())
+    return f"""{_told(found, "#")}
+parameters:
+  eye_on_hand: {str(in_hand).lower()}
+  {frame}
+  tracking_base_frame: camera_optical_frame
+transformation:
+{values}
+"""
 
 
 def _urdf(found: HandEyeResult) -> str:
     """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
     r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
     roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
-    pitch, xyz = math.asin(max(-1.0, min(1.0, -r[2][0]))), " ".join(value for _, value in _metres(found)[:3])
-    lines = ["<!--", *(f"  {line}" for line in _told(found, "")), "-->"]
-    lines += ['<joint name="camera_optical_joint" type="fixed">', f'  <parent link="{_parent(found)}"/>']
-    lines += ['  <child link="camera_optical_frame"/>']
-    lines += [f'  <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>', "</joint>"]
-    return "\n".join(lines) + "\n"
+    pitch, xyz = math.asin(max(-1.0, min(1.0, -r[2][0]))), " ".join([*_metres(found).values()][:3])
+    return f"""<!--
+{_told(found, "  ")}
+-->
+<joint name="camera_optical_joint" type="fixed">
+  <parent link="{_parent(found)}"/>
+  <child link="camera_optical_frame"/>
+  <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>
+</joint>
+"""
 
 
 def _opencv(found: HandEyeResult) -> str:
     """Matrices of both frames for cv::FileStorage, translations in mm, named as OpenCV's functions name them."""
     point, in_hand = found.point, found.setup == "eye-in-hand"
     camera, target = ("cam2gripper", "target2base") if in_hand else ("cam2base", "target2gripper")
-    lines = ["%YAML:1.0", "---", *_told(found, "#")]
+    lines = ["%YAML:1.0", "---", _told(found, "#")]
     for name, position, quaternion in (
         (camera, point.camera_position, point.camera_quaternion),
         (target, point.target_position, point.target_quaternion),

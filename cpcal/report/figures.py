@@ -15,7 +15,6 @@ from cpcal.questions import Result, verdict_of
 from cpcal.questions.result import HalfPlane
 from cpcal.report.svg import BAND, DASHES, DOT, EDGE, GRID, INK, ROOM, SUPPORT, Plot, Span, Svg, evenly, rectangle
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import Box
 from cpcal.solver.search import Paving
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -183,14 +182,11 @@ def polygon(lo: Floats, hi: Floats, half_planes: Iterable[HalfPlane]) -> Floats:
     for u, v, c in half_planes:
         normal = np.array([u, v])
         excess = corners @ (normal * half) + float(normal @ middle) - c  # kept where it is not positive
-        left: list[Floats] = []
-        for k in range(len(corners)):
-            before, here = excess[k - 1], excess[k]
-            if (before > 0.0) != (here > 0.0):
-                left.append(corners[k - 1] + before / (before - here) * (corners[k] - corners[k - 1]))
-            if here <= 0.0:
-                left.append(corners[k])
-        corners = np.array(left).reshape(len(left), 2)
+        last, before = np.roll(corners, 1, axis=0), np.roll(excess, 1)
+        crossed, kept = (before > 0.0) != (excess > 0.0), excess <= 0.0
+        share = before / np.where(crossed, before - excess, 1.0)  # of an edge, where it leaves or enters
+        ends = np.stack([last + share[:, None] * (corners - last), corners], axis=1)
+        corners = ends[np.stack([crossed, kept], axis=1)]
     return np.asarray(middle + half * corners)
 
 
@@ -211,7 +207,9 @@ def paving_svg(paving: Paving, horizontal: str, vertical: str, *, size: float = 
     if not every or not all(box.is_bounded for box in every):
         raise ModelError("only a paving of bounded boxes, and of at least one, can be drawn")
     pair = [every[0].index(horizontal), every[0].index(vertical)]
-    x, y = (_reach(every, i) for i in pair)
+    low, high = np.min([box.lo for box in every], axis=0)[pair], np.max([box.hi for box in every], axis=0)[pair]
+    margin = 0.05 * np.where(high > low, high - low, np.where(low != 0.0, np.abs(low), 20.0))
+    x, y = np.stack([low - margin, high + margin], axis=1).tolist()
     plot = Plot((72.0 * size, 72.0 * size), x, y, (horizontal, vertical))
     outside = paving.outside if len(every[0]) == 2 else ()
     for boxes, colour in ((outside, _OUTSIDE), (paving.boundary, _BOUNDARY), (paving.inside, _INSIDE)):
@@ -219,10 +217,3 @@ def paving_svg(paving: Paving, horizontal: str, vertical: str, *, size: float = 
         plot.area(colour, *corners, edge="#ffffff", width=0.2)
     plot.marks([box.mid[pair] for box in single], "dot", _PROVED, 4.0)
     return plot.svg("paving")
-
-
-def _reach(boxes: Sequence[Box], i: int) -> Span:
-    """What boxes cover of variable i, with a margin."""
-    lo, hi = min(float(box.lo[i]) for box in boxes), max(float(box.hi[i]) for box in boxes)
-    margin = 0.05 * (hi - lo) or 0.05 * abs(lo) or 1.0
-    return lo - margin, hi + margin

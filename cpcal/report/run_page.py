@@ -128,10 +128,13 @@ def claim(
     words: Words, what: str, leg: LegResult | None = None, value: float | str | None = None, parameter: str = ""
 ) -> Mark:
     """Words that state what a certificate claims, exactly `value`: the page compares them."""
-    exact = value.hex() if isinstance(value, float) else value
-    number = None if leg is None else str(leg.leg)
-    data = {"leg": number, "claim": what, "parameter": parameter or None, "value": exact}
-    return Mark(words, data={name: text for name, text in data.items() if text is not None})
+    data = {} if leg is None else {"leg": str(leg.leg)}
+    data["claim"] = what
+    if parameter:
+        data["parameter"] = parameter
+    if value is not None:
+        data["value"] = value.hex() if isinstance(value, float) else value
+    return Mark(words, data=data)
 
 
 def bracket_words(leg: LegResult) -> tuple[Mark, Mark]:
@@ -269,7 +272,7 @@ def _bounds(result: Result) -> Iterator[Section]:
 
 def _origin(campaign: Campaign, result: Result) -> Section:
     options = result.options
-    certificates = [leg.bracket.certificate for leg in result.legs if leg.bracket.certificate is not None]
+    certificates = list(filter(None, (leg.bracket.certificate for leg in result.legs)))
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (
@@ -349,21 +352,19 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
             f"No ranges were computed. “At least” and “at most” enclose every solution in the box at {where}: how "
             "sharply the optimum is known, no accuracy of the parameters."
         )
-    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
+    nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
     point, rows = leg.bracket.point, list[tuple[Words, ...]]()
     for k, name in enumerate(result.model.parameters):
         unit = result.model.unit(name)
         decimals = _DECIMALS if unit == "mm" else _MORE
-        sides: list[Words] = [_UNKNOWN] * 3
-        if box is not None:
-            lo, hi = float(box.lo[k]), float(box.hi[k])
-            low, high, width = outward(lo, hi, decimals)
-            ends = (low, "lo", lo), (high, "hi", hi), (width, "width", "")
-            sides = [claim(text, f"{of}.{side}", leg, value, name) for text, side, value in ends]
-        proved = _UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name)
-        least = _UNKNOWN if fit is None else nearest(float(fit.x[k]), decimals)
-        label = name if unit == "mm" else f"{name} [{unit}]"
-        rows.append((label, *sides, proved, least, nearest(float(nominal[k]), decimals)))
+        cells: list[Words] = [name if unit == "mm" else f"{name} [{unit}]"]
+        lo, hi = (math.nan, math.nan) if box is None else (float(box.lo[k]), float(box.hi[k]))
+        ends: tuple[float | str, ...] = lo, hi, ""
+        for text, side, end in zip(outward(lo, hi, decimals), ("lo", "hi", "width"), ends, strict=True):
+            cells.append(_UNKNOWN if box is None else claim(text, f"{of}.{side}", leg, end, name))
+        cells.append(_UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name))
+        least = math.nan if fit is None else float(fit.x[k])
+        rows.append((*cells, nearest(least, decimals), nearest(nominal[k], decimals)))
     head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
     other = "" if result.model.name == PLAIN.name else ", but where another unit is given"
     return Section(
@@ -388,12 +389,11 @@ def eps_text(result: Result, eps: float) -> str:
 def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
     """The ranges, or where there are none the enclosure, less the nominal values, with the fit."""
     box, what = (leg.bracket.enclosure, "enclosure") if leg.ranges is None else (leg.ranges.box, "range")
-    nominal, bars = campaign.robot.parameters[leg.leg - 1], []
-    for k, name in enumerate(PARAMETERS):
+    bars = []
+    for k, (name, nominal) in enumerate(zip(PARAMETERS, campaign.robot.parameters[leg.leg - 1].tolist(), strict=True)):
         lo, hi = float(box.lo[k]), float(box.hi[k])
-        width = "none" if box.is_empty else plain_gap(lo, hi)
-        estimate = math.nan if fit is None else float(fit.x[k] - nominal[k])
-        bars.append(Bar(name, lo - nominal[k], hi - nominal[k], estimate, width))
+        estimate = math.nan if fit is None else float(fit.x[k]) - nominal
+        bars.append(Bar(name, lo - nominal, hi - nominal, estimate, "none" if box.is_empty else plain_gap(lo, hi)))
     label = f"Leg {leg.leg}: {what} of each parameter, relative to its nominal value"
     svg = bars_svg(bars, "parameter − nominal value [mm]", label, words=(math.inf, "width [mm]"))
     legend = {} if box.is_empty else {"bar": f"{what}, between two ticks"}
@@ -541,8 +541,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     if len(data) > _MOST:
         return None
     scripts = files("cpcal.report") / "browser"
-    script = (scripts / "page.js").read_text(encoding="utf-8")
-    checker = (scripts / "checker.js").read_text(encoding="utf-8")
+    script, checker = ((scripts / name).read_text(encoding="utf-8") for name in ("page.js", "checker.js"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     compared = (
         "With the certificates: the verdict on all legs and on each, the tolerance, sentences on the error, brackets, "

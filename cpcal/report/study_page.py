@@ -129,10 +129,11 @@ def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
     fits = [record.validation.x_c_sigma, *([] if every is None else [every])]
     rest = [""] * (len(fits) - 1)
     rows: list[tuple[str, ...]] = []
-    for k, (name, kind, figure) in enumerate(_FIGURES):
+    for k, (kind, figure, words) in enumerate(_FIGURES):
+        turned = kind == "orientation"
         columns = [*plain.summaries(kind), *(one.summaries(kind)[1] for one in fits)]
-        values = [getattr(column, figure) for column in columns]
-        rows.append((name, *(about(math.degrees(v) if kind == "orientation" else v) for v in values)))
+        values = (math.degrees(v) if turned else v for v in (getattr(column, figure) for column in columns))
+        rows.append((f"{kind}, {words} [{'°' if turned else 'mm'}]", *map(about, values)))
         if paper_too and k < len(TABLE_6):
             rows.append((PAPER, *map(about, TABLE_6[k]), *rest))
     if plain.floor is not None:
@@ -143,15 +144,14 @@ def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
     return Table(head[: 4 + len(rest)], rows)
 
 
-_FIGURES = (
-    ("position, mean [mm]", "position", "mean"),
-    ("position, std. dev. [mm]", "position", "deviation"),
-    ("orientation, mean [°]", "orientation", "mean"),
-    ("orientation, std. dev. [°]", "orientation", "deviation"),
-    ("position, 95 % of poses [mm]", "position", "at_95"),
-    ("position, largest [mm]", "position", "largest"),
-    ("orientation, 95 % of poses [°]", "orientation", "at_95"),
-    ("orientation, largest [°]", "orientation", "largest"),
+_FIGURES = tuple(
+    (kind, figure, words)
+    for figures in (
+        (("mean", "mean"), ("deviation", "std. dev.")),
+        (("at_95", "95 % of poses"), ("largest", "largest")),
+    )
+    for kind in ("position", "orientation")
+    for figure, words in figures
 )
 
 
@@ -371,12 +371,12 @@ def _certified(found: StudyFound) -> Iterator[Section]:
         rows.append((f"{name}: satisfied", *(str(fit.verified.holds) for fit in points)))
         rows.append((f"{name}: refuting", *(str(fit.verified.fails) for fit in points)))
         verdicts = [fit.verified.verdict for fit in points]
-        proved, refuted = (sum(one is kind for one in verdicts) for kind in (Verdict.PROVED, Verdict.REFUTED))
-        if refuted == len(points):
-            said.append(f"{name} is no solution for any leg verified: refuted by measurements, with proof.")
-        else:
-            some = f"for {proved} of {len(points)} legs and refuted for {refuted}"
-            said.append(f"{name} is a solution {some}; of the others nothing is proved.")
+        proved, refuted = verdicts.count(Verdict.PROVED), verdicts.count(Verdict.REFUTED)
+        some = (
+            f"a solution for {proved} of {len(points)} legs and refuted for {refuted}; of the others nothing is proved."
+        )
+        none = "no solution for any leg verified: refuted by measurements, with proof."
+        said.append(f"{name} is {none if refuted == len(points) else some}")
     yield Section(
         "Section 5.1.2: are x_c and x_c_sigma solutions?",
         said,
@@ -428,17 +428,16 @@ def _table7(found: StudyFound) -> Table:
 
 def _exact_sentence(result: Result) -> str:
     """The paper's second question: has any x in the box no model error at all?"""
-    none = [str(leg.leg) for leg in result.legs if leg.bracket.lo > 0.0]
-    some = [str(leg.leg) for leg in result.legs if leg.not_refuted]
-    rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.bracket.lo <= 0.0]
-    said, delta = [], stated(result.options.delta)
-    if none:
-        said.append(f"proved: no parameters within ±{delta} mm satisfy all equations exactly (leg {', '.join(none)})")
-    if some:
-        said.append(f"proved: some parameters do (leg {', '.join(some)})")
-    if rest:
-        said.append(f"not known (leg {', '.join(rest)})")
-    text = "; ".join(said)
+    box = f"within ±{stated(result.options.delta)} mm"
+    answers: dict[str, list[str]] = {
+        f"proved: no parameters {box} satisfy all equations exactly": [],
+        "proved: some parameters do": [],
+        "not known": [],
+    }
+    none, some, rest = answers.values()
+    for leg in result.legs:
+        (none if leg.bracket.lo > 0.0 else some if leg.not_refuted else rest).append(str(leg.leg))
+    text = "; ".join(f"{answer} (leg {', '.join(legs)})" for answer, legs in answers.items() if legs)
     return f"{text[0].upper()}{text[1:]}." if text else "No leg was finished."
 
 
