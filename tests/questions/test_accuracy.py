@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.common.errors import InputError
+from cpcal.models import PARAMETERS
 from cpcal.questions.accuracy import (
     NamedPoses,
     certify_accuracy,
@@ -22,8 +23,9 @@ from cpcal.questions.accuracy import (
     suggested_error,
 )
 from cpcal.report.accuracy_page import assumption, degrees_up, sentences, write_accuracy
-from cpcal.robot import central_pose, forward_kinematics
+from cpcal.robot import ROBOTS, central_pose, forward_kinematics
 from tests.models.known_robot import ERROR, known
+from tests.report.made import made_leg, made_result
 
 __all__ = ["known"]
 
@@ -97,3 +99,43 @@ def test_the_least_error_grows_with_the_poses_and_the_suggestion_is_above_it(kno
     assert poses[-1] == len(known.campaign)
     assert list(errors) == sorted(errors)
     assert suggested_error(errors) > errors[-1]
+
+
+def asked(name, legs, model=None, error=None):
+    """Of a run that the solver has not made: a campaign, and legs without anything proved."""
+    known = ROBOTS[name]
+    where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
+    campaign = cpcal.simulate(known.robot, seed=1, extremal=False, random_poses=4, factor=0.0, **where)
+    box = cpcal.Box(PARAMETERS, np.zeros(7), np.ones(7))
+    nominal = [tuple(row) for row in known.robot.parameters.tolist()]
+    rest = (box, 0.0, (), 1, 1, 0.1)
+    result = made_result(campaign, *(made_leg(leg, 0.0, 0.0, (0.0,) * 7, nominal[leg - 1], *rest) for leg in legs))
+    if model is not None:
+        result = replace(result, model=replace(result.model, name=model))
+    with pytest.raises(cpcal.InputError) as caught:
+        certify_accuracy(campaign, result, model_error=error)
+    (problem,) = caught.value.problems
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("name", "legs", "changes", "where", "what"),
+    [
+        ("planar-3rpr", 3, {}, "robot", "has 3 legs"),
+        ("cogiro", 8, {}, "robot", "has 8 legs"),
+        ("deltalab", (2, 5), {}, "run", "holds these legs only: 2, 5"),
+        ("deltalab", 6, {"model": "gain"}, "run", "has the leg model 'gain'"),
+        # legs are taken to be longer than the error; parameters with shorter legs would be left out of the sets
+        (
+            "deltalab",
+            6,
+            {"error": (1.0, 1.0, 5000.0, 1.0, 1.0, 1.0)},
+            "model_error",
+            "5000 mm is no error of leg 3, whi",
+        ),
+    ],
+)
+def test_what_it_cannot_be_asked_of_is_refused_before_any_work(name, legs, changes, where, what):
+    problem = asked(name, legs if isinstance(legs, tuple) else range(1, legs + 1), **changes)
+    assert problem.where == where
+    assert problem.what.startswith(what)

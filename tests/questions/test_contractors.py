@@ -88,14 +88,6 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.bracket.lo)
 
 
-def test_contractors_used_are_in_the_file_of_results(campaign: tuple[cpcal.Campaign, Path], tmp_path: Path) -> None:
-    result = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), delta=1.0, gap=0.1)
-    cpcal.save_result(result, tmp_path, campaign[0])
-    assert cpcal.load_result(tmp_path).legs[0].work.contractors_used == result.legs[0].work.contractors_used
-    assert [use.certified_steps for use in result.legs[0].work.contractors_used] == [0, 0]
-    assert all(use.calls > 0 for use in result.legs[0].work.contractors_used)
-
-
 def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     campaign: tuple[cpcal.Campaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
