@@ -32,8 +32,7 @@ from multiprocessing import forkserver, resource_tracker
 from typing import Any
 
 from cpcal.solver.execution import executors
-from cpcal.solver.execution.executors import executor_for
-from cpcal.solver.execution.outcomes import outcomes
+from cpcal.solver.execution.executors import executor_for, outcomes
 from cpcal.solver.execution.stopping import asked, heard
 
 _TASKS = 12

@@ -9,42 +9,46 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.contract import Composable, Contraction, Polyhedron, Step, repeated
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import BoxProgram, LinearSolution, tightened
+from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
+from cpcal.solver.interval import Arithmetic, Bools, Box, Floats, Indices, IntervalArray, get_arithmetic
+from cpcal.solver.linear import LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
 # ------------------------------------------------------------------------------------------------------------------
 # The box around a polyhedron, by two linear programs per variable (paper, eq. 13 and 14).
 
 
-class PolyhedralPrograms(BoxProgram):
-    """The linear programs of one polyhedron in one bounded box; `origin` (m, 2) names the constraint of each row."""
+class PolyhedralPrograms(Programs):
+    """The linear programs of one polyhedron in one bounded box; `origin` (m, 2) names the constraint of each row.
 
+    They are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; multipliers are proved in x.
+    """
+
+    # a program that overflows proposes nothing; what is proved is NaN-safe
+    @np.errstate(over="ignore", invalid="ignore")
     def __init__(self, name: str, polyhedron: Polyhedron, origin: Indices, box: Box, arithmetic: Arithmetic) -> None:
-        super().__init__(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic)
-        self._name, self._origin, self._in = name, origin, box
-        self.variables = range(len(box))
+        n = len(box)
+        super().__init__(box, {k: k for k in range(n)}, n)
+        self.name, self._polyhedron, self._origin, self._arithmetic = name, polyhedron, origin, arithmetic
+        inner = polyhedron.matrix * box.rad
+        largest = np.abs(inner).max(axis=1, initial=0.0)
+        self._scale = np.where(largest > 0.0, largest, 1.0)
+        rows, right = inner / self._scale[:, None], (polyhedron.rhs - polyhedron.matrix @ box.mid) / self._scale
+        finite = np.isfinite(rows).all(axis=1) & np.isfinite(right)  # a row that overflows proposes nothing
+        self.engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
 
-    def coordinates(self, solution: LinearSolution) -> Floats:
-        return solution.point
+    @np.errstate(over="ignore")  # an infinite multiplier counts as none
+    def lowest(self, objective: Floats, solution: LinearSolution, unit: float = 1.0) -> float:
+        weights = solution.multipliers / self._scale[solution.rows] * unit
+        matrix, rhs = self._polyhedron.matrix, self._polyhedron.rhs
+        return lower_bound(self._arithmetic, matrix, rhs, solution.rows, weights, objective, self.box.array)
 
-    def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
+    def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
-        lowest, rows = self.proved(variable, sign, solution)
-        new = sign * lowest
-        better = new > self._in.lo[variable] if side == "lo" else new < self._in.hi[variable]
-        if not (better and np.isfinite(new)):
-            return None
-        return Step(self._name, self._in.names[variable], side, new, self._carriers(rows))
+        return sign * self.lowest(self.unit(variable, sign), solution, float(self.box.rad[variable]))
 
-    def empty(self, solution: LinearSolution) -> Step | None:
-        proved, rows = self.proved_empty(solution)
-        return Step(self._name, None, "", np.nan, self._carriers(rows)) if proved else None
-
-    def _carriers(self, rows: Indices) -> tuple[tuple[int, int], ...]:
-        return tuple(dict.fromkeys((int(c), int(k)) for c, k in self._origin[rows]))
+    def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], None]:
+        return tuple(dict.fromkeys((int(c), int(k)) for c, k in self._origin[solution.rows])), None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -91,26 +95,21 @@ class Linearised:
         chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
         jacobians = [None if self._slopes and not form.affine else form.jacobian(box) for form, _ in chosen]
         out = []
-        for point in points:
-            blocks = [
-                IntervalRows(
-                    point, form.at(point, self._slopes), form.slopes(box, point) if matrix is None else matrix, origin
-                )
-                for (form, origin), matrix in zip(chosen, jacobians, strict=True)
+        for point in points if chosen else ():
+            value = [form.at(point, self._slopes) for form, _ in chosen]
+            matrix = [
+                form.slopes(box, point) if jacobian is None else jacobian
+                for (form, _), jacobian in zip(chosen, jacobians, strict=True)
             ]
-            value, matrix = (
-                IntervalArray(
-                    *(np.concatenate([empty, *(getattr(part, end) for part in parts)]) for end in ("lo", "hi"))
-                )
-                for empty, parts in (
-                    (np.zeros(0), [b.value for b in blocks]),
-                    (np.zeros((0, len(point))), [b.matrix for b in blocks]),
-                )
-            )
-            named = np.concatenate([np.zeros((0, 2), dtype=np.intp), *(b.origin for b in blocks)])
-            finite = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1) & np.isfinite(value.lo)
-            out.append(IntervalRows(point, value, matrix, named).only(finite))  # the others say nothing
+            origin = np.concatenate([origin for _, origin in chosen])
+            rows = IntervalRows(point, _joined(value), _joined(matrix), origin)
+            bounds = np.isfinite(rows.matrix.lo).all(axis=1) & np.isfinite(rows.matrix.hi).all(axis=1)
+            out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
         return out
+
+
+def _joined(parts: Sequence[IntervalArray]) -> IntervalArray:
+    return IntervalArray(np.concatenate([part.lo for part in parts]), np.concatenate([part.hi for part in parts]))
 
 
 # Which real matrix stands for the interval matrix of the rows on a box.
@@ -190,11 +189,13 @@ class Krawczyk(Composable):
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
         parts = [(inequalities(self._arithmetic, rows, box, how), rows.origin) for rows, how in self._rows(box)]
+        if not parts:
+            return Contraction(box)
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
         programs = PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic)
-        return replace(tightened(programs, box, self._objective, deadline), polyhedron=polyhedron)
+        return replace(programs.tightened(self._objective, deadline), polyhedron=polyhedron)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""

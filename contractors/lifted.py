@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import Floats, Indices
-from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
+from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound, tightened
+from cpcal.solver.interval import Arithmetic, Box, Floats, Indices, IntervalArray, get_arithmetic
+from cpcal.solver.linear import LinearSolution, LinearStatus, Programs, lower_bound
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rewrite import PolynomialForms
@@ -215,12 +214,122 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
     return out
 
 
-Carriers = tuple[tuple[tuple[int, int], ...], StepWeights]
-
 _WORTH = 2  # columns for each variable, from which on fewer are worth a try
-_BENDS = 2.0  # beyond which what is not linear in a row, per half-width of the objective, makes a try vain
+_REMAINDER = 2.0  # of a row, per half-width of the objective: the largest at which linear programs still help
 _BEYOND = 2.0  # how far linear parts may reach beyond the box, in its half-widths
 _LOST = 0.01  # of what the objective's lower bound would rise by: what linear programs may lose
+
+
+class LiftedPrograms(Programs):
+    """The linear programs of a relaxation, to be loaded. What they prove says the contractor `name`."""
+
+    def __init__(
+        self, name: str, structure: Structure, relaxation: Relaxation, box: Box, arithmetic: Arithmetic
+    ) -> None:
+        places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
+        columns = {variable: places[k] for variable, k in structure.positions.items() if k in places}
+        super().__init__(box, columns, len(relaxation.columns))
+        self.name, self.structure, self.relaxation, self._arithmetic = name, structure, relaxation, arithmetic
+        self._linear: Indices | None = None  # the columns of the programs; None: all
+
+    def load(self, objective: int | None) -> None:
+        """All columns. Where the box is small for the second-order remainders of its rows, and an objective is sought,
+        the programs are those of the rows' linear parts alone, a third of the columns. That is no relaxation: their
+        multipliers are proved with all monomials."""
+        r = self.relaxation
+        if objective is None or not self._nearly_linear(objective):
+            self._linear = None
+            self.engine.load(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
+
+    def _nearly_linear(self, objective: int) -> bool:
+        """Whether the objective's bound loses little to what is not linear. Then the linear programs are loaded.
+
+        Linear parts may leave no point below the box's upper end, so they reach beyond it: as far as the loss.
+        """
+        r, place = self.relaxation, self.columns.get(objective)
+        linear = np.flatnonzero(self.structure.linear[r.columns])
+        if place is None or not self.box.rad[objective] > 0.0 or len(r.columns) < _WORTH * len(linear):
+            return False
+        rows = np.abs(r.matrix[len(r.products) :])
+        remainders, grows = rows.sum(axis=1) - rows[:, linear].sum(axis=1), rows[:, place]
+        if np.count_nonzero(remainders <= _REMAINDER * grows) < 0.5 * len(rows):
+            return False
+        self._linear, mine = linear, int(np.searchsorted(linear, place))
+        self._load_linear(mine, 1.0 + _BEYOND)
+        sought = self.unit(objective, 1.0)
+        solution = self.minimize(sought)
+        if solution.status is not LinearStatus.OPTIMAL:
+            return False
+        reached = float(solution.point[place])
+        lost = reached - self.lowest(sought, solution)
+        if not lost <= _LOST * (reached + 1.0):
+            return False
+        self._load_linear(mine, max(1.0, reached + lost))
+        return True
+
+    def _load_linear(self, place: int, highest: float) -> None:
+        """The linear parts of the rows, one column reaching up to `highest`."""
+        r, first = self.relaxation, len(self.relaxation.products)
+        lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
+        upper[place] = highest
+        self.engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
+
+    def minimize(self, objective: Floats) -> LinearSolution:
+        if self._linear is None:
+            return super().minimize(objective)
+        found = super().minimize(objective[self._linear])
+        point = np.zeros(len(objective))
+        point[self._linear] = found.point
+        return replace(found, point=point, rows=found.rows + len(self.relaxation.products))
+
+    def support_function(self, directions: Floats) -> Floats:
+        """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
+        asked = Directions(self._arithmetic, self.box, self.columns, self.size, directions)
+        lowest = np.full(len(directions), -np.inf)
+        for k, objective in enumerate(asked.objectives):
+            solution = self.minimize(objective)
+            if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
+                return np.full(len(directions), -np.inf)
+            if solution.status is LinearStatus.OPTIMAL:
+                lowest[k] = self.lowest(objective, solution)
+        return asked.highest(lowest)
+
+    # proofs ---------------------------------------------------------------------------------------------
+
+    def lowest(self, objective: Floats, solution: LinearSolution) -> float:
+        r = self.relaxation
+        return lower_bound(self._arithmetic, r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
+
+    def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
+        sign = 1.0 if side == "lo" else -1.0
+        lowest = self.lowest(self.unit(variable, sign), solution)
+        if not -1.0 < lowest < np.inf:
+            return math.nan
+        return self.relaxation.value(variable, sign * lowest)[0 if side == "lo" else 1]
+
+    def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], StepWeights]:
+        """Products of more than two variables, which no certificate has, are left out: the others prove less."""
+        r, first = self.relaxation, len(self.relaxation.products)
+        rows: list[tuple[int, int, int, float]] = []
+        pairs: list[tuple[int, int, float, float, float]] = []
+        tangents: list[tuple[int, float, float]] = []
+        for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
+            if row >= first:
+                name, scale = self._kept[row - first]
+                rows.append((*name, weight * scale))
+                continue
+            form = self.structure.products.forms[r.products[row]]
+            if form is not None and len(form) == 4:
+                pairs.append((*form, weight))
+            elif form is not None:
+                tangents.append((*form, weight))
+        return tuple([(c, k) for c, _, k, _ in rows]), StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
+
+    @cached_property
+    def _kept(self) -> list[tuple[tuple[int, int, int], float]]:
+        """The names of the system's rows, and what a multiplier of each is one of the system's row times."""
+        r = self.relaxation
+        return list(zip(self.structure.names(r.kept), np.ldexp(1.0, -r.exponents).tolist(), strict=True))
 
 
 class Lifted(Composable):
@@ -265,7 +374,7 @@ class Lifted(Composable):
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
         programs = self._programs(box, deadline, self._objective)
-        return Contraction(box) if programs is None else tightened(programs, box, self._objective, deadline)
+        return Contraction(box) if programs is None else programs.tightened(self._objective, deadline)
 
     def support_function(self, box: Box, directions: Floats, deadline: float = math.inf) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
@@ -280,153 +389,12 @@ class Lifted(Composable):
         programs = self._programs(box, deadline)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
-    def _programs(self, box: Box, deadline: float, objective: int | None = None) -> _Programs | None:
+    def _programs(self, box: Box, deadline: float, objective: int | None = None) -> LiftedPrograms | None:
         """None where no row has a polynomial form."""
-        whole = self._structures.on(box, deadline)
-        return _Programs(whole, self._arithmetic, box, objective) if whole.positions else None
-
-
-class _Programs:
-    """The linear programs on one box: one polyhedron, many objectives.
-
-    Where the box is small for what its rows bend, and an `objective` is sought, the programs are those of the rows'
-    linear parts alone, a third of the columns. That is no relaxation: their multipliers are proved with all monomials.
-    """
-
-    def __init__(self, structure: Structure, arithmetic: Arithmetic, box: Box, objective: int | None = None) -> None:
-        self._structure = structure
-        self._arithmetic = arithmetic
-        self._relaxation = Relaxation(structure, arithmetic, box)
-        self._box = box
-        columns = {column: k for k, column in enumerate(self._relaxation.columns.tolist())}
-        self.variables = {variable: columns[k] for variable, k in structure.positions.items()}
-        self._variables = np.array(list(self.variables), np.intp)
-        self._columns = np.array(list(self.variables.values()), np.intp)
-        self._engine, self.count = Dense(), 0
-        self._linear: Indices | None = None  # the columns of the programs; None: all
-        if objective is None or not self._bends_little(objective):
-            self._linear = None
-            self._relaxation.load(self._engine)
-
-    def _bends_little(self, objective: int) -> bool:
-        """Whether little of the objective's bound is lost to what is not linear. Then the linear programs are loaded.
-
-        Linear parts may leave no point below the box's upper end, so they reach beyond it: as far as the loss.
-        """
-        r, place = self._relaxation, self.variables.get(objective)
-        linear = np.flatnonzero(self._structure.linear[r.columns])
-        if place is None or not self._box.rad[objective] > 0.0 or len(r.columns) < _WORTH * len(linear):
-            return False
-        rows = np.abs(r.matrix[len(r.products) :])
-        bends, grows = rows.sum(axis=1) - rows[:, linear].sum(axis=1), rows[:, place]
-        if np.count_nonzero(bends <= _BENDS * grows) < 0.5 * len(rows):
-            return False
-        self._linear, mine = linear, int(np.searchsorted(linear, place))
-        self._load(mine, 1.0 + _BEYOND)
-        solution = self.minimize(objective, 1.0)
-        if solution.status is not LinearStatus.OPTIMAL:
-            return False
-        reached = float(solution.point[place])
-        lost = reached - self._proved(solution, self._objective(objective, 1.0))
-        if not lost <= _LOST * (reached + 1.0):
-            return False
-        self._load(mine, max(1.0, reached + lost))
-        return True
-
-    def _load(self, place: int, highest: float) -> None:
-        """The linear parts of the rows, one column reaching up to `highest`."""
-        r, first = self._relaxation, len(self._relaxation.products)
-        lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
-        upper[place] = highest
-        self._engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
-
-    def support_function(self, directions: Floats) -> Floats:
-        """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
-        count = len(self._relaxation.columns)
-        asked = Directions(self._arithmetic, self._box, self.variables, count, directions)
-        lowest = np.empty(len(directions))
-        for k, objective in enumerate(asked.objectives):
-            lowest[k] = self._lowest(objective)
-            if lowest[k] == np.inf:
-                return np.full(len(directions), -np.inf)
-        return asked.highest(lowest)
-
-    def _lowest(self, objective: Floats) -> float:
-        """A proved lower bound of an objective: inf when the box is proved empty, -inf when none is known."""
-        solution = self._minimized(objective)
-        if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
-            return np.inf
-        return self._proved(solution, objective) if solution.status is LinearStatus.OPTIMAL else -np.inf
-
-    def minimize(self, variable: int, sign: float) -> LinearSolution:
-        return self._minimized(self._objective(variable, sign))
-
-    def _minimized(self, objective: Floats) -> LinearSolution:
-        self.count += 1
-        if self._linear is None:
-            return self._engine.minimize(objective)
-        found = self._engine.minimize(objective[self._linear])
-        point = np.zeros(len(objective))
-        point[self._linear] = found.point
-        return replace(found, point=point, rows=found.rows + len(self._relaxation.products))
-
-    def coordinates(self, solution: LinearSolution) -> Floats:
-        u = np.zeros(len(self._box))
-        u[self._variables] = solution.point[self._columns]
-        return u
-
-    def _objective(self, variable: int, sign: float) -> Floats:
-        objective = np.zeros(len(self._relaxation.columns))
-        objective[self.variables[variable]] = sign
-        return objective
-
-    # proofs ---------------------------------------------------------------------------------------------
-
-    def _proved(self, solution: LinearSolution, objective: Floats) -> float:
-        """Rigorous lower bound of the objective from the multipliers."""
-        r = self._relaxation
-        return lower_bound(self._arithmetic, r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
-
-    def _carriers(self, solution: LinearSolution) -> Carriers:
-        """The rows that carry a proof, and their weights in a form that can be checked.
-
-        Products of more than two variables, which no certificate has, are left out: the others prove less.
-        """
-        first = len(self._relaxation.products)
-        rows: list[tuple[int, int, int, float]] = []
-        pairs: list[tuple[int, int, float, float, float]] = []
-        tangents: list[tuple[int, float, float]] = []
-        for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
-            if row >= first:
-                name, scale = self._kept[row - first]
-                rows.append((*name, weight * scale))
-                continue
-            form = self._structure.products.forms[self._relaxation.products[row]]
-            if form is not None and len(form) == 4:
-                pairs.append((*form, weight))
-            elif form is not None:
-                tangents.append((*form, weight))
-        return tuple([(c, k) for c, _, k, _ in rows]), StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
-
-    @cached_property
-    def _kept(self) -> list[tuple[tuple[int, int, int], float]]:
-        """The names of the system's rows, and what a multiplier of each is one of the system's row times."""
-        r = self._relaxation
-        return list(zip(self._structure.names(r.kept), np.ldexp(1.0, -r.exponents).tolist(), strict=True))
-
-    def empty(self, solution: LinearSolution) -> Step | None:
-        if not self._proved(solution, np.zeros(len(self._relaxation.columns))) > 0.0:
+        structure = self._structures.on(box, deadline)
+        if not structure.positions:
             return None
-        return Step("lifted", None, "", np.nan, *self._carriers(solution))
-
-    def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
-        sign = 1.0 if side == "lo" else -1.0
-        lowest = self._proved(solution, self._objective(variable, sign))
-        if not -1.0 < lowest < np.inf:
-            return None
-        least, largest = self._relaxation.value(variable, sign * lowest)
-        new = least if side == "lo" else largest
-        old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
-        if not sign * (new - old) > 0.0:
-            return None
-        return Step("lifted", self._box.names[variable], side, new, *self._carriers(solution))
+        relaxation = Relaxation(structure, self._arithmetic, box)
+        programs = LiftedPrograms("lifted", structure, relaxation, box, self._arithmetic)
+        programs.load(objective)
+        return programs

@@ -21,10 +21,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from contractors.hc4 import HC4
-from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Floats
 from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, monotone_tolerance, narrowed
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Bools, Box, Floats, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 
@@ -34,7 +32,7 @@ class QInter(Composable):
 
     def __init__(self, parts: Sequence[Contractor], q: int) -> None:
         if not 0 <= q < len(parts):
-            raise ModelError(f"q = {q} of {len(parts)} constraints: q is at least 0 and less than their number")
+            raise ValueError(f"q = {q} of {len(parts)} constraints: q is at least 0 and less than their number")
         self._parts, self._q = tuple(parts), q
         self.monotone_tolerance = max(map(monotone_tolerance, parts))
 

@@ -16,12 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from contractors.lifted import Structures
-from contractors.relaxation import Relaxation, Structure
-from cpcal.common.values import Floats, Indices
-from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
-from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import lower_bound
+from contractors.lifted import LiftedPrograms, Structures
+from contractors.relaxation import Relaxation
+from cpcal.solver.contract import Composable, Contraction, Step
+from cpcal.solver.interval import Box, Floats, Indices, get_arithmetic
+from cpcal.solver.linear import LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, PolynomialSystem
 
 _OPPOSITE = -0.5  # cosine between the coefficients of two rows, below which they bound one expression from both sides
@@ -65,14 +64,12 @@ class Regression(Composable):
         if not structure.positions:
             return Contraction(box)
         relaxation = Relaxation(structure, self._arithmetic, box, whole=True)
+        programs = LiftedPrograms("regression", structure, relaxation, box, self._arithmetic)
+        steps = tuple(self._steps(programs))
         lo, hi = box.lo.copy(), box.hi.copy()
-        steps: list[Step] = []
-        for step in self._steps(structure, relaxation, box):
-            steps.append(step)
+        for step in steps:
             (lo if step.side == "lo" else hi)[box.names.index(str(step.variable))] = step.bound
-        if (lo > hi).any():
-            return Contraction(Box.empty(box.names), tuple(steps))
-        return Contraction(box.with_bounds(lo, hi), tuple(steps))
+        return Contraction(box.with_bounds(lo, hi), steps)
 
     def _combined(self, system: PolynomialSystem) -> Combined:
         """That of before, if it is of the same coefficients: what a box gives does not depend on the boxes before."""
@@ -82,51 +79,27 @@ class Regression(Composable):
             self._known = key, combined(system)
         return self._known[1]
 
-    def _steps(self, structure: Structure, relaxation: Relaxation, box: Box) -> Iterator[Step]:
-        """A better bound of each variable on each side."""
-        found = self._combined(structure.system)
-        place = np.full(len(structure.system.origin), -1)
-        place[relaxation.kept] = np.arange(len(relaxation.kept))
-        columns = {column: k for k, column in enumerate(relaxation.columns.tolist())}
+    def _steps(self, programs: LiftedPrograms) -> Iterator[Step]:
+        """A better bound of each variable on each side, where multipliers of rows prove one."""
+        r, radius = programs.relaxation, programs.box.rad
+        found = self._combined(programs.structure.system)
+        place = np.full(len(programs.structure.system.origin), -1)
+        place[r.kept] = np.arange(len(r.kept))
         for variable, weights in zip(found.variables.tolist(), found.weights, strict=True):
-            column = columns.get(structure.positions.get(variable, -1))
-            if column is None or not box.rad[variable] > 0.0:
+            if variable not in programs.columns or not radius[variable] > 0.0:
                 continue
             for side, sign in (("lo", -1.0), ("hi", 1.0)):
                 rows = place[np.where(sign * weights > 0.0, found.above, found.below)]
                 if (rows[weights != 0.0] < 0).any():  # rows that overflowed say nothing
                     continue
-                own = np.abs(weights) / box.rad[variable]
-                step = self._step(structure, relaxation, box, (variable, side, column), (rows, own))
+                own = np.abs(weights) / radius[variable]
+                rows, own = rows[own > 0.0], own[own > 0.0]
+                multipliers = np.ldexp(own, r.exponents[rows])
+                nowhere = np.zeros(programs.size)  # no program was solved
+                proposed = LinearSolution(LinearStatus.OPTIMAL, nowhere, rows + len(r.products), multipliers)
+                step = programs.bound(variable, side, proposed)
                 if step is not None:
                     yield step
-
-    def _step(
-        self,
-        structure: Structure,
-        r: Relaxation,
-        box: Box,
-        asked: tuple[int, str, int],
-        proposed: tuple[Indices, Floats],
-    ) -> Step | None:
-        """What multipliers of rows prove of a variable's bound, if that is better than the box's."""
-        (variable, side, column), (rows, weights) = asked, proposed
-        first, sign = len(r.products), 1.0 if side == "lo" else -1.0
-        used = weights > 0.0
-        rows, weights = rows[used], weights[used]
-        objective = np.zeros(len(r.columns))
-        objective[column] = sign
-        multipliers = np.ldexp(weights, r.exponents[rows])
-        bound = lower_bound(self._arithmetic, r.matrix, r.rhs, rows + first, multipliers, objective, r.bounds)
-        if not -1.0 < bound < np.inf:
-            return None
-        new = r.value(variable, sign * bound)[0 if side == "lo" else 1]
-        if not (new > box.lo[variable] if side == "lo" else new < box.hi[variable]):
-            return None
-        names = structure.names(r.kept[rows])
-        carried = tuple([(*name, weight) for name, weight in zip(names, weights.tolist(), strict=True)])
-        carriers = tuple([(c, k) for c, _, k in names])
-        return Step("regression", box.names[variable], side, new, carriers, StepWeights(carried, (), ()))
 
 
 def combined(system: PolynomialSystem) -> Combined:

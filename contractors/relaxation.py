@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import comb
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.linear import Dense
+from cpcal.solver.interval import Arithmetic, Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
@@ -46,13 +44,7 @@ class ProductRows:
 
     matrix: Floats
     rhs: Floats
-    # and the coefficients of both and their product
-    factors: tuple[tuple[Monomial, Monomial, float, float, float], ...]
-
-    @cached_property
-    def forms(self) -> list[Form]:
-        """As `StepWeights` has them, without the weights."""
-        return [_form(*factor) for factor in self.factors]
+    forms: tuple[Form, ...]  # as `StepWeights` has them, without the weights
 
 
 def _form(beta: Monomial, delta: Monomial, on_beta: float, on_delta: float, on_gamma: float) -> Form:
@@ -78,7 +70,7 @@ def product_rows(monomials: tuple[Monomial, ...], used: Bools) -> ProductRows:
     column = {m: k - 1 for k, m in enumerate(monomials)}
     rows: list[Floats] = []
     rhs: list[float] = []
-    factors: list[tuple[Monomial, Monomial, float, float, float]] = []
+    forms: list[Form] = []
     for gamma in monomials[1:]:
         if len(gamma) < 2 or not used[column[gamma]]:
             continue
@@ -90,9 +82,9 @@ def product_rows(monomials: tuple[Monomial, ...], used: Bools) -> ProductRows:
                 row[column[delta]] += on_delta
                 rows.append(row)
                 rhs.append(bound)
-                factors.append((beta, delta, on_beta, on_delta, on_gamma))
+                forms.append(_form(beta, delta, on_beta, on_delta, on_gamma))
     matrix = np.array(rows).reshape(len(rows), len(monomials) - 1)
-    return ProductRows(matrix, np.array(rhs), tuple(factors))
+    return ProductRows(matrix, np.array(rhs), tuple(forms))
 
 
 def _factorings(gamma: Monomial) -> list[tuple[Monomial, Monomial]]:
@@ -154,7 +146,7 @@ class Shift:
                 factors = sorted(1 + i for i in still) + [1 + i + variables for i in beta]
                 pairs[column[beta], column[alpha], tuple(factors) + (0,) * (degree - len(factors))] = ways
         terms = sorted(pairs.items())
-        self.size = len(monomials)
+        self.size, self.degree = len(monomials), degree
         self.beta = np.array([key[0] for key, _ in terms], dtype=np.intp)
         self.alpha = np.array([key[1] for key, _ in terms], dtype=np.intp)
         self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
@@ -165,7 +157,7 @@ class Shift:
         """Every term, for exact float64 `center` and `radius`."""
         vector = np.concatenate([[1.0], center, radius])
         value = IntervalArray.point(self._count)
-        for k in range(self._factors.shape[1]):
+        for k in range(self.degree):
             value = engine.mul(value, IntervalArray.point(vector[self._factors[:, k]]))
         return value
 
@@ -175,10 +167,6 @@ class Shift:
         lo, hi = np.zeros((2, self.size, self.size))
         lo[self.alpha, self.beta], hi[self.alpha, self.beta] = value.lo, value.hi
         return IntervalArray(lo, hi)
-
-    @property
-    def degree(self) -> int:
-        return self._factors.shape[1]
 
     def rounded(self, center: Floats, radius: Floats) -> Floats:
         """Every term, each wrong by at most `degree` roundings."""
@@ -484,11 +472,6 @@ class Relaxation:
         out = widening.copy()
         out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
         return out
-
-    def load(self, engine: Dense) -> Dense:
-        """The engine, with its rows."""
-        engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
-        return engine
 
     def value(self, variable: int, u: float) -> tuple[float, float]:
         """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""

@@ -61,10 +61,15 @@ from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import Here, Place, Processes
-from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.executors import (
+    Here,
+    LostWorkerError,
+    Place,
+    Processes,
+    linear_algebra_on_one_thread,
+    outcomes,
+)
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 
 
 def warned(campaign: Campaign) -> Campaign:

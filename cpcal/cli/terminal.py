@@ -29,7 +29,7 @@ from cpcal.files.run_folder import FolderKind, answers_into
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign
-    from cpcal.solver.optimize.minimum import Bracket
+    from cpcal.solver.optimize.bound import Bracket
     from cpcal.solver.search import Event
 
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import Network, Paving
 from cpcal.solver.network import Expr
-from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.bound import Bracket, Minimum
 from cpcal.solver.search import Event
 
 

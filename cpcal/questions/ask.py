@@ -21,11 +21,18 @@ from cpcal.questions.leg import all_or_none, certify_leg
 from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
-from cpcal.solver.execution.executors import Here, Place, Processes, executor_for
-from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.executors import (
+    Here,
+    LostWorkerError,
+    Place,
+    Processes,
+    TaskOutcome,
+    executor_for,
+    linear_algebra_on_one_thread,
+    outcomes,
+)
 from cpcal.solver.execution.stopping import Stopped, asked, heard, within_memory
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
-from cpcal.solver.optimize.minimum import Bracket
+from cpcal.solver.optimize.bound import Bracket
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -33,8 +33,7 @@ from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
-from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Prepared, Witness
 from cpcal.solver.search import Contracting, LargestFirst, Proof, StepProver

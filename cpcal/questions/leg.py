@@ -48,9 +48,9 @@ from cpcal.solver.contract import Limits, SupportFunction, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set, irreducible
+from cpcal.solver.optimize.bound import support as find_support
 from cpcal.solver.optimize.local import Known, fit
-from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, hitting_set, irreducible
-from cpcal.solver.optimize.minimum import support as find_support
 from cpcal.solver.optimize.witness import verify_point
 
 # at most for each proof that a few measurements suffice: a convenience must not cost more than the answer

@@ -37,7 +37,7 @@ from cpcal.solver.contract import Limits
 from cpcal.solver.execution.checkpoint_file import garbled, kept, read_checkpoint
 from cpcal.solver.execution.executors import Place
 from cpcal.solver.interval import Arithmetic, get_arithmetic
-from cpcal.solver.optimize.minimum import Bracket
+from cpcal.solver.optimize.bound import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a run of `certify` keeps on disk while it works, so that another one can go on from there.

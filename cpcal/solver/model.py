@@ -42,17 +42,15 @@ from cpcal.solver.contract import (
     in_sequence,
 )
 from cpcal.solver.execution.checkpoint_file import Checkpoint
-from cpcal.solver.execution.executors import Here, Place, executor_for
+from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
 from cpcal.solver.execution.stopping import heard
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
 from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import check_powers, with_products
-from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
     STRATEGIES,
@@ -62,7 +60,6 @@ from cpcal.solver.search import (
     Event,
     Paving,
     Race,
-    Rounds,
     Search,
     Solution,
     WholeNumbers,
@@ -560,10 +557,9 @@ class Network(ConstraintNetwork):
         def search(method: SearchMethod, place: Place) -> Search:
             by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
             every = Contracting([("", contracting(method))], deadline=clock.deadline)
-            process = Divide(every, by, inside=inside, outside=inner)
-            here = isinstance(place[0], Here)
-            decides, batch = (process, process.batch) if here else (Rounds(process, place), _ABREAST)
-            return Search([network.domain], decides, priority, outside=inner, abreast=_ABREAST, batch=batch)
+            elsewhere = None if isinstance(place[0], Here) else place
+            process = Divide(every, by, inside=inside, outside=inner, place=elsewhere)
+            return Search([network.domain], process, priority, outside=inner, abreast=_ABREAST, batch=process.batch)
 
         there = executor_for(workers, scheduler, executor, loads=_LOADS)
         with heard(), linear_algebra_on_one_thread(), there as place, compiling_until(clock.deadline):

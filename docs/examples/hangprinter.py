@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
-from cpcal.solver.optimize.minimum import Minimum
+from cpcal.solver.optimize.bound import Minimum
 
 CABLES = ("a", "b", "c", "d")
 REACH = 4000.0  # mm, from the origin to the anchor along each axis

@@ -9,7 +9,7 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.terminal import Line, SearchProgress, count_progress, leg_progress, line
-from cpcal.solver.optimize.minimum import Bracket
+from cpcal.solver.optimize.bound import Bracket
 from cpcal.solver.search import Event
 
 

@@ -53,7 +53,7 @@ def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Shaving(HC4(network, **options) >> Newton(network, **options), adaptive=False, most=3)
+    return Shaving(HC4(network, **options) >> Newton(network, **options))
 
 
 def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
@@ -68,8 +68,8 @@ ALGEBRA = {"then": then, "union": union, "repeat": repeated}
 VARIANTS = {
     "krawczyk with slopes": partial(Krawczyk, slopes=True),
     "beaumont with slopes": partial(Beaumont, slopes=True, most=3),
-    "shaving fixed": shaved,
-    "cid once": sliced,
+    "shaving twice": shaved,
+    "cid repeated": sliced,
     "newton krawczyk": krawczyk_only,
 }
 OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]["entry-points"]

@@ -282,8 +282,3 @@ def test_the_algebra_hands_the_polyhedron_on() -> None:
     ]
     assert all(part.polyhedron is not None for part in parts)
     assert (Krawczyk(net) | HC4(net)).contract(net.domain).polyhedron is None
-
-
-def test_the_corners_of_beaumont_see_what_krawczyk_does_not() -> None:
-    net = brown(0.8, 1.3)
-    assert Krawczyk(net).contract(net.domain).box["x[4]"].width > 0.49

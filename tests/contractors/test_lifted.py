@@ -21,8 +21,7 @@ from cpcal.solver.interval import Interval, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import Monomial
-from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.minimum import Minimum
+from cpcal.solver.optimize.bound import Minimum, minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)
 

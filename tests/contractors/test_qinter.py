@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from contractors import HC4, qinter
 from contractors.qinter import one_by_one, q_intersection
 from cpcal import Network
-from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network import ConstraintNetwork, norm
@@ -93,7 +92,7 @@ def test_measurements_are_taken_apart_and_q_is_checked() -> None:
     net.add(net.variables[0][0] >= 0)
     assert len(one_by_one(net)) == 9
     for q in (-1, 9):
-        with pytest.raises(ModelError, match="q ="):
+        with pytest.raises(ValueError, match="q ="):
             qinter(net, q=q)
     empty = ConstraintNetwork()
     empty.variable("x", (), (0, 1))

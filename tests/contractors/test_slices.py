@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Cid, Newton, Shaving
-from contractors.shaving import contracted_slices, cuts
+from contractors.shaving import cuts
 from cpcal.solver.contract import Contraction, Contractor, Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, sqr
@@ -31,12 +31,11 @@ def stuck(net: ConstraintNetwork) -> bool:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("adaptive", [True, False])
-def test_shaving_where_hc4_is_stuck(engine: str, adaptive: bool) -> None:
+def test_shaving_where_hc4_is_stuck(engine: str) -> None:
     net = crossing()
     assert stuck(net)
-    result = Shaving(HC4(net, arithmetic=engine), adaptive=adaptive).contract(net.domain)
-    assert result.box.width.max() < (1e-9 if adaptive else 1e-2)
+    result = Shaving(HC4(net, arithmetic=engine)).contract(net.domain)
+    assert result.box.width.max() < 1e-9
     assert (0.0, 0.0) in result.box
     assert {(step.variable, step.side) for step in result.steps} == {(n, s) for n in "xy" for s in ("lo", "hi")}
 
@@ -48,11 +47,10 @@ def test_cid_keeps_what_all_slices_agree_on() -> None:
     net.add([sqr(x) == 1, z == x * x])
     assert stuck(net)
     assert Shaving(HC4(net)).contract(net.domain).box == net.domain
-    for adaptive in (False, True):
-        box = Cid(HC4(net), adaptive=adaptive).contract(net.domain).box
-        assert box["z"].lo == pytest.approx(1.0, abs=1e-9)
-        assert (1.0, 1.0) in box
-        assert (-1.0, 1.0) in box
+    box = Cid(HC4(net)).contract(net.domain).box
+    assert box["z"].lo == pytest.approx(1.0, abs=1e-9)
+    assert (1.0, 1.0) in box
+    assert (-1.0, 1.0) in box
 
 
 @pytest.mark.parametrize("make", [lambda n: Shaving(HC4(n)), lambda n: Cid(HC4(n)), Newton])
@@ -77,12 +75,12 @@ def test_no_solution_of_a_random_system_is_lost(seed: int) -> None:
     net = ConstraintNetwork()
     x = net.variable("x", n, (-10, 10))
     net.add(a @ x + b @ (x * x) == a @ solution + b @ solution**2)
-    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net), adaptive=True), Newton(net)]
+    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net)), Newton(net)]
     for contractor in many:
         assert solution in contractor.contract(net.domain).box
 
 
-def test_cuts_cover_and_batches_agree_with_single_boxes() -> None:
+def test_cuts_cover_and_batches_agree_with_single_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
     for lo, hi in ((0.0, 1.0), (-1.7e308, 1.7e308), (1.0, np.nextafter(1.0, 2.0))):
         ends = cuts(lo, hi, 4)
         assert ends[0] == lo
@@ -95,28 +93,28 @@ def test_cuts_cover_and_batches_agree_with_single_boxes() -> None:
         def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
             return HC4(net).contract(box)
 
+    monkeypatch.setattr("contractors.shaving._PASSES", 1)
     net = crossing()
     slices = IntervalArray(np.array([-3.0, -1.0, 2.0, -3.0]), np.array([-1.0, 1.0, 3.0, -2.5]))
     at_once, singly = (
-        contracted_slices(inner, net.domain, np.array([0, 0, 0, 1]), slices, 1) for inner in (HC4(net), Single())
+        Shaving(inner).slices(net.domain, np.array([0, 0, 0, 1]), slices) for inner in (HC4(net), Single())
     )
     np.testing.assert_array_equal(at_once.lo, singly.lo)
     np.testing.assert_array_equal(at_once.hi, singly.hi)
 
 
-def test_senseless_settings_are_refused() -> None:
+def test_a_disjunction_of_one_slice_is_refused() -> None:
     with pytest.raises(ValueError, match="slices"):
         Cid(HC4(crossing()), slices=1)
-    with pytest.raises(ValueError, match="fraction"):
-        Shaving(HC4(crossing()), fraction=0.6)
 
 
-def test_adaptive_cid_goes_on_where_it_pays() -> None:
+def test_cid_goes_on_where_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
     net.add([sqr(x) + sqr(y) == 1, x * y >= 0.4])
+    again = Cid(HC4(net)).contract(net.domain).box
+    monkeypatch.setattr("contractors.shaving._ROUNDS", 1)
     once = Cid(HC4(net)).contract(net.domain).box
-    again = Cid(HC4(net), adaptive=True).contract(net.domain).box
     assert again.subset(once)
     assert again.width.max() < once.width.max()
     assert (np.sqrt(0.5), np.sqrt(0.5)) in again

@@ -16,7 +16,7 @@ from cpcal.models import leg_box, leg_network, model_residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear.engine import Dense, LinearSolution, LinearStatus
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -17,7 +17,7 @@ from cpcal.questions import ask
 from cpcal.questions import leg as robust
 from cpcal.questions.leg import all_or_none
 from cpcal.simulate import simulate
-from cpcal.solver.optimize.minimum import hitting_set
+from cpcal.solver.optimize.bound import hitting_set
 
 
 def campaign(measurements, wrong, seed=1, error=3.0):

@@ -15,7 +15,7 @@ import cpcal
 from cpcal.common.errors import InputError
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits
-from cpcal.solver.optimize.minimum import Minimum
+from cpcal.solver.optimize.bound import Minimum
 
 LIFTED = {"gap": 3e-2}  # with a certificate
 HC4 = {"gap": 0.3, "contractors": ["hc4"]}

@@ -47,8 +47,7 @@ from cpcal.solver.contract import Contraction, Step, StepWeights, Verdict, shrun
 from cpcal.solver.execution.checkpoint_file import Checkpoint, Line
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize.bound import Saved
-from cpcal.solver.optimize.minimum import Minimum
+from cpcal.solver.optimize.bound import Minimum, Saved
 from cpcal.solver.search import Event, EventKind, Proof
 
 # ------------------------------------------------------------------------------------------------------------------

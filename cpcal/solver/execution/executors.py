@@ -7,6 +7,7 @@ their arguments pure values, so that both travel.
 from __future__ import annotations
 
 import atexit
+import hashlib
 import logging
 import multiprocessing
 import os
@@ -16,18 +17,21 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.solver.execution import stopping
-from cpcal.solver.execution.stopping import Reason
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, insisted
 
 T = TypeVar("T")
 
@@ -216,9 +220,9 @@ def _work(tasks: Connection, life: Connection) -> None:
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     stop = threading.Event()
-    stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
     threading.Thread(target=_listen, args=(life, stop), daemon=True).start()
-    with suppress(EOFError, OSError):
+    told = stopping.also_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
+    with suppress(EOFError, OSError), told:
         while True:
             tasks.send_bytes(_answer(tasks.recv_bytes()))
 
@@ -318,3 +322,241 @@ def dask_status(executor: Executor) -> str | None:
     if type(executor).__module__.partition(".")[0] != "distributed":
         return None
     return str(executor._client.status)  # type: ignore[attr-defined]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Many tasks through an executor: few at a time, in the order in which they are done, and none lost with its worker.
+#
+# A large value that many small tasks need is `Shared`: it travels to a worker once, not with every task.
+
+A = TypeVar("A")
+V = TypeVar("V")
+
+DESERTED = 60.0  # seconds without a scheduler
+_LOOK = 0.2  # seconds between looks at whether to stop
+_TRIES = 3  # times that a task is begun whose worker ends
+_KEPT = 4  # shared values that a worker keeps
+_here: dict[str, Any] = {}  # those of this process, by digest
+_KILLED = (
+    "its process was killed, had no memory left, or could not begin (a script that begins workers does so after "
+    "`if __name__ == '__main__':`)"
+)
+_GONE = "the scheduler is gone, or was started again too often"
+
+
+class LostWorkerError(CpcalError):
+    """Who did a task is gone: it was killed, had no memory left, or cannot be reached."""
+
+
+@dataclass(frozen=True)
+class TaskOutcome(Generic[A, T]):
+    """What became of a task: its value, or the exception that it raised."""
+
+    task: A
+    future: Future[T]
+
+    @property
+    def value(self) -> T:
+        """Raises what the task raised."""
+        return self.future.result()
+
+    @property
+    def error(self) -> BaseException | None:
+        """What the task raised, or None."""
+        return self.future.exception()
+
+
+def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[TaskOutcome[A, T]]:
+    """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done.
+
+    A task whose worker is killed, or whose scheduler begins anew, is begun again, three times at most, the last time
+    alone, in case memory is short; then its outcome is a LostWorkerError. When the process is asked to stop, no task is
+    begun any more; those at work in processes of ours are told, and what they answer within ten seconds still comes.
+    Raises LostWorkerError where nobody takes tasks any more.
+    """
+    pool, source = executor if isinstance(executor, Processes) else None, iter(tasks)
+    again: deque[tuple[A, int]] = deque()
+    finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
+    running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
+    stopped: float | None = None  # when
+    reached = time.monotonic()  # a scheduler, last
+    try:
+        while True:
+            while (
+                len(running) < most and not asked() and not any(begun >= _TRIES for _, begun in running.values())
+            ):  # one that lost its worker twice runs alone
+                if again and again[0][1] + 1 >= _TRIES and running:
+                    break
+                try:
+                    task, begun = again.popleft() if again else (next(source), 0)
+                except StopIteration:
+                    break
+                try:
+                    future = executor.submit(work, task)
+                except (RuntimeError, ValueError, OSError) as error:  # of a client without scheduler, say
+                    raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
+                running[future] = task, begun + 1
+                future.add_done_callback(finished.put)
+            if not running:
+                return
+            for future in _ended(finished):
+                if future not in running:  # given up
+                    continue
+                task, begun = running.pop(future)
+                cancelled = future.cancelled()  # by a Dask client that lost its scheduler, and looks for it again
+                raised = None if cancelled else future.exception()
+                lost = cancelled or isinstance(raised, BrokenExecutor)
+                if isinstance(raised, Stopped) or (lost and asked()):
+                    continue
+                if lost and begun < _TRIES and (cancelled or pool is not None):
+                    again.append((task, begun))
+                    continue
+                if lost:
+                    future = Future()
+                    future.set_exception(LostWorkerError(f"it was cancelled: {_GONE}" if cancelled else _KILLED))
+                yield TaskOutcome(task, future)
+            if asked() and pool is None:  # what is at work elsewhere cannot be told: it is given up
+                return
+            if asked() and pool is not None and stopped is None:
+                stopped = time.monotonic()
+                pool.ask_to_stop()
+                running = {future: given for future, given in running.items() if not future.cancel()}
+            elif pool is not None and stopped is not None and (insisted() or time.monotonic() > stopped + PATIENCE):
+                pool.kill()  # one that a SIGSTOP holds, say
+            status = dask_status(executor)
+            if status in (None, "running"):
+                reached = time.monotonic()
+            elif status in ("closing", "closed") or time.monotonic() > reached + DESERTED:
+                running = {}
+                what = f"did not answer for {int(DESERTED)} s, or the client is closed"
+                raise LostWorkerError(f"the scheduler is gone: it {what}")
+    finally:
+        if asked() and running and pool is not None:
+            pool.ask_to_stop()
+        dask = dask_status(executor)
+        if dask is None or (dask == "running" and asked()):  # else it complains of them: they end by themselves
+            for future in running:
+                future.cancel()
+
+
+def _ended(finished: SimpleQueue[Future[T]]) -> Iterator[Future[T]]:
+    with suppress(Empty):
+        yield finished.get(timeout=_LOOK)
+        while True:
+            yield finished.get_nowait()
+
+
+class Shared(Generic[V]):
+    """A value, as bytes, for the workers of a place; nothing may change it."""
+
+    def __init__(self, value: V, place: Place) -> None:
+        self._place, self._bytes = place, pickle.dumps(value)
+        self._digest = hashlib.sha256(self._bytes).hexdigest()
+
+    def in_parts(self, work: Callable[..., Sequence[T]], items: Sequence[Any], *more: Any) -> list[T]:
+        """`work(value, some, *more)` for as many parts of the items as may be at work: its answers in their order.
+
+        The value goes where a worker asks for it. Raises what the work raises, and Stopped when the process is asked to
+        stop.
+        """
+        executor, most = self._place
+        size = -(-len(items) // most)
+        parts = [items[k : k + size] for k in range(0, len(items), size)]
+        found: dict[int, Sequence[T]] = {}
+        content = None
+        while len(found) < len(parts):
+            left = [k for k in range(len(parts)) if k not in found]
+            tasks = [_Part(work, self._digest, content, parts[k], more, k) for k in left]
+            for outcome in outcomes(executor, most, _done, tasks):
+                if outcome.value is not None:
+                    found[outcome.task.place] = outcome.value
+            reason = asked()
+            if reason is not None and len(found) < len(parts):
+                raise Stopped(reason)
+            content = self._bytes
+        return [one for k in range(len(parts)) for one in found[k]]
+
+
+@dataclass(frozen=True)
+class _Part:
+    work: Callable[..., Sequence[Any]]
+    digest: str
+    content: bytes | None
+    items: Sequence[Any]
+    more: tuple[Any, ...]
+    place: int
+
+
+def _done(part: _Part) -> Sequence[Any] | None:
+    """None says that this worker has never seen the value: an error would be in a cluster's log."""
+    if part.digest not in _here:
+        if part.content is None:
+            return None
+        while len(_here) >= _KEPT:
+            del _here[next(iter(_here))]
+        _here[part.digest] = pickle.loads(part.content)
+    with linear_algebra_on_one_thread():
+        return part.work(_here[part.digest], part.items, *part.more)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Linear algebra on one thread: its own threads would change the last bits of sums, and fight with other workers.
+#
+# The limit is the process's, not a thread's. So it is set when the first user of the process comes and taken away when
+# the last one leaves: a task that ends must not set it free while others compute.
+
+_SAID = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+
+
+def while_used(begin: Callable[[ExitStack], object]) -> Callable[[], AbstractContextManager[None]]:
+    """A state of the process that the first of its users begins, and that ends when the last of them leaves.
+
+    `begin` enters what has to be undone into the stack that it is given.
+    """
+    lock, undone, users = threading.Lock(), ExitStack(), 0
+
+    @contextmanager
+    def used() -> Iterator[None]:
+        nonlocal users
+        with lock:
+            if not users:
+                begin(undone)
+            users += 1
+        try:
+            yield
+        finally:
+            with lock:
+                users -= 1
+                if not users:
+                    undone.close()
+
+    return used
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> Any:
+    """Of linear algebra, in this process while so many modules are imported: looking for them takes a millisecond."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+@contextmanager
+def _loaded_on_one_thread() -> Iterator[None]:
+    """Libraries that are loaded while in the block read here how many threads they may use; they stay with one."""
+    set_here = {name: "1" for name in _SAID if name not in os.environ}
+    os.environ.update(set_here)
+    try:
+        yield
+    finally:
+        for name in set_here:
+            os.environ.pop(name, None)
+
+
+def _limited(undone: ExitStack) -> None:
+    undone.enter_context(_libraries(len(sys.modules)).limit(limits=1))
+    undone.enter_context(_loaded_on_one_thread())
+
+
+linear_algebra_on_one_thread = while_used(_limited)
+"""One thread for each call of these libraries in this process, until the last of all users leaves."""

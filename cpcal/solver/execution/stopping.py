@@ -83,6 +83,21 @@ def give_up(reason: Reason) -> None:
 
 
 @contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None], *numbers: int) -> Iterator[dict[int, Handler]]:
+    """While in the block these signals go to the handler, but for those that are ignored: a background job of a shell
+    ignores Ctrl-C. The handlers before."""
+    before: dict[int, Handler] = {n: signal.getsignal(n) for n in numbers}
+    before = {n: earlier for n, earlier in before.items() if earlier not in (signal.SIG_IGN, None)}
+    try:
+        for number in before:
+            signal.signal(number, handler)
+        yield before
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextmanager
 def heard(*, terminate: bool = False) -> Iterator[None]:
     """While in the block the first Ctrl-C (and SIGTERM, with `terminate`) is a note that `asked` shows.
 
@@ -91,7 +106,6 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
     if _note.heard or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before: dict[int, Handler] = {}
 
     def note(number: int, frame: FrameType | None) -> None:
         if _note.reason is None:
@@ -99,27 +113,14 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
             return
         _note.insisted = True
         earlier = before[number]
-        if callable(earlier):
-            earlier(number, frame)
-        else:
-            leave_at_once(number, frame)
+        (earlier if callable(earlier) else leave_at_once)(number, frame)
 
     _note.heard = True
     try:
-        for wanted in (signal.SIGINT, *([signal.SIGTERM] if terminate else [])):
-            if signal.getsignal(wanted) not in (signal.SIG_IGN, None):  # a background job of a shell ignores Ctrl-C
-                before[wanted] = signal.getsignal(wanted)
-                signal.signal(wanted, note)
-        yield
+        with _handled(note, signal.SIGINT, *([signal.SIGTERM] if terminate else [])) as before:
+            yield
     finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)
         _note.heard, _note.insisted, _note.reason = False, False, None
-
-
-def from_now_on_asked_by(source: Callable[[], Reason | None]) -> None:
-    """Until the process ends `asked` looks at this, too."""
-    _note.sources.append(source)
 
 
 @contextmanager
@@ -174,13 +175,8 @@ def raising() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         raise Stopped(Reason(128 + number))
 
-    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) not in (signal.SIG_IGN, None)]
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
+    with _handled(stop, signal.SIGINT, signal.SIGTERM):
         yield
-    finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)
 
 
 def leave_at_once(number: int, frame: FrameType | None) -> None:

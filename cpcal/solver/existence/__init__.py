@@ -11,7 +11,6 @@ row at all (`sides`).
 
 from cpcal.solver.existence.operators import (
     Equalities,
-    Linearization,
     Operator,
     hansen_sengupta,
     krawczyk,
@@ -23,6 +22,7 @@ from cpcal.solver.existence.unique import (
     ReadingConstraint,
     Unique,
     UniquenessProver,
+    excess_for_some,
     highest,
     prove_unique,
     reads,
@@ -33,11 +33,11 @@ from cpcal.solver.existence.unique import (
 __all__ = [
     "Equalities",
     "Inside",
-    "Linearization",
     "Operator",
     "ReadingConstraint",
     "Unique",
     "UniquenessProver",
+    "excess_for_some",
     "hansen_sengupta",
     "highest",
     "krawczyk",

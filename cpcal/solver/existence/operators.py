@@ -23,7 +23,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from threading import Timer
@@ -82,47 +81,13 @@ def square_of(engine: Arithmetic) -> Any:
     return in_arithmetic(engine.name, sweeps, sys.modules[__name__])
 
 
-def image(
-    operator: Operator,
-    engine: Arithmetic,
-    linear: Linearization,
-    columns: Indices,
-    box: IntervalArray,
-    deadline: float = math.inf,
-) -> IntervalArray | None:
-    """N(X) for as many equations as `columns`; NaN everywhere when X holds no zero.
-
-    None where there is no inverse, or it was not finished at the deadline (of time.monotonic()).
-    """
-    bounds = np.stack([box.lo, box.hi], axis=1)
-    out = np.full(bounds.shape, np.nan)
-    rows = np.arange(len(columns))
-    given = (_pairs(linear.value), _pairs(linear.jacobian), np.array(linear.center), rows, np.array(columns))
-    with stop_flag(deadline, len(columns)) as stop:
-        found = square_of(engine).newton_image(operator.value, *given, stop, bounds, out)
-    return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
-
-
-def _pairs(x: IntervalArray) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.stack([x.lo, x.hi], axis=-1)
-
-
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:
     """Whether the unknowns of one box lie in the interior of another."""
     return bool((inner.lo > outer.lo)[columns].all() and (inner.hi < outer.hi)[columns].all())
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The equalities `F(x) = 0` among the constraints of a network, linearised on a box: `F(c) + J (x - c)`.
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """`F(x)` lies in `value + jacobian (x - center)` for every x of the box: shapes (m,), (m, n), (n,)."""
-
-    value: IntervalArray
-    jacobian: IntervalArray
-    center: Floats
+# The equalities `F(x) = 0` among the constraints of a network, and the operators on a box.
 
 
 class Equalities:
@@ -155,18 +120,31 @@ class Equalities:
         """Those of a network, written once."""
         return network.once("equalities", lambda: cls(network))
 
-    def linearize(self, engine: Arithmetic, box: Box, center: Floats) -> Linearization | None:
-        """On a bounded box, at a point of it; None where F or a derivative is not defined or not bounded.
+    def image(
+        self,
+        operator: Operator,
+        engine: Arithmetic,
+        box: Box,
+        center: Floats,
+        columns: Indices,
+        deadline: float = math.inf,
+    ) -> IntervalArray | None:
+        """N(X) about a point of a bounded box X, for as many equations as `columns`; NaN where X holds no zero.
 
-        The Jacobian encloses the derivatives (where they exist) at all points of the box, so that it encloses all
-        slopes (F(x) - F(y)) between two of its points.
+        None where F or a derivative is not defined or not bounded, where there is no inverse, or where it was not
+        finished at the deadline (of time.monotonic()). The derivatives (where they exist) at all points of the box
+        enclose all slopes (F(x) - F(y)) between two of its points.
         """
+        kernels, center, rows = square_of(engine), np.array(center, np.float64), np.arange(len(columns))
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
         bounds = np.stack([box.lo, box.hi], axis=1)
-        kernels = square_of(engine)
-        if not kernels.linearized(self.program, bounds, np.array(center, np.float64), value, jacobian):
+        if not kernels.linearized(self.program, bounds, center, value, jacobian):
             return None
-        return Linearization(_array(value), _array(jacobian), center)
+        out = np.full(bounds.shape, np.nan)
+        with stop_flag(deadline, len(columns)) as stop:
+            given = (value, jacobian, center, rows, np.array(columns), stop, bounds, out)
+            found = kernels.newton_image(operator.value, *given)
+        return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
     @cached_property
     def program(self) -> Equations:
@@ -178,10 +156,6 @@ class Equalities:
         """F (m,) and its Jacobian (m, n) at a point, without proof."""
         rows = self._rows.linearize(point)
         return rows.values, rows.jacobian
-
-
-def _array(bounds: Floats) -> IntervalArray:
-    return IntervalArray(bounds[..., 0], bounds[..., 1])
 
 
 def _equalities(constraint: Constraint) -> Bools:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, image, inside, krawczyk
+from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
 from cpcal.solver.network.rewrite import one_sided
@@ -38,20 +38,12 @@ class ReadingConstraint:
         bounds_read = any("reading" in e.ops for e in (constraint.lower, constraint.upper))
         self._usable = self._extremes.exclusive and not bounds_read
 
-    def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
-        slots = self._tape.forward(engine, box)
-        worst = max(highest(self._tape.value(slots, e)) for e in (self._over, self._under))
-        return worst <= 0.0 and self._tape.defined(engine, slots)
-
-    def holding(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> tuple[Bools, Bools]:
-        """Elements that hold on the box for some reading, and those that hold for all."""
+    def for_all(self, engine: Arithmetic, box: IntervalArray) -> Bools:
+        """Which elements hold on the box for all readings."""
         slots = self._tape.forward(engine, box)
         size = int(np.prod(self._over.shape))
         ends = [upper_ends(self._tape.value(slots, e), size) for e in (self._over, self._under)]
-        for_all = np.max(ends, axis=0) <= 0.0
-        if not self._tape.defined(engine, slots):
-            for_all = np.zeros(size, dtype=bool)
-        return for_all | (self.excesses(engine, box, point) <= 0.0), for_all
+        return np.asarray((np.max(ends, axis=0) <= 0.0) & self._tape.defined(engine, slots))
 
     def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
         """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
@@ -67,6 +59,16 @@ class ReadingConstraint:
         under = self._tape.value(self._tape.forward(engine, box, largest), self._under)
         order = self._tape.value(slots, self._order)
         return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
+
+
+def excess_for_some(
+    constraints: Iterable[ReadingConstraint], engine: Arithmetic, box: IntervalArray, point: Floats
+) -> float:
+    """How far the worst is from holding on a box for some readings, at most; <= 0: all hold for common ones."""
+    choosing = [c for c in constraints if not c.for_all(engine, box).all()]
+    if len(choosing) > 1:  # two that hold for some readings each need not hold for common ones
+        return math.inf
+    return max((float(np.max(c.excesses(engine, box, point), initial=-np.inf)) for c in choosing), default=-math.inf)
 
 
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
@@ -129,12 +131,9 @@ class Inside:
             return False  # between two whole numbers no point is a solution
         values = IntervalArray(box.lo[None], box.hi[None])
         with np.errstate(all="ignore"):
-            if not _hold(self._engine, self._plain, values):
-                return False
-            choices = [c for c in self._reading if not c.holds_for_all(self._engine, values)]
-            # Two constraints that hold for some readings each need not hold for common ones.
-            return not choices or (
-                len(choices) == 1 and bool((choices[0].excesses(self._engine, values, values.mid[0]) <= 0.0).all())
+            return (
+                _hold(self._engine, self._plain, values)
+                and excess_for_some(self._reading, self._engine, values, values.mid[0]) <= 0.0
             )
 
 
@@ -313,10 +312,9 @@ class UniquenessProver:
     def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""
         box = self._domain.with_bounds(region.lo, region.hi)
-        linear = self._equalities.linearize(self._engine, box, center) if box.is_bounded else None
-        if linear is None:
+        if not box.is_bounded:
             return None
-        return image(operator, self._engine, linear, self._columns, box.array, self._deadline)
+        return self._equalities.image(operator, self._engine, box, center, self._columns, self._deadline)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""

@@ -1,8 +1,9 @@
 """Values: intervals, boxes and the engines that compute with them."""
 
+from cpcal.common.values import Bools, Floats, Indices, Ints
 from cpcal.solver.interval.arithmetic import Arithmetic, get_arithmetic
 from cpcal.solver.interval.box import Box
 from cpcal.solver.interval.numbers import IntervalArray
 from cpcal.solver.interval.scalar import Interval
 
-__all__ = ["Arithmetic", "Box", "Interval", "IntervalArray", "get_arithmetic"]
+__all__ = ["Arithmetic", "Bools", "Box", "Floats", "Indices", "Interval", "IntervalArray", "Ints", "get_arithmetic"]

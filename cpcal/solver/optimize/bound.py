@@ -7,25 +7,24 @@ Below, the contractors raise the objective's lower bound; above, a local fit pro
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from copy import copy
+from collections import Counter
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from cpcal.common.values import Floats
-from cpcal.solver.accounts import ContractorUse, Found, total_use
+from cpcal.common.values import Floats, Indices
+from cpcal.solver.accounts import ContractorUse, Found, RowUse, bracket_sentence, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
-from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, shrunk
-from cpcal.solver.execution.executors import Place
-from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, Verdict, shrunk
+from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.execution.stopping import Stopped, asked
-from cpcal.solver.interval import Arithmetic, Box
+from cpcal.solver.interval import Arithmetic, Box, Interval
+from cpcal.solver.interval.box import Variable
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.local import Incumbent, Known
-from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
 from cpcal.solver.optimize.witness import Prepared, Witness
 from cpcal.solver.search import (
     Contracting,
@@ -41,30 +40,14 @@ from cpcal.solver.search import (
     divided,
     light,
 )
-from cpcal.solver.search.search import Line, Standing, bounds_of, box_of
+from cpcal.solver.search.search import Branch, Line, Row, Standing, rows_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next.
 
-Row = tuple[int, int]  # constraint, element
-
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
 _THIN = 1e-12  # a width below this share of the domain's does not count
-
-
-@dataclass(frozen=True)
-class Branch:
-    """What decisions about a node depend on, besides its box.
-
-    found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
-    fresh  no fit has begun here since the last division
-    rows   of the step on the way here that raised the objective last
-    """
-
-    found: Box
-    fresh: bool
-    rows: frozenset[Row] = frozenset()
 
 
 class Bounding:
@@ -83,12 +66,12 @@ class Bounding:
         place: Place | None = None,
     ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
-        self._place = place  # where rounds of several nodes are decided; None: here
-        self._travels: Shared[Bounding] | None = None
+        self._elsewhere: Shared[Bounding] | None = None  # and none in what travels
+        if place is not None:
+            self._elsewhere = Shared(self, place)
 
     def __call__(self, node: Node) -> Decision:
-        (decision,) = self.all([node])
-        return decision
+        return self.all([node])[0]
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
         """The decisions of a round, each from the incumbent as it is at its beginning, so that their order, and where
@@ -98,42 +81,35 @@ class Bounding:
         """
         before = self._incumbent.state
         if len(nodes) == 1:
-            made = [self._with_first_piece(nodes[0], before, alone=True)]
-        elif self._place is None:
+            known = self._incumbent.at(before)
+            made = [(self._decision(nodes[0], known), known.state)]
+        elif self._elsewhere is None:
             made = self.decided(nodes, before)
         else:
-            made = self._shared().in_parts(self._place, _decided, nodes, before)
-        for _, known in made:
-            self._incumbent.learn(known, before)
+            made = self._elsewhere.in_parts(_decided, nodes, before)
+        for _, state in made:
+            self._incumbent.learn(state, before)
         return [decision for decision, _ in made]
 
     def decided(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
-        """The decisions about some nodes of a round, and the incumbent after each, if it was `before` when it began."""
-        return [self._with_first_piece(node, before, alone=False) for node in nodes]
-
-    def _with_first_piece(self, node: Node, before: Known, *, alone: bool) -> tuple[Decision, Known]:
-        """Decide a node, and in a round of several the most urgent of its pieces."""
-        known = self._incumbent.at(before)
-        made = self._decision(node, known)
-        if not alone and made.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
-            reason = asked()  # the whole round begins anew some day
-            if reason is not None:
-                raise Stopped(reason)
-            pieces = list(made.pieces)
-            k = min(range(len(pieces)), key=lambda k: float(pieces[k].box.lo[known.objective]))
-            depth = node.depth + (made.kind is EventKind.SPLIT)
-            below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
-            pieces[k] = replace(pieces[k], decided=below)
-            made = replace(made, pieces=tuple(pieces))
-        return made, known.state
-
-    def _shared(self) -> Shared[Bounding]:
-        """All but the point and the executor, for workers."""
-        if self._travels is None:
-            alone = copy(self)
-            alone._incumbent, alone._place = self._incumbent.at(Known(None, 0)), None
-            self._travels = Shared(alone)
-        return self._travels
+        """The decisions about some nodes of a round, each with the one about the most urgent of its pieces, and the
+        incumbent after each, if it was `before` when it began."""
+        decisions = []
+        for node in nodes:
+            known = self._incumbent.at(before)
+            made = self._decision(node, known)
+            if made.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
+                reason = asked()  # the whole round begins anew some day
+                if reason is not None:
+                    raise Stopped(reason)
+                pieces = list(made.pieces)
+                k = min(range(len(pieces)), key=lambda k: float(pieces[k].box.lo[known.objective]))
+                depth = node.depth + (made.kind is EventKind.SPLIT)
+                below = self._decision(Node(pieces[k].box, depth, -1, pieces[k].state), known)
+                pieces[k] = replace(pieces[k], decided=below)
+                made = replace(made, pieces=tuple(pieces))
+            decisions.append((made, known.state))
+        return decisions
 
     def _decision(self, node: Node, known: Incumbent) -> Decision:
         branch = node.state
@@ -237,7 +213,7 @@ class Saved:
     seconds: float
 
     def lines(self) -> Iterator[Line]:
-        """A head, then a line a box; infinite numbers are texts."""
+        """A head, then a line a box."""
         witness, tally = self.known.witness, self.tally
         yield {
             "names": list(self.names),
@@ -251,37 +227,23 @@ class Saved:
             "uses": [[use.name, use.calls, use.steps] for use in tally.uses],
             "seconds": self.seconds,
         }
-        yield from self.search.lines(_said)
+        yield from self.search.lines()
 
     @classmethod
     def from_lines(cls, lines: Sequence[Mapping[str, Any]]) -> Saved:
-        """What `lines` gave. Raises KeyError, TypeError, ValueError."""
+        """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         head, *boxes = lines
-        names, witness = tuple(map(str, head["names"])), head["witness"]
+        names, witness = tuple(head["names"]), head["witness"]
         if witness is not None:
-            witness = Witness(np.array(witness["point"], np.float64), float(witness["value"]))
-
-        def branch(box: Box, line: Mapping[str, Any]) -> Branch:
-            found = box_of(names, line["found"]) if "found" in line else box
-            return Branch(found, bool(line["fresh"]), _rows(line["rows"]))
-
-        uses = tuple(ContractorUse(str(name), int(calls), int(steps)) for name, calls, steps in head["uses"])
+            witness = Witness(np.array(witness["point"], np.float64), witness["value"])
+        uses = tuple(ContractorUse(*use) for use in head["uses"])
         return cls(
             names,
-            Standing.from_lines(int(head["created"]), names, boxes, branch),
-            Known(witness, int(head["calls"])),
-            Tally(int(head["nodes"]), int(head["programs"]), _rows(head["used"]), _rows(head["decisive"]), uses),
-            float(head["seconds"]),
+            Standing.from_lines(head["created"], names, boxes),
+            Known(witness, head["calls"]),
+            Tally(head["nodes"], head["programs"], rows_of(head["used"]), rows_of(head["decisive"]), uses),
+            head["seconds"],
         )
-
-
-def _said(box: Box, branch: Branch) -> Line:
-    line: Line = {"fresh": branch.fresh, "rows": sorted(branch.rows)}
-    return line if branch.found == box else line | {"found": bounds_of(branch.found)}
-
-
-def _rows(rows: Any) -> frozenset[Row]:
-    return frozenset((int(c), int(e)) for c, e in rows)
 
 
 Named = tuple[str, Contractor]
@@ -422,3 +384,218 @@ def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Br
             state = states.throw(stop)
         if isinstance(state, Minimum):
             return state
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a minimisation says: a bracket at every moment, and the minimum at its end.
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet).
+
+    `pending` boxes are undecided.
+    """
+
+    lo: float
+    hi: float
+    nodes: int
+    programs: int
+    seconds: float
+    pending: int = 0
+
+    @property
+    def rate(self) -> float:
+        """Boxes a second."""
+        return self.nodes / self.seconds if self.seconds > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point (n,) whose components have names."""
+
+    names: tuple[str, ...]
+    values: Floats
+
+    def __getitem__(self, name: str | Variable) -> float | Floats:
+        """A component by its name, or the value of a variable, of its shape."""
+        found = Box(self.names, self.values, self.values)[name]
+        return found.lo if isinstance(found, Interval) else np.array(found.lo)
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The end of a minimisation over a box.
+
+    `lo`: proved, no solution has a smaller objective. `hi` and `witness`: a proved solution. `enclosure`: holds every
+    solution with objective <= hi. `verdict` PROVED: the two bounds are no further apart than the gap asked for, or the
+    smallest value of the domain is attained; REFUTED: there is no solution. `floor`: the second-order effect of the
+    readings at the witness; boxes are not divided to close a smaller gap (though contraction alone often closes it).
+    `rows`: the (constraint, element) pairs with a multiplier in some step of the proof of `lo`; `decisive_rows`: those
+    of the steps that decided the leaves. `contractors_used`: those asked for, in their order.
+
+    With a certificate all this is what it proves, and `found` is what the contractors prove beyond it, None if nothing.
+    """
+
+    lo: float
+    hi: float
+    verdict: Verdict
+    status: str
+    witness: Witness | None
+    enclosure: Box
+    floor: float
+    rows: tuple[tuple[int, int], ...]
+    decisive_rows: tuple[tuple[int, int], ...]
+    pending: int
+    nodes: int
+    programs: int
+    seconds: float
+    interrupted: bool = False
+    contractors_used: tuple[ContractorUse, ...] = ()
+    found: Found | None = None
+    names: tuple[str, ...] = ()  # of the components of points
+    relax: float = 0.0  # by how much equations may be missed
+    method: str = ""  # which contractors, and why these
+    row_use: RowUse | None = None
+
+    @property
+    def solution(self) -> Point | None:
+        """The proved point by names and variables: `minimum.solution["x[0]"]`, `minimum.solution[x]`."""
+        return None if self.witness is None else Point(self.names, self.witness.point)
+
+    @property
+    def beyond(self) -> str:
+        """What the contractors prove beyond the certificate, to follow a sentence; it is part of `status`."""
+        return "" if self.found is None else self.found.sentence(self.lo)
+
+
+def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
+    """The verdict on a bracket and a sentence; `undecided` boxes were left at a limit."""
+    verdict = Verdict.UNKNOWN
+    if incumbent.witness is None:
+        if not undecided and last.lo == np.inf:
+            verdict = Verdict.REFUTED
+    elif last.hi == incumbent.domain.lo[incumbent.objective]:
+        return Verdict.PROVED, "The smallest value that the domain allows is attained: proved."
+    elif last.hi - last.lo <= incumbent.gap:
+        verdict = Verdict.PROVED
+    hi = np.inf if incumbent.witness is None else last.hi
+    return verdict, bracket_sentence(verdict, last.lo, hi, floor=incumbent.floor, undecided=undecided)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The support of a lower bound: few measurements that prove it by themselves.
+#
+# What is proved of a support: by its measurements alone, no point of the domain has an objective below the bound.
+
+_ROUNDS = 4  # times that measurements are added
+_ADDED = 3  # at a time, for each side of each constraint
+
+
+@dataclass(frozen=True)
+class Alone:
+    """What some measurements prove alone: a lower bound, and those of them that have a weight in its proof.
+
+    `point`: a better point than that of all measurements, if these alone allow one.
+    """
+
+    lo: float
+    members: frozenset[int]
+    point: Floats | None
+    interrupted: bool
+
+
+Solve = Callable[[Indices], Alone]
+
+
+def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tuple[int, ...]:
+    """Elements (along the constraints' leading axis) that alone prove `found.lo` up to the relative `gap`.
+
+    It begins with those that decided the leaves; while they alone allow a better point, those join that it violates
+    most. Where that does not end soon, or is interrupted: all that had a weight in some step. () when there is
+    nothing to prove.
+    """
+    domain = problem.network.domain
+    if not found.lo > domain[problem.name].lo or found.interrupted:
+        return ()
+    chosen = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
+    for _ in range(_ROUNDS if chosen.size else 0):
+        alone = solve(chosen)
+        if alone.interrupted:
+            break
+        if _as_good(alone.lo, found, gap):
+            return tuple(int(k) for k in chosen)
+        if alone.point is None:
+            break
+        violated = problem.rows.likely(domain.with_bounds(alone.point, alone.point), _ADDED)
+        more = np.unique(np.concatenate([chosen, *violated]))
+        if more.size == chosen.size:
+            break
+        chosen = more
+    return tuple(sorted({k for _, k in found.rows}))
+
+
+def irreducible(found: Minimum, chosen: tuple[int, ...], gap: float, solve: Solve) -> tuple[int, ...]:
+    """A part of `chosen` that still proves `found.lo`, from which no element could be left out (deletion filter).
+
+    Groups are tried first, half of all and then ever smaller ones, each by a proof with the others alone; whatever has
+    no weight in a proof goes at once. An element whose need is not known stays.
+    """
+    kept, size = list(chosen), max(len(chosen) // 2, 1)
+    while True:
+        tried = 0
+        while tried < len(kept):
+            others = kept[:tried] + kept[tried + size :]
+            alone = solve(np.array(others, dtype=np.intp)) if others else None
+            if alone is not None and alone.interrupted:
+                return tuple(kept)
+            if alone is not None and _as_good(alone.lo, found, gap):
+                needed = sum(k in alone.members for k in kept[:tried])
+                kept, tried = [k for k in others if k in alone.members], needed
+            else:
+                tried += size
+        if size == 1:
+            return tuple(kept)
+        size = max(min(size, len(kept)) // 2, 1)
+
+
+def _as_good(lo: float, found: Minimum, gap: float) -> bool:
+    return lo >= found.lo or lo >= found.lo - max(gap * abs(found.lo), found.hi - found.lo)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Small sets that meet all of a family: what must be left out before none of several proofs holds.
+
+
+def hitting_set(family: Sequence[Collection[int]], most: int) -> frozenset[int] | None:
+    """At most `most` numbers of which every set of the family holds one; None when there are none.
+
+    Exact: a set that is not met must lose one of its members, and all are tried, those of many sets first.
+    """
+    left = [frozenset(one) for one in family]
+    return _hit(left, most)
+
+
+def _hit(left: list[frozenset[int]], most: int) -> frozenset[int] | None:
+    if not left:
+        return frozenset()
+    if most == 0 or _apart(left) > most:
+        return None
+    smallest = min(left, key=len)
+    counts = Counter(k for one in left for k in one)
+    for k in sorted(smallest, key=lambda k: (-counts[k], k)):
+        found = _hit([one for one in left if k not in one], most - 1)
+        if found is not None:
+            return found | {k}
+    return None
+
+
+def _apart(family: list[frozenset[int]]) -> int:
+    """How many sets of the family have no common member, chosen greedily: so many numbers are needed at least."""
+    taken: set[int] = set()
+    count = 0
+    for one in sorted(family, key=len):
+        if taken.isdisjoint(one):
+            taken |= one
+            count += 1
+    return count

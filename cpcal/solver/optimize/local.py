@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ from cpcal.common.values import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import Dense
-from cpcal.solver.linear.engine import LinearStatus
+from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows, RowValues
@@ -370,10 +369,26 @@ class LocalSearch:
         stay = self._whole & fixed
         lo = np.where(stay, start, self._domain.lo) / scale
         hi = np.where(stay, start, self._domain.hi) / scale
-        known = _Known(self._rows, self._equations, scale, max(self._deadline, time.monotonic() + _GRACE))
+        late = max(self._deadline, time.monotonic() + _GRACE)
+        asked: list[Floats] = []  # the last point
+        sizes: list[Floats] = []  # of rows and equations, where the search begins
+
+        @lru_cache(maxsize=1)
+        def known(at: bytes) -> list[Floats]:
+            """Rows and equations with their derivatives, each in the unit of its gradient at the first point."""
+            if asked and time.monotonic() > late:
+                raise _LateError
+            asked[:] = [np.frombuffer(at)]
+            rows, (value, jacobian) = self._rows.linearize(asked[0] * scale), self._equations.estimate(asked[0] * scale)
+            matrix, equal = rows.jacobian * scale, jacobian * scale
+            if not sizes:
+                sizes.extend((_size(matrix), _size(equal)))
+            found = rows.values / sizes[0], matrix / sizes[0][:, None], value / sizes[1], equal / sizes[1][:, None]
+            return [np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found]
+
         constraints = [
-            {"type": "ineq", "fun": lambda y: -known(y)[0], "jac": lambda y: -known(y)[1]},
-            {"type": "eq", "fun": lambda y: known(y)[2], "jac": lambda y: known(y)[3]},
+            {"type": "ineq", "fun": lambda y: -known(y.tobytes())[0], "jac": lambda y: -known(y.tobytes())[1]},
+            {"type": "eq", "fun": lambda y: known(y.tobytes())[2], "jac": lambda y: known(y.tobytes())[3]},
         ]
         direction = np.zeros(len(start))
         direction[self._objective] = 1.0
@@ -394,7 +409,7 @@ class LocalSearch:
                     .x
                 )
             except _LateError:
-                last = known.last
+                last = asked[0]
             except (ValueError, np.linalg.LinAlgError):
                 return None
         point = np.asarray(last * scale)
@@ -410,35 +425,6 @@ def _scipy() -> Any:
 
 class _LateError(Exception):
     """The time limit came first."""
-
-
-class _Known:
-    """Values and derivatives at the last point that was asked about, each row in units of its gradient there first.
-
-    Raises _LateError after `deadline`; `last` is the point that was asked about before.
-    """
-
-    def __init__(self, rows: Rows, equations: Equations, scale: Floats, deadline: float) -> None:
-        self._rows, self._equations, self._scale, self._deadline = rows, equations, scale, deadline
-        self.last: Floats
-        self._at: bytes = b""
-        self._found: tuple[Floats, Floats, Floats, Floats]
-        self._sizes: tuple[Floats, Floats] | None = None
-
-    def __call__(self, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        if y.tobytes() != self._at:
-            if self._at and time.monotonic() > self._deadline:
-                raise _LateError
-            self._at, self.last = y.tobytes(), y.copy()
-            rows = self._rows.linearize(y * self._scale)
-            value, jacobian = self._equations.estimate(y * self._scale)
-            matrix, equal = rows.jacobian * self._scale, jacobian * self._scale
-            if self._sizes is None:
-                self._sizes = (_size(matrix), _size(equal))
-            one, two = self._sizes
-            found = rows.values / one, matrix / one[:, None], value / two, equal / two[:, None]
-            self._found = tuple(np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found)  # type: ignore[assignment]
-        return self._found
 
 
 def _size(matrix: Floats) -> Floats:

@@ -7,6 +7,7 @@ is proved to exist in a tiny box (see `cpcal.solver.optimize.witness`), on which
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -16,13 +17,21 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.existence import Equalities, ReadingConstraint, UniquenessProver, highest, reads, sides, upper_ends
+from cpcal.solver.existence import (
+    Equalities,
+    ReadingConstraint,
+    UniquenessProver,
+    excess_for_some,
+    highest,
+    reads,
+    sides,
+    upper_ends,
+)
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.expression import leaves
-from cpcal.solver.network.rewrite import Row, one_sided
+from cpcal.solver.network.rewrite import one_sided
 from cpcal.solver.network.rows import DecisiveReadings, Rows
-from cpcal.solver.network.tape import ReadingSets
 
 # ------------------------------------------------------------------------------------------------------------------
 # The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.
@@ -32,7 +41,6 @@ from cpcal.solver.network.tape import ReadingSets
 
 _SINGULAR = 1e-11  # of the largest pivot
 _WIDEST = 1e6  # of the distance to the ends of a domain, in units of the point
-_CORRECTIONS = 3
 _NEAR = 1e-9  # relative to the point: a component so near to an end of its domain is put there
 
 
@@ -72,7 +80,6 @@ class Equations:
         unknowns = self._unknowns(point, rows, free)
         if unknowns is None:
             return None
-        point = self._corrected(point, rows, unknowns)
         found = self._prover(rows).among(point, unknowns).prove(Box(self._domain.names, point, point))
         return None if found is None else found.box
 
@@ -117,20 +124,6 @@ class Equations:
         if not pivots[-1] > _SINGULAR * pivots[0]:
             return None
         return np.sort(order[: len(rows)])
-
-    def _corrected(self, point: Floats, rows: Indices, unknowns: Indices) -> Floats:
-        """Newton's method in the unknowns alone, as long as it stays in the domain."""
-        for _ in range(_CORRECTIONS):
-            value, jacobian = self.estimate(point)
-            new = point.copy()
-            try:
-                new[unknowns] -= np.linalg.solve(jacobian[np.ix_(rows, unknowns)], value[rows])
-            except np.linalg.LinAlgError:
-                break
-            if not np.isfinite(new).all() or (new < self._domain.lo).any() or (new > self._domain.hi).any():
-                break
-            point = new
-        return point
 
 
 _TRIES = 60
@@ -225,25 +218,16 @@ class WitnessProver:
             plain, stuck = rows.worst(self._engine, values)
             if stuck or plain == np.inf:
                 return np.inf, stuck
-            worst = [plain]
-            open_constraints = 0
-            for constraint in self.reading:
-                if constraint.holds_for_all(self._engine, values):
-                    continue
-                open_constraints += 1
-                worst.append(float(np.max(constraint.excesses(self._engine, values, point), initial=-np.inf)))
-        # Two constraints that hold for some reading each need not hold for a common one.
-        return (float(max(worst)) if open_constraints <= 1 else np.inf), False
+            return max(plain, excess_for_some(self.reading, self._engine, values, point)), False
 
 
 class _Rows:
     """Constraints without readings as rows `r <= 0`: those that the objective enters, and the others."""
 
     def __init__(self, network: ConstraintNetwork, constraints: list[Constraint], objective: int) -> None:
-        leaf = network.leaf_of(network.names[objective])
         groups: tuple[list[Constraint], list[Constraint]] = ([], [])
         for c in constraints:
-            groups[any(node is leaf for node in leaves((c.body, c.lower, c.upper)))].append(c)
+            groups[_enters(network, objective, c)].append(c)
         self._tapes = [Tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups]
 
     def worst(self, engine: Arithmetic, box: IntervalArray) -> tuple[float, bool]:
@@ -286,11 +270,12 @@ class Prepared:
     @cached_property
     def minimax(self) -> bool:
         """Whether every constraint may be mended by the objective."""
-        return all(self._enters(constraint) for constraint in self.network.constraints)
+        return all(_enters(self.network, self.objective, constraint) for constraint in self.network.constraints)
 
-    def _enters(self, constraint: Constraint) -> bool:
-        leaf = self.network.leaf_of(self.name)
-        return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
+
+def _enters(network: ConstraintNetwork, component: int, constraint: Constraint) -> bool:
+    leaf = network.leaf_of(network.names[component])
+    return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -326,15 +311,20 @@ def verify_point(
     with np.errstate(all="ignore"):
         for constraint in network.constraints:
             if reads(constraint):
-                good, all_readings = next(set_up).holding(engine, box, x)
+                one = next(set_up)
+                for_all = one.for_all(engine, box)
+                for_some += ~_by_row(for_all, constraint, count, every=True)
+                good = for_all | (one.excesses(engine, box, x) <= 0.0)
             else:
                 good = _holds(network, constraint, engine, box)
-                all_readings = np.ones_like(good)
             holds &= _by_row(good, constraint, count, every=True)
-            for_some += ~_by_row(all_readings, constraint, count, every=True)
-        for row, lowest in _lowest(network, engine, x):
-            violated = np.zeros(int(np.prod(network.constraints[row.constraint].body.shape)), dtype=bool)
-            violated[slice(None) if row.elements is None else row.elements] = lowest > 0.0
+        decisive = DecisiveReadings(network, engine)  # of each row `r <= 0` a lower bound over all readings
+        for row, sets in zip(one_sided_rows(network), decisive.on(Box(network.names, x, x)), strict=True):
+            values = decisive.tape.value(decisive.tape.forward(engine, box, sets), row.expr)
+            body = network.constraints[row.constraint].body
+            violated = np.zeros(math.prod(body.shape), dtype=bool)
+            above = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0
+            violated[slice(None) if row.elements is None else row.elements] = above
             fails |= _by_row(violated, network.constraints[row.constraint], count, every=False)
     # two constraints that hold for some reading each need not hold for a common one
     return PointVerdicts(holds & (for_some <= 1), fails)
@@ -350,20 +340,6 @@ def _holds(network: ConstraintNetwork, constraint: Constraint, engine: Arithmeti
         where = slice(None) if row.elements is None else row.elements
         good[where] &= upper_ends(tape.value(slots, row.expr), good[where].size) <= 0.0
     return good
-
-
-def _lowest(network: ConstraintNetwork, engine: Arithmetic, x: Floats) -> list[tuple[Row, Floats]]:
-    """For each one-sided row `r <= 0` a lower bound of its elements over all readings."""
-    decisive = DecisiveReadings(network, engine)
-    sets = decisive.on(Box(network.names, x, x))
-    rows = zip(one_sided_rows(network), sets, strict=True)
-    return [(row, _over_readings(decisive.tape, row, own, engine, x)) for row, own in rows]
-
-
-def _over_readings(tape: Tape, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats) -> Floats:
-    values = tape.value(tape.forward(engine, IntervalArray.point(x[None]), decisive), row.expr)
-    lowest = np.where(values.empty, -np.inf, values.lo)
-    return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
 
 
 def _by_row(flags: Bools, constraint: Constraint, count: int, *, every: bool) -> Bools:

@@ -1,12 +1,15 @@
 """Branch and prune as an iterator, the strategies that it splits boxes by, and what it finds."""
 
 from cpcal.solver.search.passes import (
+    STRATEGIES,
     Contracting,
     Divide,
-    Pass,
+    LargestFirst,
     Proof,
-    Rounds,
+    RoundRobin,
+    Smear,
     StepProver,
+    bisect,
     divided,
     light,
 )
@@ -14,28 +17,21 @@ from cpcal.solver.search.paving import Paving, Solution, WholeNumbers, conclusio
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.search import (
     ORDERS,
-    BestFirst,
     Decision,
     Event,
     EventKind,
     Node,
     Piece,
-    Priority,
-    Process,
     Search,
     breadth_first,
     clusters,
-    depth_first,
     difference,
-    hull,
     volume,
 )
-from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
 __all__ = [
     "ORDERS",
     "STRATEGIES",
-    "BestFirst",
     "Contender",
     "Contracting",
     "Decision",
@@ -44,15 +40,11 @@ __all__ = [
     "EventKind",
     "LargestFirst",
     "Node",
-    "Pass",
     "Paving",
     "Piece",
-    "Priority",
-    "Process",
     "Proof",
     "Race",
     "RoundRobin",
-    "Rounds",
     "Search",
     "Smear",
     "Solution",
@@ -62,10 +54,8 @@ __all__ = [
     "breadth_first",
     "clusters",
     "conclusion",
-    "depth_first",
     "difference",
     "divided",
-    "hull",
     "light",
     "volume",
 ]

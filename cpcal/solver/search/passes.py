@@ -9,12 +9,14 @@ alone. As soon as weights have proved all that was found, the two boxes are one,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from cpcal.common.values import Floats, Ints
 from cpcal.solver.accounts import ContractorUse
@@ -32,11 +34,11 @@ from cpcal.solver.contract import (
     shrunk,
     takes_batches,
 )
-from cpcal.solver.execution.executors import Place
-from cpcal.solver.execution.outcomes import Shared
+from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
-from cpcal.solver.search.strategies import LargestFirst, RoundRobin, Smear
 
 Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
 
@@ -87,14 +89,18 @@ class Contracting:
 
     def contract(self, box: Box, found: Box) -> Pass:
         """One pass over a node's box and the part of it that was found."""
-        if self._prover is None:
-            return self._plain(box)
-        total, proof = Contraction(box), list[Record]()
-        uses = []
+        total, proof, uses = Contraction(box), list[Record](), list[ContractorUse]()
         for name, contractor in self.named:
+            calls = steps = 0
+            if self._prover is None:
+                if not total.box.is_empty:
+                    step = contracted(contractor, total.box, self.deadline)
+                    total, calls, steps = followed(total, step), 1, len(step.steps)
+                found = total.box
+                uses.append(ContractorUse(name, calls, steps))
+                continue
             before, as_one = total.box, found == total.box
             givers = [giver for giver in elements(contractor) if gives_weights(giver)]
-            calls = steps = 0
             for giver in givers if not before.is_empty else []:
                 proposed = contracted(giver, total.box, self.deadline)
                 proved = self._prover(total.box, proposed)
@@ -113,28 +119,15 @@ class Contracting:
             uses.append(ContractorUse(name, calls, steps))
         return Pass(total, found.intersect(total.box), tuple(uses), tuple(proof))
 
-    def _plain(self, box: Box) -> Pass:
-        total, uses = Contraction(box), []
-        for name, contractor in self.named:
-            use = ContractorUse(name)
-            if not total.box.is_empty:
-                step = contracted(contractor, total.box, self.deadline)
-                total, use = followed(total, step), ContractorUse(name, 1, len(step.steps))
-            uses.append(use)
-        return Pass(total, total.box, tuple(uses))
-
 
 def divided(box: Box, found: Box, split: Callable[[Box], tuple[Box, ...]]) -> tuple[Box, ...]:
-    """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere."""
+    """Pieces of a node's box, cut where `split` cuts what was found in it, or else the box itself; () if nowhere.
+
+    The faces that a piece shares with what was found move out to the box.
+    """
     pieces = () if found.is_empty or found == box else split(found)
-    return tuple(_widened(piece, found, box) for piece in pieces) or split(box)
-
-
-def _widened(piece: Box, part: Box, whole: Box) -> Box:
-    """A piece of a part of a box, with the faces that it shares with the part moved out to the whole."""
-    lo = np.where(piece.lo == part.lo, whole.lo, piece.lo)
-    hi = np.where(piece.hi == part.hi, whole.hi, piece.hi)
-    return whole.with_bounds(lo, hi)
+    bounds = ((np.where(p.lo == found.lo, box.lo, p.lo), np.where(p.hi == found.hi, box.hi, p.hi)) for p in pieces)
+    return tuple(box.with_bounds(lo, hi) for lo, hi in bounds) or split(box)
 
 
 def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contractor]]:
@@ -142,75 +135,6 @@ def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contracto
     if not isinstance(contractor, Then):
         return [(name, contractor)]
     return [one for part in contractor.parts for one in _taken_apart(type(part).__name__.lower(), part)]
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Plain branch and prune on many boxes at a time: what `Divide` decides of single nodes, in arrays.
-#
-# It serves contractors that take batches and the strategies of `strategies`. Decisions are the same as one by one.
-
-_STRATEGIES = (LargestFirst, RoundRobin, Smear)
-
-
-class Batches:
-    """Contractors one after the other on the boxes of many nodes, which are then cut in two."""
-
-    def __init__(self, contracting: Contracting, strategy: Strategy) -> None:
-        self._contracting, self._strategy = contracting, strategy
-
-    def __call__(self, nodes: Sequence[Node]) -> list[Decision]:
-        names = nodes[0].box.names
-        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
-        uses: list[list[ContractorUse]] = [[] for _ in nodes]
-        for name, contractor in self._contracting.named:
-            lo, hi = self._contracted(name, contractor, lo, hi, uses)
-        boxes = Box.rows(names, lo, hi)
-        depths = np.array([node.depth for node in nodes])
-        halves = self._halves(names, np.stack([b.lo for b in boxes]), np.stack([b.hi for b in boxes]), depths)
-        return [
-            Decision(kind, Contraction(box), pieces, tuple(use))
-            for box, use, (kind, pieces) in zip(boxes, uses, map(_next, boxes, halves), strict=True)
-        ]
-
-    def _contracted(
-        self, name: str, contractor: Contractor, lo: Floats, hi: Floats, uses: list[list[ContractorUse]]
-    ) -> tuple[Floats, Floats]:
-        alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
-        if alive.size:
-            some = IntervalArray(lo[alive], hi[alive])
-            left = answered(contractor, "contract_batch", some, self._contracting.deadline)
-            after_lo, after_hi = lo.copy(), hi.copy()
-            after_lo[alive], after_hi[alive] = np.maximum(lo[alive], left.lo), np.minimum(hi[alive], left.hi)
-            dead = ~(after_lo <= after_hi).all(axis=1)
-            moved = np.where(dead, 1, (after_lo > lo).sum(axis=1) + (after_hi < hi).sum(axis=1))
-            after_lo[dead], after_hi[dead] = np.nan, np.nan
-            lo, hi = after_lo, after_hi
-            counts = dict(zip(alive.tolist(), moved[alive].tolist(), strict=True))
-        else:
-            counts = {}
-        for k, use in enumerate(uses):
-            use.append(ContractorUse(name, 1, counts[k]) if k in counts else ContractorUse(name))
-        return lo, hi
-
-    def _halves(self, names: tuple[str, ...], lo: Floats, hi: Floats, depths: Ints) -> list[tuple[Piece, ...]]:
-        """The two pieces of every box, () where it is empty or fine enough."""
-        assert isinstance(self._strategy, LargestFirst)
-        component, cut = self._strategy.cuts(names, lo, hi, depths)
-        rows = np.flatnonzero(component >= 0)
-        upper, lower = hi[rows], lo[rows]
-        upper[np.arange(len(rows)), component[rows]] = cut[rows]
-        lower[np.arange(len(rows)), component[rows]] = cut[rows]
-        pieces: list[tuple[Piece, ...]] = [()] * len(lo)
-        first, second = Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows])
-        for k, one, two in zip(rows.tolist(), first, second, strict=True):
-            pieces[k] = (Piece(one), Piece(two))
-        return pieces
-
-
-def _next(box: Box, halves: tuple[Piece, ...]) -> tuple[EventKind, tuple[Piece, ...]]:
-    if box.is_empty:
-        return EventKind.PRUNED, ()
-    return (EventKind.SPLIT, halves) if halves else (EventKind.KEPT, (Piece(box),))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -224,6 +148,7 @@ class Divide:
 
     A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
     shrank below that share is contracted once more before it is divided. `outside`: decisions say what was removed.
+    The workers of a `place` decide the nodes of a round. Decisions are the same, one by one, in arrays, or elsewhere.
     """
 
     def __init__(
@@ -234,25 +159,56 @@ class Divide:
         inside: Callable[[Box], bool] | None = None,
         again: float | None = None,
         outside: bool = False,
+        place: Place | None = None,
     ) -> None:
         if not isinstance(contracting, Contracting):
             contracting = Contracting([("", contracting)])
         self._contracting = contracting
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         plain = inside is None and again is None and not (outside or contracting.proves)
-        arrays = type(strategy) in _STRATEGIES and all(takes_batches(contractor) for _, contractor in contracting.named)
-        self._batches = Batches(contracting, strategy) if plain and arrays else None
-
-    @property
-    def batch(self) -> int:
-        """How many nodes are best decided together: 1 where they are decided one by one."""
-        return 1 if self._batches is None else _BATCH
+        ours = type(strategy) in (LargestFirst, RoundRobin, Smear)
+        self._arrays = plain and ours and all(takes_batches(contractor) for _, contractor in contracting.named)
+        self._elsewhere: Shared[Divide] | None = None  # and none in what travels
+        if place is not None:
+            self._elsewhere = Shared(self, place)
+        self.batch = _BATCH if self._arrays or place is not None else 1  # so many nodes are best decided together
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """The decisions about several nodes, at once where contractors and strategy take batches."""
-        if self._batches is None:
-            return [self(node) for node in nodes]
-        return self._batches(nodes)
+        """The decisions about several nodes. Raises Stopped when the process is asked to stop."""
+        if self._elsewhere is not None:
+            return self._elsewhere.in_parts(_decided, nodes)
+        return self._in_arrays(nodes) if self._arrays else [self(node) for node in nodes]
+
+    def _in_arrays(self, nodes: Sequence[Node]) -> list[Decision]:
+        """For contractors that take batches and the strategies of `strategies`; who contracted is not told."""
+        names = nodes[0].box.names
+        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        for _, contractor in self._contracting.named:
+            alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
+            if alive.size:
+                some = IntervalArray(lo[alive], hi[alive])
+                left = answered(contractor, "contract_batch", some, self._contracting.deadline)
+                lo[alive], hi[alive] = np.maximum(some.lo, left.lo), np.minimum(some.hi, left.hi)
+                dead = ~(lo <= hi).all(axis=1)
+                lo[dead], hi[dead] = np.nan, np.nan
+        boxes = Box.rows(names, lo, hi)
+        lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
+        assert isinstance(self._strategy, LargestFirst)
+        component, cut = self._strategy.cuts(names, lo, hi, np.array([node.depth for node in nodes]))
+        rows = np.flatnonzero(component >= 0)
+        upper, lower = hi[rows], lo[rows]
+        upper[np.arange(len(rows)), component[rows]] = cut[rows]
+        lower[np.arange(len(rows)), component[rows]] = cut[rows]
+        pairs = zip(Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows]), strict=True)
+        halves = dict(zip(rows.tolist(), pairs, strict=True))
+        return [self._decision(box, halves.get(k, ())) for k, box in enumerate(boxes)]
+
+    @staticmethod
+    def _decision(box: Box, halves: tuple[Box, ...]) -> Decision:
+        if box.is_empty:
+            return Decision(EventKind.PRUNED, Contraction(box))
+        kind = EventKind.SPLIT if halves else EventKind.KEPT
+        return Decision(kind, Contraction(box), tuple(map(Piece, halves or (box,))))
 
     def __call__(self, node: Node) -> Decision:
         before = node.box if node.state is None else node.state
@@ -278,20 +234,6 @@ class Divide:
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
 
 
-class Rounds:
-    """A process whose rounds are decided by the workers of a place, each a part of them. Decisions are as here."""
-
-    def __init__(self, process: Divide, place: Place) -> None:
-        self._process, self._place, self._travels = process, place, Shared(process)
-
-    def __call__(self, node: Node) -> Decision:
-        return self._process(node)
-
-    def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """Raises Stopped when the process is asked to stop."""
-        return self._travels.in_parts(self._place, _decided, nodes)
-
-
 def _decided(process: Divide, nodes: Sequence[Node]) -> list[Decision]:
     return [light(decision) for decision in process.all(nodes)]
 
@@ -302,3 +244,137 @@ def light(decision: Decision) -> Decision:
     pieces = tuple(p if p.decided is None else replace(p, decided=light(p.decided)) for p in decision.pieces)
     contraction = replace(decision.contraction, steps=steps, point=None, polyhedron=None)
     return replace(decision, contraction=contraction, pieces=pieces)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Where to cut a box in two.
+
+_MAX = float(np.finfo(np.float64).max)
+
+
+def bisect(box: Box, component: int) -> tuple[Box, ...]:
+    """The two halves of a box, or () where float64 has no number between its bounds."""
+    lo, hi = box.lo[component], box.hi[component]
+    cut = float(_middle(lo[None], hi[None])[0])
+    if not lo < cut < hi:
+        return ()
+    name = box.names[component]
+    return box.replace(name, hi=cut), box.replace(name, lo=cut)
+
+
+@np.errstate(over="ignore")  # what doubles beyond all floats is cut at the largest
+def _middle(lo: Floats, hi: Floats) -> Floats:
+    """Half way; of an unbounded interval a number that doubles its distance from zero, so that halves get finite."""
+    low, high = np.isinf(lo), np.isinf(hi)
+    if not (low.any() or high.any()):
+        return np.asarray(0.5 * lo + 0.5 * hi)
+    cut = 0.5 * np.where(low, 0.0, lo) + 0.5 * np.where(high, 0.0, hi)
+    above = np.minimum(np.maximum(1.0, 2.0 * lo), _MAX)
+    below = np.maximum(np.minimum(-1.0, 2.0 * hi), -_MAX)
+    return np.asarray(np.where(low & high, 0.0, np.where(high, above, np.where(low, below, cut))))
+
+
+class LargestFirst:
+    """Bisect the component that is widest in units of `scale` (default 1); stop when all are below `width`.
+
+    Other strategies of this kind derive from it and give another score.
+    """
+
+    _reach: Floats | float = np.inf
+
+    def __init__(self, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
+        self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
+
+    def within(self, reach: Floats, unit: Floats | float = 1.0) -> Self:
+        """The same, but no component (n,) is divided further than its `reach` from 0; widths are in `unit` (n,)."""
+        out = copy(self)
+        out._reach, out._scale = reach, self._scale * unit
+        return out
+
+    def split(self, box: Box) -> tuple[Box, ...]:
+        return self.split_at(box, 0)
+
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
+        """The pieces of a box that `depth` divisions led to."""
+        (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None], np.array([depth]))
+        return bisect(box, int(component)) if component >= 0 else ()
+
+    def cuts(self, names: Sequence[str], lo: Floats, hi: Floats, depths: Ints) -> tuple[Ints, Floats]:
+        """Which component of boxes (B, n) to cut, -1 for none, and where: (B,) each."""
+        with np.errstate(all="ignore"):
+            return self._best(names, lo, hi, self._scores(lo, hi, depths))
+
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        """The component with the highest one is cut: (B, n)."""
+        return np.asarray(IntervalArray(lo, hi).width / self._scale)
+
+    def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
+        cut = _middle(lo, hi)
+        able = (IntervalArray(lo, hi).width / self._scale > self._width) & (lo < cut) & (cut < hi)
+        able &= (lo < self._reach) & (hi > -self._reach)
+        if self._skip:
+            able &= np.array([name not in self._skip for name in names])
+        component = np.argmax(np.where(able, score, -np.inf), axis=1)
+        rows = np.arange(len(lo))
+        component = np.where(able[rows, component], component, np.where(able.any(axis=1), able.argmax(axis=1), -1))
+        return component, cut[rows, component]
+
+
+class RoundRobin(LargestFirst):
+    """Bisect one component after the other: number `depth` (modulo their number), or the next one that is wide."""
+
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        turn = (np.arange(lo.shape[1])[None] - depths[:, None]) % max(lo.shape[1], 1)
+        return np.asarray(-turn.astype(np.float64))
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+_SIZE = 1_000_000  # derivatives that are held at a time
+
+# |derivative| times width, shape (boxes, rows, components) -> score of each component (boxes, components)
+SMEARS: dict[str, Callable[[Floats], Floats]] = {
+    "sum": lambda smear: np.asarray(smear.sum(axis=1)),
+    "relative": lambda smear: np.asarray((smear / np.maximum(smear.sum(axis=2, keepdims=True), _TINY)).sum(axis=1)),
+    "max": lambda smear: np.asarray(smear.max(axis=1, initial=0.0)),
+}
+
+
+class Smear(LargestFirst):
+    """Bisect where the constraints vary most, by |derivative| times width at the midpoint of a box.
+
+    Over the rows it is combined by `how`: their "sum", the sum "relative" to each row's total (so that no row counts
+    more than another), or the "max". Where nothing varies, and on unbounded boxes, the widest component.
+    """
+
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        width: float = 0.0,
+        scale: npt.ArrayLike = 1.0,
+        skip: Iterable[str] = (),
+        how: str = "sum",
+    ) -> None:
+        super().__init__(width, scale, skip)
+        self._rows, self._how = network.once("rows at points", lambda: Rows(network)), how
+
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        widths, mids = IntervalArray(lo, hi).width, IntervalArray(lo, hi).mid
+        scores = widths / self._scale
+        bounded = np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1))
+        most = max(1, _SIZE // max(self._rows.count * lo.shape[1], 1))
+        for some in (bounded[k : k + most] for k in range(0, len(bounded), most)):
+            smear = np.abs(self._rows.jacobians(mids[some])) * widths[some][:, None]
+            found = np.nan_to_num(SMEARS[self._how](smear))
+            varies = found.any(axis=1)
+            scores[some[varies]] = found[varies]
+        return np.asarray(scores)
+
+
+STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {
+    "largest": lambda network, width: LargestFirst(width),
+    "round-robin": lambda network, width: RoundRobin(width),
+    "smear": lambda network, width: Smear(network, width),
+    "smear-relative": lambda network, width: Smear(network, width, how="relative"),
+    "smear-max": lambda network, width: Smear(network, width, how="max"),
+}

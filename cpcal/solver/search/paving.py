@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable
-from cpcal.solver.search.search import Search, clusters, difference, hull, volume
+from cpcal.solver.search.search import Search, clusters, difference, volume
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Paving:
         members: dict[int, list[Box]] = {}
         for solution in self.solutions:
             members.setdefault(solution.cluster, []).append(solution.box)
-        return tuple(hull(boxes) for boxes in members.values())
+        return tuple(reduce(Box.hull, boxes) for boxes in members.values())
 
     @property
     def volume(self) -> Interval:
@@ -105,7 +106,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     points = list[Box]()
     with suppress(KeyboardInterrupt):
         points = list({box.lo.tobytes(): box for box in kept if prover.holds_at(box)}.values())
-    kept = [box for box in kept if not any(box == point for point in points)]
+    kept = [box for box in kept if box not in points]
     if not prover.applies:
         return points, list(kept)
     found: list[Unique] = []
@@ -114,7 +115,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     try:
         for label in range(int(labels.max(initial=-1)) + 1):
             members = [int(k) for k in np.flatnonzero(labels == label)]
-            _try(prover, clock, hull([kept[k] for k in members]), found)
+            _try(prover, clock, reduce(Box.hull, [kept[k] for k in members]), found)
             for k in members if len(members) <= _SEVERAL else []:
                 if len(members) > 1:
                     _try(prover, clock, kept[k], found)

@@ -19,9 +19,8 @@ from cpcal.common.version import __version__
 from cpcal.solver.contract import Clock
 from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.stopping import asked
-from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search.search import Event, EventKind, Line, Search, Standing, bounds_of, box_of
+from cpcal.solver.search.search import Event, EventKind, Line, Search, Standing
 
 _PROGRESS = 1 / 200  # of what is undecided: a turn that decides less is one without progress
 _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
@@ -123,8 +122,7 @@ class Race:
 # ------------------------------------------------------------------------------------------------------------------
 # Where a race of searches stands between two nodes, as lines of JSON; a race brought there, and run.
 
-_COUNTS = ("nodes", "rest", "back", "taken")
-_SHARES = ("decided", "before", "most")  # floats, which JSON keeps to the last bit
+_COUNTED = ("nodes", "rest", "back", "taken", "decided", "before", "most")  # JSON keeps floats to the last bit
 
 
 def lines_of(race: Race, nodes: int) -> Iterator[Line]:
@@ -138,18 +136,13 @@ def lines_of(race: Race, nodes: int) -> Iterator[Line]:
         "alive": [places[id(contender)] for contender in race.alive],
         "contenders": [
             {"name": c.name, "created": None if c.search is None else c.search.created}
-            | {key: getattr(c, key) for key in (*_COUNTS, *_SHARES)}
+            | {key: getattr(c, key) for key in _COUNTED}
             for c in race.contenders
         ],
     }
     for k, contender in enumerate(race.contenders):
         if contender.search is not None:
-            yield from ({"of": k, **line} for line in contender.search.standing().lines(_said))
-
-
-def _said(box: Box, found: Box | None) -> Line:
-    """The state of a node, where it is not the box itself."""
-    return {} if found is None or found == box else {"found": bounds_of(found)}
+            yield from ({"of": k, **line} for line in contender.search.standing().lines())
 
 
 def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[str, Any]]) -> int:
@@ -157,24 +150,19 @@ def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[st
 
     Raises KeyError, IndexError, TypeError, ValueError for lines that `lines_of` cannot have written.
     """
-
-    def found_in(box: Box, line: Mapping[str, Any]) -> Box:
-        return box_of(names, line["found"]) if "found" in line else box
-
     head, *boxes = lines
-    standings = head["contenders"]
-    if [standing["name"] for standing in standings] != [contender.name for contender in race.contenders]:
+    if [standing["name"] for standing in head["contenders"]] != [contender.name for contender in race.contenders]:
         raise ValueError("other methods take turns")
-    for k, (contender, standing) in enumerate(zip(race.contenders, standings, strict=True)):
-        for key in (*_COUNTS, *_SHARES):
-            setattr(contender, key, (int if key in _COUNTS else float)(standing[key]))
+    for k, (contender, standing) in enumerate(zip(race.contenders, head["contenders"], strict=True)):
+        for key in _COUNTED:
+            setattr(contender, key, standing[key])
         if standing["created"] is not None:
-            own = (line for line in boxes if line["of"] == k)
             contender.search = contender.start()
-            contender.search.restore(Standing.from_lines(int(standing["created"]), names, own, found_in))
-    race.rounds, race.place = int(head["rounds"]), int(head["place"])
-    race.first = None if head["first"] is None else race.contenders[int(head["first"])]
-    race.alive = [race.contenders[int(k)] for k in head["alive"]]
+            own = (line for line in boxes if line["of"] == k)
+            contender.search.restore(Standing.from_lines(standing["created"], names, own))
+    race.rounds, race.place = head["rounds"], head["place"]
+    race.first = None if head["first"] is None else race.contenders[head["first"]]
+    race.alive = [race.contenders[k] for k in head["alive"]]
     return int(head["nodes"])
 
 

@@ -8,14 +8,13 @@ the node: its box, and the `state` that the decision which made it handed on.
 from __future__ import annotations
 
 import heapq
-import math
 import pickle
-import tempfile
+import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import chain
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -81,49 +80,43 @@ ORDERS: dict[str, Callable[[ConstraintNetwork], Priority]] = {
 # The undecided nodes of a search, the most urgent first. Many of them wait on disk, in the same order as in memory.
 
 IN_MEMORY = 100_000  # nodes, at most, if there is room on the disk: some 100 MB
-_CHUNK = 4096  # nodes that go to the disk, and come back, together
-_WASTE = 2**26  # bytes of the file that nobody needs any more
+_CHUNK = 4096  # nodes that come back from the disk together
 
-Entry = tuple[float, int, Node]  # priority, serial
-
-
-@dataclass(frozen=True, order=True)
-class _Chunk:
-    """Nodes on disk, from the most urgent one on, whose priority and serial these are."""
-
-    priority: float
-    serial: int
-    offset: int
-    size: int
-    count: int
+_TABLE = "CREATE TABLE nodes (priority REAL, serial INTEGER, node BLOB, PRIMARY KEY (priority, serial)) WITHOUT ROWID"
 
 
 class Frontier:
-    """A queue of nodes by priority, then age. The file is without a name and goes with the process."""
+    """A queue of nodes by priority, then age. Those on disk are in a database without a name: it goes with the process.
+
+    Ctrl-C may strike between any two lines: what moves is in both places for a moment, never in none.
+    """
 
     def __init__(self, priority: Priority, in_memory: int | None = None) -> None:
         self._priority, self._limit = priority, in_memory or IN_MEMORY
-        self._heap: list[Entry] = []
-        self._chunks: list[_Chunk] = []  # a heap, too
-        self._file: IO[bytes] | None = None
+        self._heap: list[tuple[float, int, Node]] = []  # priority, serial
+        self._disk, self.on_disk = sqlite3.connect("", check_same_thread=False), 0  # nodes
+        self._disk.execute(_TABLE)
 
     def __del__(self) -> None:
-        if self._file is not None:
-            self._file.close()
+        self._disk.close()
 
     def __len__(self) -> int:
-        return len(self._heap) + sum(chunk.count for chunk in self._chunks)
+        return len(self._heap) + self.on_disk
+
+    def _first(self) -> tuple[float, int] | None:
+        """Priority and serial of the most urgent node on disk."""
+        order = "SELECT priority, serial FROM nodes ORDER BY priority, serial"
+        return next(self._disk.execute(order), None) if self.on_disk else None
 
     @property
     def lowest(self) -> float | None:
         """The priority of the most urgent node; None where there is none."""
-        firsts = [self._heap[0][0]] if self._heap else []
-        return min([*firsts, *(chunk.priority for chunk in self._chunks[:1])], default=None)
+        return min([*(entry[0] for entry in self._heap[:1]), *(self._first() or ())[:1]], default=None)
 
     def __iter__(self) -> Iterator[Node]:
         """All nodes, in no order; those on disk come and go."""
-        for entries in chain(map(self._read, tuple(self._chunks)), [tuple(self._heap)]):
-            yield from (node for *_, node in entries)
+        yield from (pickle.loads(node) for (node,) in self._disk.execute("SELECT node FROM nodes"))
+        yield from [node for *_, node in self._heap]
 
     def push(self, node: Node) -> None:
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
@@ -132,61 +125,30 @@ class Frontier:
 
     def move_first(self, to: list[Node]) -> None:
         """The most urgent node to the front of a list."""
-        chunks = self._chunks
-        while chunks and not (self._heap and self._heap[0][:2] < (chunks[0].priority, chunks[0].serial)):
-            for entry in self._read(chunks[0]):
-                heapq.heappush(self._heap, entry)
-            heapq.heappop(chunks)
+        stored = self._first()
+        if stored is not None and not (self._heap and self._heap[0][:2] < stored):
+            chunk = self._disk.execute(f"SELECT * FROM nodes ORDER BY priority, serial LIMIT {_CHUNK}").fetchall()
+            for priority, serial, node in chunk:
+                heapq.heappush(self._heap, (priority, serial, pickle.loads(node)))
+            with self._disk:
+                self._disk.execute("DELETE FROM nodes WHERE (priority, serial) <= (?, ?)", chunk[-1][:2])
+            self.on_disk -= len(chunk)
         to.insert(0, self._heap[0][2])
         heapq.heappop(self._heap)
-
-    # Ctrl-C may strike between any two lines: what moves is in both places for a moment, never in none.
 
     def _spill(self) -> None:
         """The less urgent half goes to the disk; where there is no room, all stay."""
         entries = sorted(self._heap, key=lambda entry: entry[:2])
         half = self._limit // 2
+        rows = [(priority, serial, pickle.dumps(node)) for priority, serial, node in entries[half:]]
         try:
-            file = self._with_room()
-            chunks = [self._written(file, entries[k : k + _CHUNK]) for k in range(half, len(entries), _CHUNK)]
-        except OSError:
+            with self._disk:
+                self._disk.executemany("INSERT OR REPLACE INTO nodes VALUES (?, ?, ?)", rows)
+        except sqlite3.Error:
             self._limit *= 2
             return
-        for chunk in chunks:
-            heapq.heappush(self._chunks, chunk)
+        self.on_disk += len(rows)
         self._heap = entries[:half]  # sorted, so that it is a heap
-
-    @staticmethod
-    def _written(file: IO[bytes], entries: list[Entry]) -> _Chunk:
-        content = pickle.dumps(entries, pickle.HIGHEST_PROTOCOL)
-        offset = file.seek(0, 2)
-        file.write(content)
-        file.flush()
-        return _Chunk(*entries[0][:2], offset, len(content), len(entries))
-
-    def _with_room(self) -> IO[bytes]:
-        """The file; a new one that holds what is still waiting, where much of it is not."""
-        used, file = sum(chunk.size for chunk in self._chunks), self._file
-        if file is not None and file.seek(0, 2) - used <= max(_WASTE, used):
-            return file
-        fresh, moved = tempfile.TemporaryFile(prefix="cpcal-"), []  # noqa: SIM115 - it goes with this object
-        for chunk in self._chunks:
-            moved.append(replace(chunk, offset=fresh.tell()))
-            fresh.write(self._bytes(chunk))
-        fresh.flush()
-        self._file, self._chunks = fresh, moved
-        if file is not None:
-            file.close()
-        return fresh
-
-    def _read(self, chunk: _Chunk) -> list[Entry]:
-        entries: list[Entry] = pickle.loads(self._bytes(chunk))
-        return entries
-
-    def _bytes(self, chunk: _Chunk) -> bytes:
-        assert self._file is not None
-        self._file.seek(chunk.offset)
-        return self._file.read(chunk.size)
 
 
 class EventKind(Enum):
@@ -382,28 +344,29 @@ class Search(Iterator[Event]):
 # Where a search stands between two nodes, as values, and as lines of JSON: a line a box.
 
 Line = dict[str, Any]
+Row = tuple[int, int]  # constraint, element
 
 
-def bounds_of(box: Box) -> list[list[float | str]] | None:
-    """Lower and upper bounds, to the last bit; infinite ones are texts, an empty box is null."""
-    if box.is_empty:
-        return None
-    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
+@dataclass(frozen=True)
+class Branch:
+    """What decisions about a node of a minimisation depend on, besides its box.
 
+    found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
+    fresh  no fit has begun here since the last division
+    rows   of the step on the way here that raised the objective last
+    """
 
-def box_of(names: tuple[str, ...], bounds: Any) -> Box:
-    """The box of `bounds_of`. Raises TypeError, ValueError."""
-    if bounds is None:
-        return Box.empty(names)
-    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
-    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
-        raise ValueError("a box is none")
-    return Box(names, lo, hi)
+    found: Box
+    fresh: bool
+    rows: frozenset[Row] = frozenset()
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How many nodes were ever made, the nodes of no round and those of the round at work, and what was stored."""
+    """How many nodes were ever made, the nodes of no round and those of the round at work, and what was stored.
+
+    The state of a node or a piece is None, what was found of its box, or a `Branch`.
+    """
 
     created: int
     pending: Iterable[Node]
@@ -412,29 +375,46 @@ class Standing:
     inside: Iterable[Box]
     outside: Iterable[Box]
 
-    def lines(self, said: Callable[[Box, Any], Line]) -> Iterator[Line]:
-        """`said`: the state of a node or a piece with that box."""
+    def lines(self) -> Iterator[Line]:
         for where in ("begun", "pending"):
             for node in getattr(self, where):
-                line = {"in": where, "depth": node.depth, "serial": node.serial, "box": bounds_of(node.box)}
-                yield line | said(node.box, node.state)
-        yield from ({"in": "kept", "box": bounds_of(p.box), **said(p.box, p.state)} for p in self.kept)
+                yield {"in": where, "depth": node.depth, "serial": node.serial} | _line(node.box, node.state)
+        yield from ({"in": "kept"} | _line(piece.box, piece.state) for piece in self.kept)
         for where in ("inside", "outside"):
-            yield from ({"in": where, "box": bounds_of(box)} for box in getattr(self, where))
+            yield from ({"in": where} | _line(box) for box in getattr(self, where))
 
     @classmethod
-    def from_lines(
-        cls, created: int, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]], read: Callable[[Box, Any], Any]
-    ) -> Standing:
-        """What `lines` gave; `read`: the state from a line. Raises KeyError, TypeError, ValueError."""
+    def from_lines(cls, created: int, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]]) -> Standing:
+        """What `lines` gave. Raises KeyError, TypeError, ValueError, ModelError."""
         found: dict[str, list[Any]] = {where: [] for where in ("pending", "begun", "kept", "inside", "outside")}
         for line in lines:
-            box, part = box_of(names, line["box"]), found[line["in"]]
-            if "serial" in line:
-                part.append(Node(box, int(line["depth"]), int(line["serial"]), read(box, line)))
+            where, box = line["in"], _box_of(names, line["box"])
+            part = _box_of(names, line["found"]) if "found" in line else box
+            state = Branch(part, line["fresh"], rows_of(line["rows"])) if "rows" in line else part
+            if where in ("pending", "begun"):
+                found[where].append(Node(box, line["depth"], line["serial"], state))
             else:
-                part.append(Piece(box, read(box, line)) if line["in"] == "kept" else box)
+                found[where].append(Piece(box, state) if where == "kept" else box)
         return cls(created, **found)
+
+
+def _line(box: Box, state: Branch | Box | None = None) -> Line:
+    if isinstance(state, Branch):
+        return _line(box, state.found) | {"fresh": state.fresh, "rows": sorted(state.rows)}
+    return {"box": _bounds(box)} | ({} if state is None or state == box else {"found": _bounds(state)})
+
+
+def _bounds(box: Box) -> list[list[float]] | None:
+    """Lower and upper bounds, to the last bit; an empty box is null."""
+    return None if box.is_empty else [box.lo.tolist(), box.hi.tolist()]
+
+
+def _box_of(names: tuple[str, ...], bounds: Any) -> Box:
+    return Box.empty(names) if bounds is None else Box(names, *(np.array(side, np.float64) for side in bounds))
+
+
+def rows_of(pairs: Any) -> frozenset[Row]:
+    return frozenset((int(constraint), int(element)) for constraint, element in pairs)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -504,11 +484,3 @@ def volume(boxes: Sequence[Box]) -> Interval:
         product = engine.mul(product, widths[:, k])
     total = engine.sum(product, 0)
     return Interval(max(float(total.lo), 0.0), float(total.hi))
-
-
-def hull(boxes: Sequence[Box]) -> Box:
-    """The smallest box around some boxes (at least one)."""
-    out = boxes[0]
-    for box in boxes[1:]:
-        out = out.hull(box)
-    return out

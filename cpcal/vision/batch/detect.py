@@ -29,10 +29,8 @@ from cpcal.common.version import __version__
 from cpcal.files.codec import decoded, encoded
 from cpcal.files.tables import csv_table, read_table
 from cpcal.robot import Pose, PoseTable
-from cpcal.solver.execution.executors import Processes, executor_for
-from cpcal.solver.execution.outcomes import outcomes
+from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
-from cpcal.solver.execution.threads import linear_algebra_on_one_thread, while_used
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.solver.execution import executors, outcomes
+from cpcal.solver.execution import executors
 
 OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--gap", "1e-2", "--support", "none", "--no-checker", "-q"]
 pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
@@ -148,14 +148,14 @@ def ends_with_what_is_proved(found, run, campaign, alone):
 def test_a_run_that_loses_its_scheduler_ends_with_what_is_proved(campaign, alone, tmp_path, monkeypatch):
     client = SimpleNamespace(get_executor=lambda pure: Deserted(), ncores=dict)
     monkeypatch.setattr(executors, "_cluster", lambda address: nullcontext(client))
-    monkeypatch.setattr(outcomes, "DESERTED", 0.3)
+    monkeypatch.setattr(executors, "DESERTED", 0.3)
     found = certified(tmp_path, campaign, "--scheduler", "tcp://127.0.0.1:1")
     ends_with_what_is_proved(found, tmp_path, campaign, alone)
 
 
 @pytest.mark.nightly
 def test_a_run_whose_scheduler_is_killed_ends_with_what_is_proved(cluster, campaign, alone, tmp_path, monkeypatch):
-    monkeypatch.setattr(outcomes, "DESERTED", 3.0)
+    monkeypatch.setattr(executors, "DESERTED", 3.0)
     address = cluster.complete(workers=1)
     killed = once_answered(tmp_path, cluster.scheduler.kill)
     with dask.config.set({"distributed.comm.timeouts.connect": "20s"}):  # for as long it would look for another

@@ -13,8 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.solver.execution.executors import Here, Processes, executor_for
-from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.executors import Here, LostWorkerError, Processes, executor_for, outcomes
 from cpcal.solver.execution.stopping import Reason, also_asked_by, asked, heard
 
 
@@ -106,8 +105,7 @@ def test_workers_hear_of_a_stop_and_what_they_answer_comes():
 @pytest.mark.parametrize("again", [False, True])
 def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
     """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
-    for module in ("executors", "outcomes"):
-        monkeypatch.setattr(f"cpcal.solver.execution.{module}.PATIENCE", 600.0 if again else 1.0)
+    monkeypatch.setattr("cpcal.solver.execution.executors.PATIENCE", 600.0 if again else 1.0)
     with heard(), executor_for(workers=2) as (pool, most):
         pid = pool.submit(os.getpid).result(60)
         pool.submit(os.kill, pid, signal.SIGSTOP)

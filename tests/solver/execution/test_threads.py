@@ -27,7 +27,7 @@ def test_a_library_loaded_later_keeps_to_one_thread(loaded, end):
     code = (
         "import os, numpy\n"
         "from threadpoolctl import threadpool_info\n"
-        "from cpcal.solver.execution.threads import linear_algebra_on_one_thread as one\n"
+        "from cpcal.solver.execution.executors import linear_algebra_on_one_thread as one\n"
         "def threads():\n"
         "    return sorted(one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas')\n"
     )

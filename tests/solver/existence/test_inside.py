@@ -78,8 +78,6 @@ def test_no_value_between_those_of_a_jump_is_taken() -> None:
     x, r = net.variable("x", (), (-2, 2)), net.reading(0.0, 0.5)
     net.add(np.floor(r) + r / 8 + x == 0.5)  # from -17/16 to -1, and from 0 to 1/16, beside x
     at = np.ones(1)
-    for_some, for_all = ReadingConstraint(net, net.constraints[0]).holding(
-        get_arithmetic("float64"), IntervalArray.point(at[None]), at
-    )
-    assert not for_some.any()
-    assert not for_all.any()
+    constraint, box = ReadingConstraint(net, net.constraints[0]), IntervalArray.point(at[None])
+    assert not constraint.for_all(FLOAT64, box).any()
+    assert not (constraint.excesses(FLOAT64, box, at) <= 0.0).any()

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.common.errors import ModelError
-from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
-from cpcal.solver.existence.operators import Equalities, Linearization, image, inside
+from cpcal.solver.existence import Equalities, UniquenessProver, hansen_sengupta, krawczyk, prove_unique, square_of
+from cpcal.solver.existence.operators import inside
 from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 
@@ -177,8 +177,8 @@ def test_kinks_are_enclosed_by_slopes(operator: str) -> None:
         net = ConstraintNetwork()
         x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
         net.add([abs(x) + slope * x == y, y == 0])
-        which: Operator = OPERATORS[operator]
-        found = UniquenessProver(net, get_arithmetic("float64"), which).prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
+        prover = UniquenessProver(net, get_arithmetic("float64"), OPERATORS[operator])
+        found = prover.prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
         assert (found is not None) == unique
 
 
@@ -217,14 +217,13 @@ def test_no_zero_of_a_linearised_system_is_lost(operator: str) -> None:
         spread = rng.uniform(0.0, 0.2, matrix.shape)
         x = center + half * rng.uniform(-0.9, 0.9, 4)
         value = -((matrix + spread * rng.uniform(-1.0, 1.0, matrix.shape)) @ (x - center))
-        linear = Linearization(
-            IntervalArray(value - 1e-12, value + 1e-12), IntervalArray(matrix - spread, matrix + spread), center
-        )
-        box = IntervalArray(center - half, center + half)
-        found = image(OPERATORS[operator], engine, linear, columns, box)
-        if found is not None:
-            narrowed += bool((found.width[columns] < box.width[columns]).all())
-            assert ((found.lo <= x) & (x <= found.hi))[columns].all()
+        values = np.stack([value - 1e-12, value + 1e-12], axis=-1)
+        slopes = np.stack([matrix - spread, matrix + spread], axis=-1)
+        box, found, stop = np.stack([center - half, center + half], axis=-1), np.full((4, 2), np.nan), np.zeros(1, int)
+        square = (center, np.arange(len(columns)), columns)
+        if square_of(engine).newton_image(OPERATORS[operator].value, values, slopes, *square, stop, box, found) >= 0:
+            narrowed += bool((np.ptp(found, axis=1) < np.ptp(box, axis=1))[columns].all())
+            assert ((found[:, 0] <= x) & (x <= found[:, 1]))[columns].all()
     assert narrowed > 100
 
 
@@ -234,4 +233,5 @@ def test_nothing_is_linear_where_an_operation_is_not_continuous(operation: Calla
     x = net.variable("x", (), (-2, 2))
     net.add(x + operation(x) == -0.1)
     box = Box(net.names, np.array([-0.2]), np.array([0.2]))
-    assert Equalities.of(net).linearize(get_arithmetic("float64"), box, np.array([0.005])) is None
+    float64, at = get_arithmetic("float64"), np.array([0.005])
+    assert Equalities.of(net).image(krawczyk, float64, box, at, np.array([0])) is None

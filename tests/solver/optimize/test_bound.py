@@ -12,9 +12,8 @@ from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import minimize
+from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
 from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
-from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
 from cpcal.solver.optimize.witness import Prepared, Witness
 
 Problem = tuple[Network, str, float]

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
-from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.contract import Contraction, Step, StepWeights
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+
+Row = tuple[int, int]  # constraint, element
 
 
 class LinearStatus(Enum):
@@ -711,132 +713,106 @@ class Dense:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Linear programs over a polyhedron in a box; the engine proposes, `lower_bound` proves.
-
-
-class BoxProgram:
-    """`matrix @ x <= rhs`, (m, n) and (m,), for x in a bounded box (n,).
-
-    The programs are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; `count` were solved.
-    """
-
-    # a program that overflows proposes nothing; what is proved is NaN-safe
-    @np.errstate(over="ignore", invalid="ignore")
-    def __init__(self, matrix: Floats, rhs: Floats, box: IntervalArray, arithmetic: Arithmetic) -> None:
-        self._matrix, self._rhs, self._box, self._arithmetic = matrix, rhs, box, arithmetic
-        self._radius = box.rad
-        inner = matrix * self._radius
-        largest = np.abs(inner).max(axis=1, initial=0.0)
-        self._scale = np.where(largest > 0.0, largest, 1.0)
-        self._engine, self.count = Dense(), 0
-        n = matrix.shape[1]
-        rows, right = inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale
-        finite = np.isfinite(rows).all(axis=1) & np.isfinite(right)  # a row that overflows proposes nothing
-        self._engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
-
-    def minimize(self, k: int, sign: float) -> LinearSolution:
-        """The least `sign * u_k`."""
-        self.count += 1
-        return self._engine.minimize(self._unit(k, sign))
-
-    def proved(self, k: int, sign: float, solution: LinearSolution) -> tuple[float, Indices]:
-        """A lower bound of `sign * x_k` from the multipliers, and the rows that carry it."""
-        return self._bound(self._unit(k, sign), solution, float(self._radius[k]))
-
-    def proved_empty(self, solution: LinearSolution) -> tuple[bool, Indices]:
-        """Whether the multipliers prove that there is no such x, and the rows that carry that."""
-        bound, rows = self._bound(np.zeros(len(self._radius)), solution, 1.0)
-        return bound > 0.0, rows
-
-    def _unit(self, k: int, sign: float) -> Floats:
-        objective = np.zeros(len(self._radius))
-        objective[k] = sign
-        return objective
-
-    @np.errstate(over="ignore")  # an infinite multiplier counts as none
-    def _bound(self, objective: Floats, solution: LinearSolution, unit: float) -> tuple[float, Indices]:
-        rows = solution.rows
-        weights = solution.multipliers / self._scale[rows] * unit
-        matrix, rhs = self._matrix, self._rhs
-        return lower_bound(self._arithmetic, matrix, rhs, rows, weights, objective, self._box), rows
-
-
-# ------------------------------------------------------------------------------------------------------------------
 # Bound tightening: two linear programs for each variable of a box, each bound proved from its multipliers.
 
 _WORTHWHILE = 1e-3  # a bound that some vertex already meets to this (in [-1, 1]) needs no program
 
 
-class Programs(Protocol):
-    """A polyhedron around the solutions in a bounded box, with a coordinate u = (x - mid) / rad for some variables."""
+class Programs:
+    """The linear programs of one polyhedron around the solutions in a bounded box: many objectives, of some columns.
 
-    @property
-    def variables(self) -> Collection[int]:
-        """Those with a coordinate."""
-        ...
+    `columns` says which column is the coordinate u = (x - mid) / rad of a variable; there are `size`. The `engine` is
+    to be loaded; `count` programs were solved. A class that derives from it says what multipliers prove.
+    """
 
-    @property
-    def count(self) -> int:
-        """Programs solved so far."""
-        ...
+    name = ""  # of the contractor
 
-    def minimize(self, variable: int, sign: float) -> LinearSolution:
-        """The least `sign * u` of one variable."""
-        ...
+    def __init__(self, box: Box, columns: Mapping[int, int], size: int) -> None:
+        self.box, self.columns, self.size = box, columns, size
+        self.engine, self.count = Dense(), 0
+
+    def lowest(self, objective: Floats, solution: LinearSolution) -> float:
+        """A proved lower bound of an objective (size,) from the multipliers."""
+        raise NotImplementedError
+
+    def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
+        """The bound of a variable on a side, "lo" or "hi", that the multipliers prove; not finite: none."""
+        raise NotImplementedError
+
+    def carriers(self, solution: LinearSolution) -> tuple[tuple[Row, ...], StepWeights | None]:
+        """The rows that carry a proof, and their weights where these can be checked."""
+        raise NotImplementedError
+
+    def unit(self, variable: int, sign: float) -> Floats:
+        """The objective that is the coordinate of a variable, or its negative."""
+        objective = np.zeros(self.size)
+        objective[self.columns[variable]] = sign
+        return objective
+
+    def minimize(self, objective: Floats) -> LinearSolution:
+        self.count += 1
+        return self.engine.minimize(objective)
 
     def coordinates(self, solution: LinearSolution) -> Floats:
-        """u (n,) at the vertex that a program found; 0 for the other variables."""
-        ...
+        """u (n,) at the vertex that a program found; 0 for variables without a column."""
+        u = np.zeros(len(self.box))
+        u[list(self.columns)] = solution.point[list(self.columns.values())]
+        return u
 
     def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
-        """What the multipliers prove of a bound ("lo" or "hi"), if that is better than the box's."""
-        ...
+        """What the multipliers prove of a bound, if that is better than the box's."""
+        old, sign = (self.box.lo, 1.0) if side == "lo" else (self.box.hi, -1.0)
+        new = self.reached(variable, side, solution)
+        if not (math.isfinite(new) and sign * (new - old[variable]) > 0.0):
+            return None
+        return Step(self.name, self.box.names[variable], side, new, *self.carriers(solution))
 
     def empty(self, solution: LinearSolution) -> Step | None:
         """The proof that no solution lies in the box, if the multipliers give one."""
-        ...
+        if not self.lowest(np.zeros(self.size), solution) > 0.0:
+            return None
+        return Step(self.name, None, "", math.nan, *self.carriers(solution))
 
+    def tightened(self, first: int | None, deadline: float = math.inf) -> Contraction:
+        """The box around the polyhedron, the lower bound of variable `first` (the objective) before all others.
 
-def tightened(programs: Programs, box: Box, first: int | None, deadline: float = math.inf) -> Contraction:
-    """The box around the polyhedron, the lower bound of variable `first` (the objective) before all others.
+        After the `deadline` no program begins. `point` is the optimum of the first program. A bound that a vertex shows
+        to move by next to nothing is left alone.
+        """
+        box = self.box
+        lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
+        point, steps = None, list[Step]()
+        lowest, highest = np.full(len(box), np.inf), np.full(len(box), -np.inf)  # of the vertices
 
-    After the `deadline` no program begins.
+        def met(variable: int, side: str) -> bool:
+            return bool((lowest if side == "lo" else -highest)[variable] < -1.0 + _WORTHWHILE)
 
-    `point` is the optimum of the first program. A bound that a vertex shows to move by next to nothing is left alone.
-    """
-    lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
-    point, steps = None, list[Step]()
-    lowest, highest = np.full(len(box), np.inf), np.full(len(box), -np.inf)  # of the vertices
-
-    def met(variable: int, side: str) -> bool:
-        return bool((lowest if side == "lo" else -highest)[variable] < -1.0 + _WORTHWHILE)
-
-    order = [(v, side) for v in sorted(programs.variables) for side in ("lo", "hi") if v != first]
-    if first is not None and first in programs.variables:  # its upper bound last, which the vertices before mostly meet
-        order = [(first, "lo"), *order, (first, "hi")]
-    for variable, side in order:
-        if radius[variable] == 0.0 or met(variable, side):
-            continue
-        if time.monotonic() > deadline:
-            break
-        solution = programs.minimize(variable, 1.0 if side == "lo" else -1.0)
-        proof = programs.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
-        if proof is not None:
-            return Contraction(Box.empty(box.names), (*steps, proof), None, programs.count)
-        if solution.status is not LinearStatus.OPTIMAL:
-            continue
-        vertex = programs.coordinates(solution)
-        point = vertex if point is None else point
-        np.minimum(lowest, vertex, out=lowest)
-        np.maximum(highest, vertex, out=highest)
-        step = None if met(variable, side) else programs.bound(variable, side, solution)
-        if step is None:
-            continue
-        steps.append(step)
-        (lo if side == "lo" else hi)[variable] = step.bound
-        if lo[variable] > hi[variable]:
-            return Contraction(Box.empty(box.names), tuple(steps), None, programs.count)
-    left = box.with_bounds(lo, hi)
-    if point is not None:
-        point = np.clip(box.mid + radius * point, left.lo, left.hi)
-    return Contraction(left, tuple(steps), point, programs.count)
+        order = [(v, side) for v in sorted(self.columns) for side in ("lo", "hi") if v != first]
+        if first is not None and first in self.columns:  # its upper bound last, which the vertices before mostly meet
+            order = [(first, "lo"), *order, (first, "hi")]
+        for variable, side in order:
+            if radius[variable] == 0.0 or met(variable, side):
+                continue
+            if time.monotonic() > deadline:
+                break
+            solution = self.minimize(self.unit(variable, 1.0 if side == "lo" else -1.0))
+            proof = self.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
+            if proof is not None:
+                return Contraction(Box.empty(box.names), (*steps, proof), None, self.count)
+            if solution.status is not LinearStatus.OPTIMAL:
+                continue
+            vertex = self.coordinates(solution)
+            point = vertex if point is None else point
+            np.minimum(lowest, vertex, out=lowest)
+            np.maximum(highest, vertex, out=highest)
+            step = None if met(variable, side) else self.bound(variable, side, solution)
+            if step is None:
+                continue
+            steps.append(step)
+            (lo if side == "lo" else hi)[variable] = step.bound
+            if lo[variable] > hi[variable]:
+                return Contraction(Box.empty(box.names), tuple(steps), None, self.count)
+        left = box.with_bounds(lo, hi)
+        if point is not None:
+            point = np.clip(box.mid + radius * point, left.lo, left.hi)
+        return Contraction(left, tuple(steps), point, self.count)

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from cpcal.solver.interval import IntervalArray, get_arithmetic
+from contractors.krawczyk import PolyhedralPrograms
+from cpcal.solver.contract import Polyhedron
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound
-from cpcal.solver.linear.engine import BoxProgram
-from tests.solver.linear.exact_programs import Highs
+from tests.solver.test_exact_programs import Highs
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
@@ -242,15 +243,10 @@ def test_emptiness_is_found_among_many_rows(solver: type[Dense]) -> None:
 @pytest.mark.parametrize("arithmetic", ENGINES)
 def test_a_program_that_holds_one_point_alone_is_not_proved_empty(arithmetic: str) -> None:
     """x >= 1 in [-1, 1], with the multiplier that would exclude anything less."""
-    program = BoxProgram(
-        np.array([[-1.0]]),
-        np.array([-1.0]),
-        IntervalArray(np.array([-1.0]), np.array([1.0])),
-        get_arithmetic(arithmetic),
-    )
+    box, above = Box(("x",), [-1.0], [1.0]), Polyhedron(("x",), np.array([[-1.0]]), np.array([-1.0]))
+    program = PolyhedralPrograms("krawczyk", above, np.array([[0, 0]]), box, get_arithmetic(arithmetic))
     only = LinearSolution(LinearStatus.INFEASIBLE, np.zeros(1), np.array([0]), np.ones(1))
-    empty, _ = program.proved_empty(only)
-    assert not empty
+    assert program.empty(only) is None
 
 
 def test_a_bound_is_below_the_exact_one_also_where_the_reduced_costs_cancel() -> None:
