@@ -15,9 +15,10 @@ the bounds, each from the multipliers of a linear program.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,7 @@ class CertifiedSet:
 
     S holds all x = (a, b, l) in a leg's box with |g(x, M_k)| <= `eps` mm for every measurement k, for SOME reading M_k
     in its set. `leg` counts from 1. `basis` (7, 7) is orthonormal up to rounding: directions by how well the
-    measurements determine them.
+    measurements determine them. `ranges` gives the proved ranges (m,) of `directions @ z` over S, for (m, 17).
     """
 
     leg: int
@@ -59,30 +60,19 @@ class CertifiedSet:
     box: IntervalArray
     basis: Floats
     along: IntervalArray
-    support: _Support
-
-    def ranges(self, directions: Floats) -> IntervalArray:
-        """Proved ranges (m,) of `directions @ z` over S, for directions (m, 17)."""
-        return self.support.ranges(directions)
+    ranges: Callable[[Floats], IntervalArray]
 
 
-@dataclass(frozen=True, eq=False)
-class _Support:
-    """Support functions in z of a set that is known in x, w and C."""
-
-    contractor: SupportFunction
-    domain: Box
-    controller: Floats
-    engine: Arithmetic
-
-    def ranges(self, directions: Floats) -> IntervalArray:
-        count = len(directions)
-        asked = np.zeros((2 * count, len(self.domain)))
-        asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
-        highest = self.contractor.support_function(self.domain, asked)
-        # of x; what x^ gives is taken off
-        known = self.engine.dot(IntervalArray.point(directions[:, :7]), IntervalArray.point(self.controller[:, None]))
-        return self.engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
+def _ranges(
+    contractor: SupportFunction, domain: Box, controller: Floats, engine: Arithmetic, directions: Floats
+) -> IntervalArray:
+    """From a set that is known in x, w and C: what x^ gives is taken off."""
+    count = len(directions)
+    asked = np.zeros((2 * count, len(domain)))
+    asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
+    highest = contractor.support_function(domain, asked)
+    known = engine.dot(IntervalArray.point(directions[:, :7]), IntervalArray.point(controller[:, None]))
+    return engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +104,18 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    support = _Support(support_function, domain, controller, engine)
+    ranges = partial(_ranges, support_function, domain, controller, engine)
     # in floating point: it chooses directions, and any serve
     basis = np.linalg.svd(ModelResiduals(asked.campaign, asked.leg, PLAIN).jacobian(controller), full_matrices=True)[
         2
     ].T
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T
-    along = support.ranges(directions)
+    along = ranges(directions)
     if (along.lo > along.hi).any():
         return None
     box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
-    return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, support=support)
+    return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, ranges=ranges)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -172,7 +172,7 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     for k, item in enumerate(statement.items[:5]):
         w, *q = quaternion = [F(float(v)) for v in campaign.quaternion[k]]
         position, length = [F(float(v)) for v in campaign.position[k]], F(float(campaign.length[k, leg - 1]))
-        size, turned = sum(c * c for c in quaternion), applied(rotation_of(quaternion), b)
+        size, turned = sum((c * c for c in quaternion), F(0)), applied(rotation_of(quaternion), b)
         v = [position[i] + turned[i] - a[i] for i in range(3)]
         square, reading = sum(c * c for c in v), length + offset
         if name == "lateral":
