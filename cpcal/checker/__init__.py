@@ -1,7 +1,7 @@
 """The checker: accepts what a certificate proves, in exact arithmetic. Standard library only; imports nobody.
 
-docs/certificate-format.md is the specification. `check` has the certificates, `check_run` whole runs; what only some
-need, `sight`, `lens`, `hand_eye` and `platform`, is loaded where there is one.
+docs/certificate-format.md is the specification. `check` checks a certificate, `check_run` a run of legs. Each other
+kind of run has a module of its own, which is loaded for such a run only: `sight`, `hand_eye`, `platform`.
 """
 
 from .certificate import FORMAT, Accepted, Claims, Point, check

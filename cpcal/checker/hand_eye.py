@@ -118,7 +118,7 @@ def _study(data: Json) -> Study:
         setup == _SETUPS[0], focal, center, names, tuple(zip(rows, turns, strict=True)), widths,
         image, labels, rays, points, places[7],
     )  # fmt: skip
-    if text(camera["model"]) == "brown":  # other lenses are no polynomials: see `undistorted` in _Run.box_said
+    if text(camera["model"]) == "brown":  # undistorted pixels of other lenses are taken as they stand
         _check_lens(study, pixels, distortion)
     return study
 

@@ -15,9 +15,10 @@ the bounds, each from the multipliers of a linear program.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +26,13 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, with_forms
 from cpcal.checker.platform import Commanded
-from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.recording import WeightProver
-from cpcal.solver.certificate.row_prover import write_steps
+from cpcal.solver.certificate.exact_network import exact_box, leg_sides
+from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
@@ -52,7 +51,7 @@ class CertifiedSet:
 
     S holds all x = (a, b, l) in a leg's box with |g(x, M_k)| <= `eps` mm for every measurement k, for SOME reading M_k
     in its set. `leg` counts from 1. `basis` (7, 7) is orthonormal up to rounding: directions by how well the
-    measurements determine them.
+    measurements determine them. `ranges` gives the proved ranges (m,) of `directions @ z` over S, for (m, 17).
     """
 
     leg: int
@@ -61,30 +60,19 @@ class CertifiedSet:
     box: IntervalArray
     basis: Floats
     along: IntervalArray
-    support: _Support
-
-    def ranges(self, directions: Floats) -> IntervalArray:
-        """Proved ranges (m,) of `directions @ z` over S, for directions (m, 17)."""
-        return self.support.ranges(directions)
+    ranges: Callable[[Floats], IntervalArray]
 
 
-@dataclass(frozen=True, eq=False)
-class _Support:
-    """Support functions in z of a set that is known in x, w and C."""
-
-    contractor: SupportFunction
-    domain: Box
-    controller: Floats
-    engine: Arithmetic
-
-    def ranges(self, directions: Floats) -> IntervalArray:
-        count = len(directions)
-        asked = np.zeros((2 * count, len(self.domain)))
-        asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
-        highest = self.contractor.support_function(self.domain, asked)
-        # of x; what x^ gives is taken off
-        known = self.engine.dot(IntervalArray.point(directions[:, :7]), IntervalArray.point(self.controller[:, None]))
-        return self.engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
+def _ranges(
+    contractor: SupportFunction, domain: Box, controller: Floats, engine: Arithmetic, directions: Floats
+) -> IntervalArray:
+    """From a set that is known in x, w and C: what x^ gives is taken off."""
+    count = len(directions)
+    asked = np.zeros((2 * count, len(domain)))
+    asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
+    highest = contractor.support_function(domain, asked)
+    known = engine.dot(IntervalArray.point(directions[:, :7]), IntervalArray.point(controller[:, None]))
+    return engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,18 +104,18 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    support = _Support(support_function, domain, controller, engine)
+    ranges = partial(_ranges, support_function, domain, controller, engine)
     # in floating point: it chooses directions, and any serve
     basis = np.linalg.svd(ModelResiduals(asked.campaign, asked.leg, PLAIN).jacobian(controller), full_matrices=True)[
         2
     ].T
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T
-    along = support.ranges(directions)
+    along = ranges(directions)
     if (along.lo > along.hi).any():
         return None
     box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
-    return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, support=support)
+    return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, ranges=ranges)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -156,14 +144,15 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     forms = tuple(pose.form(known) for pose in poses)
     statement = leg_statement(asked.campaign, asked.leg, forms=forms)
     plain = asked.network(get_arithmetic("float64"))
-    root = with_forms(ExactBox(*(tuple(map(F, side.tolist())) for side in (plain.domain.lo, plain.domain.hi))), forms)
+    root = with_forms(exact_box(plain.domain), forms)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
     steps: list[dict[str, Any]] = []
 
     def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
         nonlocal box
-        n, prover = len(plain.names), WeightProver(replace(statement, first=first), _LOSS)
+        n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), first=first)
+        prover = WeightProver(replace(statement, sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
         loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in asked.contractors]
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
@@ -192,10 +181,10 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         if not box.is_empty:
             part = asked.network(get_arithmetic("float64"))
             contracted(_with_forms(part, forms[first : first + _FORMS], box), first, 1)
-    left = None if box.is_empty else ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi)))
+    left = None if box.is_empty else exact_box(box)
     if certificate is not None:
         (header,) = statement.header(plain.domain)
-        write_steps(certificate, header, left, steps, number(asked.eps))
+        write_steps(certificate, header, left, steps, asked.eps)
     if left is None:
         return None
     return EnclosedLeg(left.lo[:7], left.hi[:7], tuple(zip(left.lo[8:], left.hi[8:], strict=True)))
@@ -240,7 +229,7 @@ def _supporting(
 ) -> tuple[Contractor, SupportFunction]:
     """The same object, for what it does and for what it offers besides."""
     for name in names:
-        contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
+        contractor: Contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
         if isinstance(contractor, SupportFunction):
             return contractor, contractor
     what = f"none of {', '.join(names)} has a support function"

@@ -49,23 +49,18 @@ def noisy(poses, seed, position, rotation):
     return compose(poses, Pose(position * rng.standard_normal(shape), turn))
 
 
-def distance(found, true):
-    """mm and rad between two motions."""
+def apart(found, true):
+    """Between two motions: mm (3,), and the rotation vector (3,) rad."""
     turn = rotation_vector(quaternion_product(found.quaternion, quaternion_conjugate(true.quaternion)))
-    return np.linalg.norm(found.position - true.position), np.linalg.norm(turn)
+    return found.position - true.position, turn
+
+
+def distance(found, true):
+    return tuple(map(np.linalg.norm, apart(found, true)))
 
 
 def deviations(found):
     return np.sqrt(np.diagonal(found.covariance))
-
-
-def errors(found, x, z):
-    """Of X and Z in the order of the covariance, (12,)."""
-    parts = []
-    for pose, true in ((found.camera_in_base, x), (found.target_in_mobile, z)):
-        turn = rotation_vector(quaternion_product(pose.quaternion, quaternion_conjugate(true.quaternion)))
-        parts += [pose.position - true.position, turn]
-    return np.concatenate(parts)
 
 
 @settings(max_examples=15, deadline=None)
@@ -113,7 +108,9 @@ def test_standard_deviations_tell_the_errors_and_the_noise():
     normalised, sigmas = [], []
     for seed in range(30):
         found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
-        normalised.append(errors(found, x, z) / deviations(found))
+        pairs = (found.camera_in_base, x), (found.target_in_mobile, z)
+        error = np.concatenate([part for pose, true in pairs for part in apart(pose, true)])
+        normalised.append(error / deviations(found))
         sigmas.append(found.sigma)
     assert np.mean(np.square(normalised)) == pytest.approx(1.0, rel=0.15)
     assert_allclose(np.mean(sigmas, axis=0), np.repeat([0.8, 0.002], 3), rtol=0.06)

@@ -163,7 +163,7 @@ def alone(known, eps):
     """Sets that hold only the controller's parameters."""
     nothing = intervals(np.zeros(SIZE))
     return [
-        replace(one, eps=eps, box=nothing, along=nothing[:7], support=Nothing(), controller=row)
+        replace(one, eps=eps, box=nothing, along=nothing[:7], ranges=nowhere, controller=row)
         for one, row in zip(known.sets, known.controller.parameters, strict=True)
     ]
 
@@ -198,11 +198,9 @@ def test_a_bound_is_that_of_the_farthest_corner_and_of_what_is_added_to_it():
         assert (2.0 * np.arctan(np.linalg.norm(moved[:, 3:], axis=1)) <= angle).all()
 
 
-class Nothing:
+def nowhere(directions):
     """Of a set that holds only the controller's parameters."""
-
-    def ranges(self, directions):
-        return intervals(np.zeros(len(directions)))
+    return intervals(np.zeros(len(directions)))
 
 
 # ------------------------------------------------------------------------------------------------------------------

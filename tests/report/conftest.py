@@ -110,19 +110,8 @@ def study():
     def leg(number, **changes):
         x = found.x_c.parameters[number - 1]
         point, box = tuple(map(float, x)), cpcal.Box(PARAMETERS, x - 0.01, x + 0.02)
-        numbers = (
-            0.0890117468,
-            0.0890117515,
-            point,
-            point,
-            box,
-            0.0,
-            tuple(campaign.measurement_ids[::9]),
-            1,
-            94,
-            0.25,
-        )
-        made = made_leg(number, *numbers)
+        support = tuple(campaign.measurement_ids[::9])
+        made = made_leg(number, 0.0890117468, 0.0890117515, point, point, box, 0.0, support, 1, 94, 0.25)
         return leg_with(made, ranges=hexagons(box, 0.1), **changes)
 
     perfect = leg(6, eps_lo=0.0, eps_hi=0.0)

@@ -3,7 +3,6 @@
 import math
 import re
 from decimal import Decimal
-from html.parser import HTMLParser
 
 import pytest
 from hypothesis import given
@@ -30,15 +29,7 @@ def result(*legs, **changes):
 
 
 def tags(text):
-    found = []
-
-    class Reader(HTMLParser):
-        def handle_starttag(self, tag, attrs):
-            found.append(tag)
-            assert attrs == []
-
-    Reader().feed(text)
-    return found
+    return set(re.findall(r"<(\w[^>]*)>", text))  # without attributes, a tag is its name alone
 
 
 def test_a_table_of_the_legs():
@@ -72,8 +63,8 @@ def test_interruption_is_told():
 
 def test_nothing_hostile_gets_through():
     text = result(leg(), robot=HOSTILE)._repr_html_()
-    assert set(tags(text)) == {"table", "caption", "thead", "tbody", "tr", "th", "td"}
-    assert set(tags(leg()._repr_html_())) == {"p", "b"}
+    assert tags(text) == {"table", "caption", "thead", "tbody", "tr", "th", "td"}
+    assert tags(leg()._repr_html_()) == {"p", "b"}
     assert not re.search("[\x1b\u202e]", text)
 
 

@@ -17,18 +17,12 @@ def euler(campaign, sequence):
     return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_euler(sequence)
 
 
-def mirrored(campaign):
-    flip = np.diag([1.0, -1.0, 1.0])
+def of_other_axes(campaign, axes):
+    """Written in frames whose axes are the rows of a matrix."""
+    axes = np.array(axes, dtype=float)
     matrix = Rotation.from_quat(campaign.quaternion, scalar_first=True).as_matrix()
-    turned = Rotation.from_matrix(flip @ matrix @ flip).as_quat(scalar_first=True)
-    return changed(campaign, position=campaign.position @ flip, quaternion=turned)
-
-
-def y_is_up(campaign):
-    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-    matrix = Rotation.from_quat(campaign.quaternion, scalar_first=True).as_matrix()
-    turned = Rotation.from_matrix(turn @ matrix @ turn.T).as_quat(scalar_first=True)
-    return changed(campaign, position=campaign.position @ turn.T, quaternion=turned)
+    turned = Rotation.from_matrix(axes @ matrix @ axes.T).as_quat(scalar_first=True)
+    return changed(campaign, position=campaign.position @ axes.T, quaternion=turned)
 
 
 def in_tracker_frame(campaign):
@@ -46,18 +40,17 @@ def inverted(campaign):
 
 
 def with_drawing(campaign, **parts):
-    robot = campaign.robot
-    known = {"base": robot.base, "mobile": robot.mobile, "offset": robot.offset}
-    return changed(campaign, robot=Robot(robot.name, **(known | parts)))
+    return changed(campaign, robot=dataclasses.replace(campaign.robot, **parts))
 
 
 def in_unit(campaign, factor, *what):
     return changed(campaign, **{name: getattr(campaign, name) / factor for name in what})
 
 
-def one_leg_in_inches(campaign):
+def with_length(campaign, where, change):
+    """Some leg readings changed."""
     length = campaign.length.copy()
-    length[:, 3] /= 25.4
+    length[where] = change(length[where])
     return changed(campaign, length=length)
 
 
@@ -66,12 +59,6 @@ def twice(campaign):
     fields = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
     names = {"pose": [*campaign.pose, "again", "more"], "run": [*campaign.run, "1", "1"]}
     return changed(campaign, **{name: getattr(campaign, name)[rows] for name in fields}, **names)
-
-
-def one_outlier(campaign):
-    length = campaign.length.copy()
-    length[7, 2] += 4.0
-    return changed(campaign, length=length)
 
 
 def wrong_turn(campaign):
@@ -90,10 +77,6 @@ def one_pose(campaign):
 def sigma_in_degrees(campaign):
     stated = Uncertainty([0.06] * 3, [0.12] * 3, [0.01] * campaign.legs, 3.0)
     return changed(campaign, uncertainty=stated, rotation_radius=np.full_like(campaign.position, 0.36))
-
-
-def columns_of_legs(campaign):
-    return changed(campaign, length=campaign.length[:, [0, 2, 1, 3, 5, 4]])
 
 
 # What was done wrong, and what `check` must say of it.
@@ -121,10 +104,16 @@ WRONG_WAYS = {
         lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "XYZ"))),
         "Euler angles are XYZ, not ZYX",
     ),
-    "left-handed frame": (mirrored, "frames are left-handed: the drawing's (x, y, z) are their (x, -y, z)"),
-    "y is up": (y_is_up, "frames are of other axes: the drawing's (x, y, z) are their (x, -z, y)"),
+    "left-handed frame": (
+        lambda c: of_other_axes(c, np.diag([1, -1, 1])),
+        "frames are left-handed: the drawing's (x, y, z) are their (x, -y, z)",
+    ),
+    "y is up": (
+        lambda c: of_other_axes(c, [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+        "frames are of other axes: the drawing's (x, y, z) are their (x, -z, y)",
+    ),
     "legs permuted": (
-        columns_of_legs,
+        lambda c: changed(c, length=c.length[:, [0, 2, 1, 3, 5, 4]]),
         "leg 2 stands in L3, leg 3 stands in L2, leg 5 stands in L6, leg 6 stands in L5",
     ),
     "platforms swapped": (
@@ -143,7 +132,10 @@ WRONG_WAYS = {
         "rotations are from base to mobile frame",
     ),
     "tracker frame": (in_tracker_frame, "a target in a tracker's frame"),
-    "one leg in inches": (one_leg_in_inches, "the readings of leg 4 are in inches"),
+    "one leg in inches": (
+        lambda c: with_length(c, (slice(None), 3), lambda read: read / 25.4),
+        "the readings of leg 4 are in inches",
+    ),
     "rows shifted": (lambda c: changed(c, length=np.roll(c.length, 1, axis=0)), "leg readings stand 1 row below"),
     "encoder counts": (lambda c: changed(c, length=512.0 * c.length + 10_000.0), "1 mm is about 51"),
     "readings negative": (lambda c: changed(c, length=-c.length), "readings have the wrong sign"),
@@ -152,7 +144,7 @@ WRONG_WAYS = {
         "positions are in metres, not mm, and quaternions are in the order",
     ),
     "duplicate rows": (twice, "the same numbers"),
-    "one outlier": (one_outlier, "e07/1: leg 3"),
+    "one outlier": (lambda c: with_length(c, (7, 2), lambda read: read + 4.0), "e07/1: leg 3"),
     "one wrong pose": (wrong_turn, "e11/1: its pose"),
     "constant pose": (one_pose, "show the same pose"),
     "sigma in degrees": (sigma_in_degrees, "degrees are given where radians are meant"),
