@@ -23,7 +23,6 @@ from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
 from cpcal.models import leg_model
 from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
-from cpcal.questions.accuracy import load_accuracy
 from cpcal.questions.data_check import determination
 from cpcal.report.words import notices
 from cpcal.robot import Campaign
@@ -128,6 +127,8 @@ def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
 
 def of_accuracy(folder: Path) -> Iterator[Statement]:
     """What is accepted of a folder that `cpcal accuracy` wrote. Raises Refused, Unusable."""
+    from cpcal.questions.accuracy import load_accuracy  # the other kinds start sooner without
+
     _read(load_accuracy, folder)
     yield from check_accuracy(folder)
 
