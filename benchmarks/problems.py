@@ -143,7 +143,7 @@ def problem(name: str, data: Path | None = None) -> PosedProblem:
         return leg
     family, _, arguments = name.partition(":")
     if family in plugins.found(GROUP):
-        provided: PosedProblem = plugins.load_member("problem", family, GROUP)(arguments, data)
+        provided: PosedProblem = plugins.load(family, GROUP)(arguments, data)
         return provided
     if name not in CABLES:
         others = "".join(f", {other}:..." for other in plugins.found(GROUP))

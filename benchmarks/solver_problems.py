@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import cpcal
-from cpcal.problems.problem import answer
-from cpcal.problems.problem_files import load_problem
+from cpcal.problems.problem import answer, load_problem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
 

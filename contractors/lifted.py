@@ -23,7 +23,7 @@ from cpcal.solver.interval import Arithmetic, Box, Floats, Indices, IntervalArra
 from cpcal.solver.linear import LinearSolution, LinearStatus, Programs, lower_bound
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
-from cpcal.solver.network.rewrite import PolynomialForms
+from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -127,7 +127,9 @@ class Structures:
     def on(self, box: Box, deadline: float) -> Structure:
         """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
         if self._elements is None:
-            return self._of(None if self._rows is None else self._rows.telling(box.mid, self._most(box)), box, deadline)
+            seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
+            most = max(_TELLING if seeking else _ENCLOSING, self._share)  # elements for each side of a constraint
+            return self._of(None if self._rows is None else self._rows.telling(box.mid, most), box, deadline)
         last = self._last
         if last is None or not (box.subset(last[0]) and (box.width >= _MUCH * last[0].width).all()):
             self._last = box, self._alone(self._elements, box, deadline)
@@ -150,11 +152,6 @@ class Structures:
         constraint, element = structure.system.origin.T
         apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
         return structure.part(np.flatnonzero(~apart | np.isin(element // width[constraint], elements)))
-
-    def _most(self, box: Box) -> int:
-        """Elements for each side of a constraint."""
-        seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
-        return max(_TELLING if seeking else _ENCLOSING, self._share)
 
 
 class _Expanded:

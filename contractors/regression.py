@@ -108,17 +108,18 @@ def combined(system: PolynomialSystem) -> Combined:
     above, below = _pairs(system, coefficients)
     equations = 0.5 * (coefficients[above] - coefficients[below])
     unit = np.maximum(np.abs(equations).max(axis=0, initial=0.0), 1e-300)
-    linear = [(k, m[0]) for k, m in enumerate(system.monomials[1:]) if len(m) == 1]
+    columns, variables = (
+        np.array([(k, m[0]) for k, m in enumerate(system.monomials[1:]) if len(m) == 1], np.intp).reshape(-1, 2).T
+    )
     if not len(above) or not np.isfinite(equations / unit).all():
-        nothing = np.zeros(0, np.intp)
-        return Combined(above, below, nothing, np.zeros((0, len(above))))
-    weights = np.linalg.pinv(equations / unit, rcond=_RANK)[[k for k, _ in linear]]
-    weights /= unit[[k for k, _ in linear], None]
+        return Combined(above, below, variables[:0], np.zeros((0, len(above))))
+    weights = np.linalg.pinv(equations / unit, rcond=_RANK)[columns]
+    weights /= unit[columns, None]
     reached = weights @ equations
     wanted = np.zeros_like(reached)
-    wanted[np.arange(len(linear)), [k for k, _ in linear]] = 1.0
-    good = (np.abs(reached - wanted) * unit).max(axis=1) <= _SAME * unit[[k for k, _ in linear]]
-    return Combined(above, below, np.array([v for _, v in linear], np.intp)[good], weights[good])
+    wanted[np.arange(len(columns)), columns] = 1.0
+    good = (np.abs(reached - wanted) * unit).max(axis=1) <= _SAME * unit[columns]
+    return Combined(above, below, variables[good], weights[good])
 
 
 def _pairs(system: PolynomialSystem, coefficients: Floats) -> tuple[Indices, Indices]:

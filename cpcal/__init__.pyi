@@ -28,7 +28,7 @@ from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, 
 from .solver.interval import Box, Interval
 from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
-from .solver.network.mathematics import (
+from .solver.network.expression import (
     acos,
     asin,
     atan,

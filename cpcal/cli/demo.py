@@ -46,9 +46,8 @@ from cpcal.robot import DELTALAB, Campaign, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
-from cpcal.vision.batch.detect import Detections, ImageFolder
+from cpcal.vision.batch.detect import Detections, ImageFolder, readings_of
 from cpcal.vision.batch.study_images import RenderedImages, study_table
-from cpcal.vision.files.detection import readings_of
 from cpcal.vision.files.plate_and_camera import CameraRecord
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of

@@ -24,21 +24,23 @@ from cpcal.robot import Robot, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
-from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
-from cpcal.vision.batch.detect import detect as detect_poses
-from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
-from cpcal.vision.calibrate import calibrate_from_images
-from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import (
+from cpcal.vision.batch.detect import (
     SCALE,
     SHARED,
+    Detections,
+    ImageFolder,
     by_reason,
     detections_bytes,
+    in_parallel,
     load_readings,
     readings_bytes,
     readings_of,
     values_of,
 )
+from cpcal.vision.batch.detect import detect as detect_poses
+from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
+from cpcal.vision.calibrate import calibrate_from_images
+from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.image_file import image_path
 from cpcal.vision.files.plate_and_camera import (
     YAML_SUFFIXES,
@@ -106,7 +108,7 @@ def camera(
     if file.suffix == ".toml":
         save_camera(record, file)
     elif file.suffix in YAML_SUFFIXES:
-        write_file(file, camera_yaml().camera_yaml(record.camera, style))
+        write_file(file, camera_yaml(record.camera, style))
     else:
         raise unusable(str(file), "is neither a .toml nor a .yaml file", "name it so")
     seen = record.camera

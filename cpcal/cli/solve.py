@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -11,10 +10,8 @@ from cpcal.cli.terminal import SearchProgress, Talk, line, record
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.models import leg, leg_model
-from cpcal.problems.nl import sol_bytes
-from cpcal.problems.problem import Answer, answer
-from cpcal.problems.problem_files import load_problem
+from cpcal.models import leg_model
+from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
 from cpcal.report.figures import paving_svg
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
@@ -113,12 +110,6 @@ def _show(found: Answer, output: Path, talk: Talk) -> None:
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal plugins`: what other packages, and this one, provide by entry point.
 
-_GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
-    registry.GROUP: ("contractor", registry.load),
-    registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
-    leg.GROUP: ("leg model", leg_model),
-}
-
 
 def plugins() -> None:
     """List the contractors, search strategies and leg models found, whose they are, and whether they load.
@@ -126,18 +117,18 @@ def plugins() -> None:
     With exit status 2 where two packages register the same name: nobody can use it.
     """
     clashes, rows = [], []
-    for group, (what, load) in _GROUPS.items():
+    for group, what in registry.KINDS.items():
         for name, point in registry.found(group).items():
             package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
             loads = "yes"
             try:
-                load(name)
+                leg_model(name) if group == registry.LEG_GROUP else registry.load(name, group)
             except CpcalError as error:
                 clashes += [error] if isinstance(error, ClashError) else []
                 loads = str(error)
             rows.append([printable(cell) for cell in (name, what, point.value, package, loads)])
     talk = Talk()
     talk.table(("name", "what", "from", "package", "loads"), rows, left=range(5))
-    talk.say(f"Found through the entry-point groups {', '.join(_GROUPS)}.")
+    talk.say(f"Found through the entry-point groups {', '.join(registry.KINDS)}.")
     if clashes:
         raise clashes[0]

@@ -29,7 +29,7 @@ from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.row_prover import Contracted, System, contracted, write_steps
+from cpcal.solver.certificate.prover import Contracted, System, contracted, write_steps
 
 Tell = Callable[[str], None]
 _ROTATIONS = frozenset((*R_X, *R_F))

@@ -25,7 +25,7 @@ from cpcal.robot import (
 )
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import image_files, image_path, read_image
-from cpcal.vision.files.plate_and_camera import camera_yaml
+from cpcal.vision.files.plate_and_camera import yaml_document
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.projection import predicted_centers
@@ -338,7 +338,7 @@ def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = 
     content = small_file(path, problems, _REMEDY)
     problems.raise_any()
     assert content is not None
-    document = camera_yaml().yaml_document(content, path)
+    document = yaml_document(content, path)
     base_in_hand = False
     try:
         if isinstance(document, dict) and "R_gripper2base" in document:

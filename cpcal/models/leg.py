@@ -30,7 +30,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked
 from cpcal.robot import Campaign, Pose, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
-from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, free, network_statement
+from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
@@ -231,8 +231,6 @@ def model_problems(model: LegModel) -> list[Problem]:
 # ------------------------------------------------------------------------------------------------------------------
 # Leg models by name: those that come with cpcal, and those that other packages provide by entry point.
 
-GROUP = "cpcal.leg_models"
-
 
 def leg_model(model: str | LegModel) -> LegModel:
     """The model of that name, or the model given.
@@ -252,12 +250,13 @@ def leg_model(model: str | LegModel) -> LegModel:
 def _provided(name: str) -> LegModel:
     from cpcal.solver import plugins  # here: models that come with cpcal need none
 
-    known = plugins.found(GROUP)
+    group = plugins.LEG_GROUP
+    known = plugins.found(group)
     if name not in known:
         names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))
-        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {GROUP})"
+        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {group})"
         raise InputError([Problem("model", f"{name!r} is not known", remedy)])
-    model = plugins.load_member("leg model", name, GROUP)
+    model = plugins.load(name, group)
     if not isinstance(model, LegModel) or model.name != name:
         raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")
     return model
@@ -453,14 +452,14 @@ def leg_statement(
     only: tuple[int, ...] | None = None,
     model: str = PLAIN.name,
     forms: tuple[Given, ...] = (),
-) -> LegStatement:
+) -> Statement:
     """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending), and with `forms`.
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
     stated = [polynomial(form, free) for form in forms]
     problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only, stated)
-    return LegStatement(problem, campaign_sha256(campaign), leg, only, forms)
+    return stated_leg(problem, campaign_sha256(campaign), leg, only, forms)
 
 
 def model_statement(

@@ -26,15 +26,13 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, with_forms
 from cpcal.checker.platform import Commanded
-from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.recording import WeightProver
-from cpcal.solver.certificate.row_prover import write_steps
+from cpcal.solver.certificate.exact_network import exact_box, leg_sides
+from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
@@ -146,14 +144,15 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     forms = tuple(pose.form(known) for pose in poses)
     statement = leg_statement(asked.campaign, asked.leg, forms=forms)
     plain = asked.network(get_arithmetic("float64"))
-    root = with_forms(ExactBox(*(tuple(map(F, side.tolist())) for side in (plain.domain.lo, plain.domain.hi))), forms)
+    root = with_forms(exact_box(plain.domain), forms)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
     steps: list[dict[str, Any]] = []
 
     def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
         nonlocal box
-        n, prover = len(plain.names), WeightProver(replace(statement, first=first), _LOSS)
+        n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), first=first)
+        prover = WeightProver(replace(statement, sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
         loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in asked.contractors]
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
@@ -182,10 +181,10 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         if not box.is_empty:
             part = asked.network(get_arithmetic("float64"))
             contracted(_with_forms(part, forms[first : first + _FORMS], box), first, 1)
-    left = None if box.is_empty else ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi)))
+    left = None if box.is_empty else exact_box(box)
     if certificate is not None:
         (header,) = statement.header(plain.domain)
-        write_steps(certificate, header, left, steps, number(asked.eps))
+        write_steps(certificate, header, left, steps, asked.eps)
     if left is None:
         return None
     return EnclosedLeg(left.lo[:7], left.hi[:7], tuple(zip(left.lo[8:], left.hi[8:], strict=True)))
@@ -230,7 +229,7 @@ def _supporting(
 ) -> tuple[Contractor, SupportFunction]:
     """The same object, for what it does and for what it offers besides."""
     for name in names:
-        contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
+        contractor: Contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
         if isinstance(contractor, SupportFunction):
             return contractor, contractor
     what = f"none of {', '.join(names)} has a support function"

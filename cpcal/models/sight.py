@@ -41,8 +41,7 @@ from cpcal.common.files import write_file
 from cpcal.common.values import ByValue, Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.recording import line
-from cpcal.solver.certificate.row_prover import Contracted, System, contracted, write_steps
+from cpcal.solver.certificate.prover import Contracted, System, contracted, line, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.batch.detect import ImageSource

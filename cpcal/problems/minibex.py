@@ -29,13 +29,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, ModelError, Problem, shown
-from cpcal.problems.problem import StatedProblem
 from cpcal.problems.values import (
     FORMS,
     FUNCTIONS,
     MOST,
     RESERVED,
     Data,
+    StatedProblem,
     Value,
     applied,
     array_of,
@@ -56,7 +56,7 @@ from cpcal.problems.values import (
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr
-from cpcal.solver.network.mathematics import floor
+from cpcal.solver.network.expression import floor
 
 # ------------------------------------------------------------------------------------------------------------------
 # Text cut into tokens, each with its line and column.

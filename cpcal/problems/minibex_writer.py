@@ -6,17 +6,14 @@ that no float64 equals are written as the interval around them.
 
 from __future__ import annotations
 
-from collections import Counter
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.problems.values import array_of
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
-from cpcal.solver.network.expression import topological
+from cpcal.solver.network.expression import folded, topological
 
 Texts = npt.NDArray[np.object_]
 
@@ -52,7 +49,6 @@ class _MinibexWriter:
                 raise ModelError(f"{leaf.name!r} has {len(leaf.shape)} axes: Minibex has vectors and matrices")
             places = [",".join(str(k + 1) for k in index) for index in np.ndindex(leaf.shape)]
             self._done[leaf.digest] = array_of([f"{leaf.name}({p})" if p else leaf.name for p in places], leaf.shape)
-        self._used: Counter[bytes] = Counter()
 
     def declared(self, leaf: Expr) -> str:
         """A variable with its dimensions and its domain."""
@@ -73,7 +69,7 @@ class _MinibexWriter:
         """The elements of a constraint; bounds that say nothing are left out."""
         body, shape = self.of(constraint.body), constraint.body.shape
         lower, upper = (np.broadcast_to(self.of(b), shape).ravel() for b in (constraint.lower, constraint.upper))
-        same = constraint.lower.digest == constraint.upper.digest
+        same = constraint.is_equation
         out = []
         for text, low, high in zip(body.ravel(), lower, upper, strict=True):
             if same or low == high:
@@ -89,45 +85,40 @@ class _MinibexWriter:
         return [text for text, is_whole in zip(texts, self._network.whole, strict=True) if is_whole]
 
     def of(self, root: Expr) -> Texts:
-        for node in topological((root,)):
-            if node.digest not in self._done:
-                self._done[node.digest] = self._node(node, [self._done[arg.digest] for arg in node.args])
-                self._size += sum(map(len, self._done[node.digest].ravel()))
-                if self._size > _LONGEST:
-                    raise ModelError("the problem is too long written out: give common parts as variables")
-        return self._done[root.digest]
+        def written(node: Expr, args: list[Texts]) -> Texts:
+            texts = self._node(node, args)
+            self._size += sum(map(len, texts.ravel()))
+            if self._size > _LONGEST:
+                raise ModelError("the problem is too long written out: give common parts as variables")
+            return texts
+
+        return folded(root, written, self._done)
 
     def _node(self, node: Expr, args: list[Texts]) -> Texts:
         if not node.args:
             return self._leaf(node)
         if node.op == "index":
-            flat = args[0].ravel().tolist()
-            return array_of([flat[k] for k in np.ravel(node.data).tolist()], node.shape)  # type: ignore[arg-type]
+            return np.asarray(args[0].ravel()[node.places])
         if node.op == "sum":
-            moved = np.moveaxis(args[0], node.parameter, 0)
-            return _each(lambda *parts: f"({'+'.join(parts)})", node.shape, *moved)
+            columns = np.moveaxis(args[0], node.parameter, 0).reshape(args[0].shape[node.parameter], -1).T
+            return array_of([f"({'+'.join(parts)})" for parts in columns], node.shape)
         form = _FORMS.get(node.op)
         if node.op == "power":
             form = f"({{}}^{node.parameter})" if node.parameter >= 0 else f"(1/{{}}^{-node.parameter})"
         if form is None:
             raise ModelError(f"Minibex has no {node.op!r}")
-        return _each(form.format, node.shape, *args)
+        return np.asarray(np.frompyfunc(form.format, len(args), 1)(*args), np.object_)
 
     def _leaf(self, node: Expr) -> Texts:
         data = node.data
-        assert isinstance(data, IntervalArray)
         if node.op == "reading":
-            users = sum(arg.digest == node.digest for c in self._network.constraints for arg in _arguments(c))
-            if users > 1:
+            constraints = self._network.constraints
+            used = [part for c in constraints for part in c.parts]
+            used += [arg for c in constraints for user in topological(c.parts) for arg in user.args]
+            if sum(arg.digest == node.digest for arg in used) > 1:
                 raise ModelError("a reading that is used twice has one value in both places: Minibex can not say that")
         pairs = zip(data.lo.ravel().tolist(), data.hi.ravel().tolist(), strict=True)
         return array_of([_number(lo) if lo == hi else _interval(lo, hi) for lo, hi in pairs], node.shape)
-
-
-def _arguments(constraint: Constraint) -> list[Expr]:
-    """The arguments of all nodes of a constraint."""
-    roots = (constraint.body, constraint.lower, constraint.upper)
-    return [arg for node in topological(roots) for arg in node.args] + list(roots)
 
 
 def _number(value: float) -> str:
@@ -139,8 +130,3 @@ def _number(value: float) -> str:
 def _interval(lo: float, hi: float) -> str:
     low, high = ("-oo" if np.isinf(lo) else repr(float(lo))), ("oo" if np.isinf(hi) else repr(float(hi)))
     return f"[{low},{high}]"
-
-
-def _each(function: Any, shape: tuple[int, ...], *args: Texts) -> Texts:
-    parts = [np.broadcast_to(arg, shape).ravel() for arg in args]
-    return array_of([function(*each) for each in zip(*parts, strict=True)], shape)

@@ -1,4 +1,4 @@
-"""AMPL's .nl files in their text form (header "g"), as AMPL, JuMP and Pyomo write them, and the .sol files that answer.
+"""AMPL's .nl files in their text form (header "g"), as AMPL, JuMP and Pyomo write them.
 
 D. M. Gay, Writing .nl files (Sandia report SAND2005-7907P); segments are told by their first letter.
 """
@@ -15,9 +15,19 @@ import numpy as np
 from cpcal.common.errors import CpcalError, InputError, shown
 from cpcal.common.errors import Problem as Wrong
 from cpcal.common.values import Floats
-from cpcal.problems.problem import Answer, StatedProblem
-from cpcal.problems.values import FORMS, Value, applied, as_operand, divided, minus, negative, plus, power, times
-from cpcal.solver.contract import Verdict
+from cpcal.problems.values import (
+    FORMS,
+    StatedProblem,
+    Value,
+    applied,
+    as_operand,
+    divided,
+    minus,
+    negative,
+    plus,
+    power,
+    times,
+)
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 
@@ -230,32 +240,3 @@ def _finite(word: str) -> float:
     if math.isnan(value):
         raise ValueError("nan")
     return value
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# AMPL's .sol files: the answer to a .nl file, as AMPL, JuMP and Pyomo read it.
-
-SOLVED, UNCERTAIN, INFEASIBLE, LIMIT = 0, 100, 200, 400  # of the solve_result codes
-_CODES = {
-    Verdict.PROVED: SOLVED,
-    Verdict.NOT_CERTIFIED: UNCERTAIN,
-    Verdict.REFUTED: INFEASIBLE,
-    Verdict.UNKNOWN: LIMIT,
-}
-
-
-def sol_bytes(answer: Answer, rows: int) -> bytes:
-    """The text; the point is the best proved one, or the middle of the first box. `rows`: constraints of the .nl."""
-    values = _point(answer)
-    lines = [f"cpcal: {answer.status}".replace("\n", " "), "", "Options", "3", "1", "1", "0"]
-    lines += [str(rows), "0", str(len(answer.problem.network.names)), str(len(values))]
-    lines += [repr(value) for value in values]
-    return ("\n".join([*lines, f"objno 0 {_CODES[answer.verdict]}"]) + "\n").encode()
-
-
-def _point(answer: Answer) -> list[float]:
-    if answer.point is not None:
-        return list(answer.point.values())
-    if answer.paving is not None and answer.paving.solutions:
-        return [float(v) for v in answer.paving.solutions[0].box.mid[: len(answer.problem.network.names)]]
-    return []

@@ -1,4 +1,4 @@
-"""A problem to be solved: a network, and what is to be minimised or maximised."""
+"""Problems in files, and their answers: read a file, solve or minimise, write JSON or AMPL's .sol."""
 
 from __future__ import annotations
 
@@ -8,28 +8,40 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from cpcal.common.errors import InputError, ModelError
+from cpcal.common.errors import InputError, ModelError, Problems
+from cpcal.common.errors import Problem as Wrong
 from cpcal.common.numbers import at_most, bracket_text
+from cpcal.files.tables import small_file
+from cpcal.problems.minibex import read_minibex
+from cpcal.problems.nl import read_nl
+from cpcal.problems.values import StatedProblem
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.model import Network, Paving
-from cpcal.solver.network import Expr
+from cpcal.solver.model import Paving
 from cpcal.solver.optimize.bound import Bracket, Minimum
 from cpcal.solver.search import Event
 
+MOST = 2**26  # bytes
+READERS = {".bch": read_minibex, ".mbx": read_minibex, ".nl": read_nl}
 
-@dataclass(frozen=True, eq=False)
-class StatedProblem:
-    """objective  None: all solutions are asked for
-    maximize   whether the objective is to be as large as can be
-    integer    names of components that take whole numbers only"""
 
-    network: Network
-    objective: Expr | None = None
-    maximize: bool = False
-    integer: tuple[str, ...] = ()
+def load_problem(path: Path) -> StatedProblem:
+    """The problem in a file. Raises InputError that names file and line."""
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        what = "is neither Minibex (.bch, .mbx) nor AMPL's .nl"
+        raise InputError([Wrong(str(path), what, "give it the suffix of what it is")])
+    problems = Problems()
+    content = small_file(path, problems, "give a file of a problem", most=MOST)
+    problems.raise_any()
+    try:
+        text = (content or b"").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError([Wrong(str(path), "is no UTF-8 text", "save it as UTF-8 text")]) from None
+    return reader(text, str(path))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -179,3 +191,32 @@ def _sentence(problem: StatedProblem, best: Minimum) -> str:
 
 def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# AMPL's .sol files: the answer to a .nl file, as AMPL, JuMP and Pyomo read it.
+
+SOLVED, UNCERTAIN, INFEASIBLE, LIMIT = 0, 100, 200, 400  # of the solve_result codes
+_CODES = {
+    Verdict.PROVED: SOLVED,
+    Verdict.NOT_CERTIFIED: UNCERTAIN,
+    Verdict.REFUTED: INFEASIBLE,
+    Verdict.UNKNOWN: LIMIT,
+}
+
+
+def sol_bytes(answer: Answer, rows: int) -> bytes:
+    """The text; the point is the best proved one, or the middle of the first box. `rows`: constraints of the .nl."""
+    values = _point(answer)
+    lines = [f"cpcal: {answer.status}".replace("\n", " "), "", "Options", "3", "1", "1", "0"]
+    lines += [str(rows), "0", str(len(answer.problem.network.names)), str(len(values))]
+    lines += [repr(value) for value in values]
+    return ("\n".join([*lines, f"objno 0 {_CODES[answer.verdict]}"]) + "\n").encode()
+
+
+def _point(answer: Answer) -> list[float]:
+    if answer.point is not None:
+        return list(answer.point.values())
+    if answer.paving is not None and answer.paving.solutions:
+        return [float(v) for v in answer.paving.solutions[0].box.mid[: len(answer.problem.network.names)]]
+    return []

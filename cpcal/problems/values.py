@@ -20,8 +20,22 @@ from cpcal.common.errors import ModelError
 from cpcal.solver import network as functions
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.numbers import float_bounds
-from cpcal.solver.network import Expr, mathematics, sqr, sqrt
+from cpcal.solver.model import Network
+from cpcal.solver.network import Expr, sqr, sqrt
+from cpcal.solver.network import expression as mathematics
 from cpcal.solver.network.expression import as_expr, topological
+
+
+@dataclass(frozen=True, eq=False)
+class StatedProblem:
+    """objective  None: all solutions are asked for
+    maximize   whether the objective is to be as large as can be
+    integer    names of components that take whole numbers only"""
+
+    network: Network
+    objective: Expr | None = None
+    maximize: bool = False
+    integer: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,23 +75,18 @@ def applied(name: str, arguments: list[Value]) -> Value:
     if name in ("max", "min") and len(arguments) > 2:
         return applied(name, [applied(name, arguments[:-1]), arguments[-1]])
     if name == "abs" and len(arguments) == 1:
-        return _powered(arguments[0], abs)
+        return _combined(abs, arguments[0])
     called = _NAMES.get(name, name)
     function = getattr(mathematics, called, None) or getattr(functions, called, None)
     if function is None:
         raise ModelError(f"the solver has no function {name}")
     try:
-        return _folded(function, arguments)
+        if any(isinstance(argument, Expr) for argument in arguments):
+            return function(*map(as_operand, arguments))  # type: ignore[no-any-return]
+        known = (a if isinstance(a, Data) else interval_of(a) for a in arguments)
+        return _combined(lambda *parts: enclosed(function(*parts)), *known)  # so that it can be a bound
     except TypeError:
         raise ModelError(f"{name} does not take {len(arguments)} arguments") from None
-
-
-def _folded(function: Callable[..., Expr], arguments: list[Value]) -> Value:
-    """Of constants an enclosure, so that it can be a bound."""
-    if any(isinstance(argument, Expr) for argument in arguments):
-        return function(*(as_operand(argument) for argument in arguments))
-    found = enclosed(function(*(interval_of(argument) for argument in arguments)))
-    return Data(found) if any(isinstance(argument, Data) for argument in arguments) else found
 
 
 def enclosed(expression: Expr) -> Interval:
@@ -106,18 +115,12 @@ def power(base: Value, exponent: Value) -> Value:
         count = int(exponent)
         if isinstance(base, Fraction) and base == 0 and count < 0:
             raise ModelError("0 has no negative power")
-        return _powered(base, lambda value: value**count)
+        return _combined(lambda value: value**count, base)
     if isinstance(exponent, np.ndarray):
         raise ModelError("an exponent must be a scalar")
     if isinstance(exponent, Fraction) and exponent == Fraction(1, 2):
         return applied("sqrt", [base])
     return mathematics.power(as_operand(base), as_operand(exponent))
-
-
-def _powered(value: Value, operation: Callable[[Any], Any]) -> Value:
-    if isinstance(value, Data):
-        return Data(operation(value.interval))
-    return operation(value)  # type: ignore[no-any-return]
 
 
 def plus(left: Value, right: Value) -> Value:
@@ -133,7 +136,7 @@ def minus(left: Value, right: Value) -> Value:
 
 
 def negative(value: Value) -> Value:
-    return entrywise(partial(_powered, operation=operator.neg), value)
+    return entrywise(partial(_combined, operator.neg), value)
 
 
 def times(left: Value, right: Value) -> Value:
@@ -143,7 +146,7 @@ def times(left: Value, right: Value) -> Value:
     if left.ndim == right.ndim == 1:
         if left.shape != right.shape:
             raise ModelError(f"vectors of {len(left)} and {len(right)} entries have no product")
-        return reduce(_sum, map(_product, left, right))  # type: ignore[no-any-return]
+        return reduce(_sum, map(_product, left, right))
     rows, columns = (array[:, None] if array.ndim == 1 else array for array in (left, right))
     if rows.ndim != 2 or columns.ndim != 2 or rows.shape[1] != columns.shape[0]:
         raise ModelError(f"arrays of shapes {left.shape} and {right.shape} have no product")
@@ -193,14 +196,17 @@ def _blocks(value: Value, other: Value) -> Value:
     return value
 
 
-def _combined(operation: Callable[[Any, Any], Any], left: Scalar, right: Scalar) -> Any:
-    """Exact for two fractions; an enclosure for constants; else an expression."""
-    if isinstance(left, Fraction) and isinstance(right, Fraction):
-        return operation(left, right)
-    if isinstance(left, Expr) or isinstance(right, Expr):
-        return operation(as_operand(left), as_operand(right))
-    found = operation(interval_of(left), interval_of(right))
-    return Data(found) if isinstance(left, Data) or isinstance(right, Data) else found
+def _combined(operation: Callable[..., Any], *values: Value) -> Value:
+    """Exact for fractions; an enclosure for constants; else an expression."""
+    found: Value
+    if any(isinstance(value, Expr) for value in values):
+        found = operation(*map(as_operand, values))
+    elif all(isinstance(value, Fraction) for value in values):
+        found = operation(*values)
+    else:
+        interval: Interval = operation(*map(interval_of, values))
+        found = Data(interval) if any(isinstance(value, Data) for value in values) else interval
+    return found
 
 
 _sum, _product = partial(_combined, operator.add), partial(_combined, operator.mul)
@@ -337,7 +343,7 @@ def _times(factor: Expr, partial: Any) -> Expr:
     """Without factors of 1, which would lengthen every derivative."""
     if isinstance(partial, float) and abs(partial) == 1.0:
         return factor if partial > 0.0 else -factor
-    one = factor.op == "constant" and bool(np.all(factor.data.lo == 1.0) and np.all(factor.data.hi == 1.0))  # type: ignore[union-attr]
+    one = factor.op == "constant" and bool(np.all(factor.data.lo == 1.0) and np.all(factor.data.hi == 1.0))
     return as_expr(partial) if one else factor * partial
 
 

@@ -55,40 +55,34 @@ from cpcal.solver.optimize.local import fit as minimax_fit
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.
 #
-# `AssumedError` is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither. Lengths in
-# mm, angles in rad.
+# What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
+# Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/5"
+FORMAT = "cpcal-accuracy/6"
 ACCURACY_NAME = "accuracy.json"
 
 
 @dataclass(frozen=True)
-class AssumedError:
+class AssumedLeg:
     """ASSUMED: some parameters of the leg satisfy its equation to within `eps` at the calibration poses, each for some
     reading in its set, and at every pose that is spoken of.
 
+    PROVED, by the `certificate`: all such parameters (a, b, l) lie from `lo` to `hi`, mm; both are empty where there
+    are none, and the campaign refutes what is assumed.
+
     `stated`: the user gave eps; else it was suggested by `growth`: least errors, readings as they are, of so many
-    `poses`. `refuted_below`: proved, the campaign allows no smaller eps.
+    `poses`. `refuted_below`: proved in the run, the campaign allows no smaller eps.
     """
-
-    leg: int
-    eps: float
-    stated: bool
-    refuted_below: float
-    poses: tuple[int, ...]
-    growth: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class CertifiedBox:
-    """PROVED, by the `certificate`: all parameters (a, b, l) of the leg with a model error up to `eps` lie from `lo` to
-    `hi`, mm; both are empty where there are none."""
 
     leg: Annotated[int, checked("the certificate: each leg once")]
     eps: Annotated[float, checked("the cap of the certificate")]
     lo: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
     hi: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
+    stated: Informed[bool]
+    refuted_below: Informed[float]
+    poses: Informed[tuple[int, ...]]
+    growth: Informed[tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -196,15 +190,17 @@ class Accuracy:
     parameters: Annotated[tuple[tuple[float, ...], ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
     within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
-    assumed: Informed[tuple[AssumedError, ...]]
-    boxes: tuple[CertifiedBox, ...]  # around the sets of parameters
-    # legs for which the campaign refutes what is assumed: nothing else is said then
-    refuted: Annotated[tuple[int, ...], checked("the certificates that claim that there are no parameters")]
+    legs: tuple[AssumedLeg, ...]
     poses: tuple[PoseAccuracy, ...]
     workspace: Informed[WorkspaceAccuracy | None]
     next_poses: Informed[tuple[NextPose, ...]]
     truth_known: Informed[bool]
     seconds: Informed[float]
+
+    @property
+    def refuted(self) -> tuple[int, ...]:
+        """Legs for which the campaign refutes what is assumed: nothing else is said then."""
+        return tuple(leg.leg for leg in self.legs if not leg.lo)
 
     @property
     def proved_poses(self) -> tuple[PoseAccuracy, ...]:
@@ -296,41 +292,45 @@ def certify_accuracy(
     else:
         known = np.array([leg.bracket.point for leg in result.legs])
     robot = Robot.from_parameters("controller", known)
-    assumed = _assumed(campaign, result, validation, model_error, say)
     commanded = []
     if poses is not None:
         pairs = zip(poses.poses.position, poses.poses.quaternion, strict=True)
         commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
-    asked = [
-        AskedSet(
-            campaign,
-            leg.leg,
-            error.eps,
-            center=leg.bracket.center,
-            delta=result.options.delta,
-            controller=known[leg.leg - 1],
-            contractors=result.options.contractors,
-        )
-        for leg, error in zip(result.legs, assumed, strict=True)
-    ]
-    boxes, legs, refuted = [], list[EnclosedLeg](), []
+    errors = None if model_error is None else np.broadcast_to(np.asarray(model_error, np.float64), (LEGS,)).tolist()
+    seen = [campaign] if validation is None else [campaign, validation]
+    asked, assumed, enclosed = list[AskedSet](), list[AssumedLeg](), list[EnclosedLeg]()
     with tempfile.TemporaryDirectory() as draft:
-        for which in asked:
-            say(f"certificate of the set of leg {which.leg}")
-            name = f"{PREFIX}leg{which.leg}.cert.jsonl"
+        for leg, row in zip(result.legs, known, strict=True):
+            center, delta, name = leg.bracket.center, result.options.delta, f"{PREFIX}leg{leg.leg}.cert.jsonl"
+            say(f"growth of the model error of leg {leg.leg}")
+            drawn, least = growth(seen, leg.leg, center=center, delta=delta)
+            eps = suggested_error(least) if errors is None else errors[leg.leg - 1]
+            say(f"certificate of the set of leg {leg.leg}")
+            asked.append(
+                AskedSet(
+                    campaign,
+                    leg.leg,
+                    eps,
+                    center=center,
+                    delta=delta,
+                    controller=row,
+                    contractors=result.options.contractors,
+                )
+            )
             path = Path(draft if certificates is None else certificates) / name
-            one = enclosed_leg(which, poses=commanded, certificate=path)
-            legs += [] if one is None else [one]
-            refuted += [which.leg] if one is None else []
-            lo, hi = ((), ()) if one is None else (one.lo, one.hi)
-            boxes.append(CertifiedBox(which.leg, which.eps, tuple(map(float, lo)), tuple(map(float, hi)), name))
+            one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
+            enclosed += [] if one is None else [one]
+            lo, hi = ((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))
+            below = leg.bracket.lo if result.options.eps is None else 0.0
+            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, name, errors is not None, below, drawn, least))
+    refuted = len(enclosed) < LEGS
     wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
     sets = _certified_sets(asked, say) if wanted else []
     at: tuple[PoseAccuracy, ...] = ()
     if not refuted and poses is not None:
         say(f"{len(poses.names)} poses")
         really = true_poses(campaign, robot, poses.poses)
-        at = _at_poses(campaign, robot, legs, assumed, poses, commanded, really)
+        at = _at_poses(campaign, robot, enclosed, assumed, poses, commanded, really)
     over = _over(workspace, sets, gap, cells, say) if sets and workspace is not None else None
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
@@ -339,9 +339,7 @@ def certify_accuracy(
         parameters=tuple(tuple(map(float, row)) for row in known),
         delta=result.options.delta,
         within=WITHIN,
-        assumed=tuple(assumed),
-        boxes=tuple(boxes),
-        refuted=tuple(refuted),
+        legs=tuple(assumed),
         poses=at,
         workspace=over,
         next_poses=_next(campaign, sets, at, over, next_poses) if sets else (),
@@ -397,30 +395,11 @@ def _problems(
     return found
 
 
-def _assumed(
-    campaign: Campaign,
-    result: Result,
-    validation: Campaign | None,
-    error: float | Sequence[float] | None,
-    say: Told,
-) -> list[AssumedError]:
-    known = [campaign] if validation is None else [campaign, validation]
-    given = None if error is None else np.broadcast_to(np.asarray(error, np.float64), (LEGS,))
-    out = []
-    for k, leg in enumerate(result.legs):
-        say(f"growth of the model error of leg {leg.leg}")
-        poses, errors = growth(known, leg.leg, center=leg.bracket.center, delta=result.options.delta)
-        eps = suggested_error(errors) if given is None else float(given[k])
-        lo = leg.bracket.lo if result.options.eps is None else 0.0
-        out.append(AssumedError(leg.leg, eps, given is not None, lo, poses, errors))
-    return out
-
-
 def _at_poses(
     campaign: Campaign,
     robot: Robot,
     legs: Sequence[EnclosedLeg],
-    assumed: Sequence[AssumedError],
+    assumed: Sequence[AssumedLeg],
     named: NamedPoses,
     commanded: Sequence[Commanded],
     really: Pose | None,

@@ -20,12 +20,10 @@ from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins
 from cpcal.solver.accounts import ContractorUse, Found, Trial, total_use
 from cpcal.solver.certificate.exact_network import Statement
+from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import (
-    Claims,
     Recording,
     UncheckableError,
-    WeightProver,
-    claims_at,
     claims_of,
 )
 from cpcal.solver.contract import Contraction, Contractor, Limits, Restrictable, Verdict, gives_weights
@@ -185,8 +183,8 @@ def the_answer(found: Minimum, domain: Box) -> Claims | None:
 
 def the_enclosure(found: Minimum, domain: Box) -> Claims | None:
     """That alone, since nothing else is going to be stated."""
-    claims = the_answer(found, domain)
-    return None if claims is None else claims | {"point": None}
+    said = the_answer(found, domain)
+    return None if said is None else said | {"point": None}
 
 
 def the_lower_bound(found: Minimum, domain: Box) -> Claims | None:
@@ -232,9 +230,9 @@ def searched(
         if keeper is not None:
             keeper.end(found)
         torn = found.interrupted and not asked()  # by an exception, between any two lines: no stop that was asked for
-        if to_claim is None or recording is None or torn or (claims := to_claim(found, domain)) is None:
+        if to_claim is None or recording is None or torn or (said := to_claim(found, domain)) is None:
             return Answered(found)
-        name, lost = written(question, leg.leg, file, partial(recording.write, claims=claims))
+        name, lost = written(question, leg.leg, file, partial(recording.write, claims=said))
         return Answered(replace(found, contractors_used=recording.credited(found.contractors_used)), name, lost)
 
 
@@ -301,8 +299,9 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
         name, lost = None, Uncertified.NOTHING
         if statement is not None and (proof is not None or best is not None):
             recording, cap = proof or (keep.enter_context(Recording(statement, whole)), whole["eps"].hi)
-            claims = claims_at(cap, refuted=proof is not None, point=None if best is None else best.point)
-            name, lost = written(leg.question, leg.leg, "", partial(recording.write, claims=claims))
+            point, refuted = None if best is None else best.point, proof is not None
+            said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
+            name, lost = written(leg.question, leg.leg, "", partial(recording.write, claims=said))
             uses = uses if proof is None else recording.credited(uses)
     found_lo, hi = trials[-1].lo if trials else 0.0, np.inf if best is None else best.value
     lo = found_lo if statement is None else max((t.eps for t in trials if t.checked), default=0.0)

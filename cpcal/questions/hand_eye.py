@@ -45,7 +45,7 @@ from cpcal.models.hand_eye_fit import (
 )
 from cpcal.questions.result import Result
 from cpcal.robot import quaternion_from_matrix, rotation_vector
-from cpcal.solver.certificate.recording import rounded
+from cpcal.solver.interval.numbers import round_down, round_up
 
 Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
 
@@ -640,7 +640,7 @@ def legs_in_frames(run: Result, frames: HandEyeResult) -> dict[int, tuple[Floats
         for turn, shift, at in ((R_X, T_X, box[:3]), (R_F, T_F, box[3:6])):  # R x + t
             moved = applied(matrix([unknowns[i] for i in turn]), at)
             joints += plus(moved, [unknowns[i] for i in shift])
-        low, high = zip(*((rounded(one.ends[0], True), rounded(one.ends[1], False)) for one in joints), strict=True)
+        low, high = zip(*((round_down(one.ends[0]), round_up(one.ends[1])) for one in joints), strict=True)
         found[leg.leg] = np.array(low), np.array(high)
     return found
 

@@ -23,7 +23,8 @@ from cpcal.questions.question import chosen_model
 from cpcal.questions.result import VerifiedPoint
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.float_rows import at_point, failing, holding
-from cpcal.solver.certificate.recording import Recording, claims_verified
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.optimize.witness import verify_point
 
@@ -86,7 +87,7 @@ def certify_point(
         bad = [k for k in bad if failing(problem, at, k) is not None]
         keep_beside(campaign, certificate)
         with Recording(statement, Box((*corrected.parameters, "eps"), at_eps, at_eps)) as recording:
-            recording.write(certificate, claims_verified(at_eps, eps, good, bad))
+            recording.write(certificate, claims(eps, point=at_eps, holds=good, fails=bad))
     ids = campaign.measurement_ids
     counts = VerifiedPoint(eps, len(good), len(bad), len(campaign))
     return PointResult(leg, tuple(map(float, x)), counts, tuple(ids[k] for k in good), tuple(ids[k] for k in bad))

@@ -29,9 +29,9 @@ def degrees_up(angle: float) -> str:
 
 def assumption(found: Accuracy) -> str:
     """The first line of every page and print."""
-    each = [error.eps for error in found.assumed]
+    each = [error.eps for error in found.legs]
     size = stated(each[0]) if len(set(each)) == 1 else f"{about(min(each))} to {about(max(each))}"
-    whence = "stated by the user" if found.assumed[0].stated else "suggested by the growth of the least error"
+    whence = "stated by the user" if found.legs[0].stated else "suggested by the growth of the least error"
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
         f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). At a "
@@ -229,10 +229,10 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
 
 
 def _assumption(found: Accuracy) -> Section:
-    head = ("leg", *(f"{n} poses [mm]" for n in found.assumed[0].poses), "refuted below [mm]", "assumed [mm]")
+    head = ("leg", *(f"{n} poses [mm]" for n in found.legs[0].poses), "refuted below [mm]", "assumed [mm]")
     rows = [
         (str(e.leg), *map(about, e.growth), at_least(e.refuted_below), stated(e.eps) if e.stated else about(e.eps))
-        for e in found.assumed
+        for e in found.legs
     ]
     return Section(
         "The assumption",

@@ -11,10 +11,9 @@ import numpy as np
 from cpcal.common.numbers import about, nearest
 from cpcal.report.section import Drawing, Mark, Page, Picture, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DOT, EDGE, GRID, INK, Plot, Span, Svg, evenly, rectangle
-from cpcal.vision.batch.detect import Detections
+from cpcal.vision.batch.detect import NUMBERS, RMS, SCALE, SHARED, SIGMA, Detection, Detections, by_reason, values_of
 from cpcal.vision.batch.study_images import Sample
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import NUMBERS, RMS, SCALE, SHARED, SIGMA, Detection, by_reason, values_of
 from cpcal.vision.measure import MeanVectors, over_image, over_plate
 from cpcal.vision.target import Target
 

@@ -668,15 +668,12 @@ class Dense:
             multipliers=np.empty(n),
             counters=np.zeros(4, np.intp),
         )
-        begin(self._vertex, self._columns, self._rhs, self._first(always, m, n))
+        first = np.arange(m)
+        if m > _ALL:  # the rows with the least room at the origin are the likeliest to matter
+            likeliest = always + np.argsort(self._rhs[always:], kind="stable")[: _FIRST * n]
+            first = np.concatenate([np.arange(always), np.sort(likeliest)])
+        begin(self._vertex, self._columns, self._rhs, first)
         self._fresh = True
-
-    def _first(self, always: int, m: int, n: int) -> Indices:
-        if m <= _ALL:
-            return np.arange(m)
-        # the rows with the least room at the origin are the likeliest to matter
-        likeliest = always + np.argsort(self._rhs[always:], kind="stable")[: _FIRST * n]
-        return np.concatenate([np.arange(always), np.sort(likeliest)])
 
     def minimize(self, objective: Floats) -> LinearSolution:
         n = len(objective)

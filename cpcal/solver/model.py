@@ -36,6 +36,7 @@ from cpcal.solver.contract import (
     Limits,
     Repeat,
     Strategy,
+    StrategyFactory,
     Then,
     Verdict,
     contracted,
@@ -92,9 +93,7 @@ def relaxed(network: N, relax: float) -> N:
         return network
     out = copy(network)
     low, high = as_expr(-float(relax)), as_expr(float(relax))
-    out._constraints = [
-        Constraint(c.body - c.lower, low, high) if c.lower.digest == c.upper.digest else c for c in network.constraints
-    ]
+    out._constraints = [Constraint(c.body - c.lower, low, high) if c.is_equation else c for c in network.constraints]
     return out
 
 
@@ -177,14 +176,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def start_point(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
-    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
-    point = float_bounds(start)[0]
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
-    return np.concatenate([point, network.domain.hi[count:]])
-
-
 def named_strategy(
     network: ConstraintNetwork,
     strategy: str | Strategy,
@@ -199,7 +190,8 @@ def named_strategy(
         return strategy
     if strategy in STRATEGIES:
         return STRATEGIES[strategy](network, width).within(reach, unit)
-    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
+    make: StrategyFactory = plugins.load(strategy, plugins.STRATEGY_GROUP, STRATEGIES)
+    return make(network, width, arithmetic=arithmetic)
 
 
 def resolution(
@@ -211,28 +203,6 @@ def resolution(
     if not _is_number(width) or not width > 0:
         raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
     return float(width), np.full(len(network.names), np.inf), 1.0
-
-
-def named_contractors(
-    network: ConstraintNetwork,
-    stated: ConstraintNetwork,
-    objective: str,
-    contractors: Sequence[str | Contractor],
-    arithmetic: str,
-    *,
-    exact: bool,
-) -> list[tuple[str, Contractor]]:
-    """The contractors of a minimisation, of the rows of `stated`, by their names. Raises ModelError."""
-    parts = plugins.build_each(stated, contractors, objective=objective, arithmetic=arithmetic)
-    named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-    if network.whole.any() and exact:
-        raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
-    if network.whole.any():
-        named.append(("whole numbers", WholeNumbers(network.whole)))
-    if exact and not Contracting(named).gives_weights:
-        given = ", ".join(called for called, _ in named)
-        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-    return named
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -629,8 +599,21 @@ class Network(ConstraintNetwork):
             if contractors is None:
                 contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
             network._check_bounded(name, contractors, chosen=why != "asked for")
-            named = named_contractors(network, stated, name, contractors, arithmetic, exact=exact)
-        first = None if start is None else start_point(network, start, len(self.names))
+            parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
+            named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+        if network.whole.any() and exact:
+            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
+        if network.whole.any():
+            named.append(("whole numbers", WholeNumbers(network.whole)))
+        if exact and not Contracting(named).gives_weights:
+            given = ", ".join(called for called, _ in named)
+            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+        first = None
+        if start is not None:
+            count, (first, _) = len(self.names), float_bounds(start)
+            if first.shape != (count,) or not np.isfinite(first).all():
+                raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
+            first = np.concatenate([first, network.domain.hi[count:]])
         options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
         recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()

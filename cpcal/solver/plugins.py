@@ -13,39 +13,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import ClashError, PluginError
-from cpcal.solver.contract import Contractor, ContractorFactory, StrategyFactory, in_sequence
+from cpcal.solver.contract import Contractor, in_sequence
 
 if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
 
 GROUP = "cpcal.contractors"
 STRATEGY_GROUP = "cpcal.strategies"
+LEG_GROUP = "cpcal.leg_models"
+KINDS = {GROUP: "contractor", STRATEGY_GROUP: "strategy", LEG_GROUP: "leg model"}
 
 
 def found(group: str = GROUP) -> dict[str, EntryPoint]:
     """The registered contractors (or members of another group) by name, in order of name."""
-    return {point.name: point for point in _registered(group)}
+    return {point.name: point for point in _scanned(entry_points, group, tuple(sys.path))}
 
 
-def load(name: str) -> ContractorFactory:
-    """The factory registered under `name`.
+def load(name: str, group: str = GROUP, ours: Iterable[str] = ()) -> Any:
+    """What is registered under `name` in a group: the factory of a contractor or of a strategy, or a leg model.
 
-    Raises PluginError for an unknown one, listing those found, for one that two packages register, naming both, and
-    for one that does not load.
+    Raises PluginError for an unknown one, listing `ours` and those found, for one that two packages register, naming
+    both, and for one that does not load.
     """
-    factory: ContractorFactory = load_member("contractor", name, GROUP)
-    return factory
-
-
-def load_strategy(name: str, ours: Iterable[str] = ()) -> StrategyFactory:
-    """The strategy registered under `name`. Raises PluginError as `load` does; `ours` are listed too."""
-    factory: StrategyFactory = load_member("strategy", name, STRATEGY_GROUP, ours)
-    return factory
-
-
-def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
-    """What is registered under `name` in a group; `what` it is, for messages. Raises PluginError, as `load`."""
-    points = _registered(group)
+    what = KINDS.get(group, "plug-in")
+    points = _scanned(entry_points, group, tuple(sys.path))
     named = [point for point in points if point.name == name]
     if not named:
         raise PluginError(
@@ -118,10 +109,6 @@ _shared = _Shared()
 sys.meta_path.insert(0, _shared)
 
 
-def _registered(group: str) -> tuple[EntryPoint, ...]:
-    return _scanned(entry_points, group, tuple(sys.path))
-
-
 @lru_cache(maxsize=16)
 def _scanned(scan: Callable[..., EntryPoints], group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     """In order. To read the metadata of all packages takes longer than to bracket a leg: once for each `path`."""
@@ -161,18 +148,10 @@ def build_each(
 ) -> list[Contractor]:
     """The named contractors (or those given) for a network, at least one. Raises PluginError."""
     check_names(names)
-    return [
-        load(name)(network, objective=objective, arithmetic=arithmetic) if isinstance(name, str) else name
-        for name in names
-    ]
+    options = {"objective": objective, "arithmetic": arithmetic}
+    return [load(name)(network, **options) if isinstance(name, str) else name for name in names]
 
 
-def build(
-    network: ConstraintNetwork,
-    names: Sequence[str | Contractor],
-    *,
-    objective: str | None = None,
-    arithmetic: str = "float64",
-) -> Contractor:
-    """The named contractors (or those given), one after the other, for a network. Raises PluginError."""
-    return in_sequence(build_each(network, names, objective=objective, arithmetic=arithmetic))
+def build(network: ConstraintNetwork, names: Sequence[str | Contractor], **options: Any) -> Contractor:
+    """The same, one after the other."""
+    return in_sequence(build_each(network, names, **options))

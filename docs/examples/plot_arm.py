@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import benchmarks
-from cpcal.problems.problem_files import load_problem
+from cpcal.problems.problem import load_problem
 
 network = load_problem(Path(benchmarks.__file__).parent / "problems" / "kin1.bch").network
 paving = network.solve()

@@ -17,8 +17,10 @@ from cpcal.checker.rule import Problem, Rule, Unknowns, Weights
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
 from cpcal.solver.certificate.float_rows import failing, holding
-from cpcal.solver.certificate.recording import WeightProver, rounded, with_readings
+from cpcal.solver.certificate.prover import WeightProver
+from cpcal.solver.certificate.recording import with_readings
 from cpcal.solver.interval import Box
+from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.network import ConstraintNetwork
 
 Lines = list[dict[str, Any]]
@@ -133,7 +135,7 @@ def tightest(rule: Rule, given: Sequence[Any], lo: list[float], hi: list[float])
     """
     bounds = []
     for i, side, _, weights in sorted(given, key=lambda entry: -entry[0]):
-        value = rounded(rule.bound(i, side, exact_weights(weights)), side == "lo")
+        value = (round_down if side == "lo" else round_up)(rule.bound(i, side, exact_weights(weights)))
         if value > lo[i] if side == "lo" else value < hi[i]:
             bounds.append([i, side, number(value), weights])
             (lo if side == "lo" else hi)[i] = value

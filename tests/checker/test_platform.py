@@ -117,21 +117,18 @@ FORGED = {
     "a wider box of poses": (lambda s, _: s.__setitem__("within", [500.0, 1.0]), "of pose 0"),
     "no box of poses": (lambda s, _: s.__setitem__("within", [20.0, 2.0]), "of no poses within its box"),
     "another delta": (lambda s, _: s.__setitem__("delta", 4.0), "another delta"),
-    "another box": (lambda s, _: s["boxes"][1]["hi"].__setitem__(0, 0.0), "another box"),
-    "another model error": (lambda s, _: s["boxes"][2].__setitem__("eps", 0.01), "another eps"),
-    "another assumption": (
-        lambda s, _: s["information"]["assumed"][0].__setitem__("eps", 0.01), "another assumed error of leg 1"
-    ),
+    "another box": (lambda s, _: s["legs"][1]["hi"].__setitem__(0, 0.0), "another box"),
+    "another model error": (lambda s, _: s["legs"][2].__setitem__("eps", 0.01), "another eps"),
     "the certificate of another leg": (
-        lambda s, _: s["boxes"][0].__setitem__("certificate", "set-leg2.cert.jsonl"), "another leg"
+        lambda s, _: s["legs"][0].__setitem__("certificate", "set-leg2.cert.jsonl"), "another leg"
     ),
     "a certificate that is not there": (
-        lambda s, _: s["boxes"][0].__setitem__("certificate", "none.cert.jsonl"), "names no certificate"
+        lambda s, _: s["legs"][0].__setitem__("certificate", "none.cert.jsonl"), "names no certificate"
     ),
     "a certificate that is not named": (
         lambda _, folder: shutil.copy(folder / "set-leg1.cert.jsonl", folder / "more.cert.jsonl"), "does not name"
     ),
-    "a leg that is refuted": (lambda s, _: s.__setitem__("refuted", [2]), "another refuted"),
+    "a leg that is refuted": (lambda s, _: s["legs"][1].update(lo=[], hi=[]), "another box"),
     "bounds that are called unproved": (lambda s, _: s["poses"][0].__setitem__("proved", False), "another bounds of"),
     "another campaign": (lambda s, _: s["campaign"].__setitem__("sha256", "0" * 64), "another campaign SHA-256"),
 }  # fmt: skip
@@ -181,8 +178,9 @@ def test_a_campaign_that_refutes_the_error_leaves_no_poses(run, known, tmp_path)
     assert first.endswith("PROVED, there are none")
     assert len(others) == 5
     assert load_accuracy(tmp_path) == found
-    save_accuracy(replace(found, refuted=(2,)), tmp_path)
-    with pytest.raises(Refused, match="another refuted"):
+    there = replace(found.legs[0], lo=(0.0,) * 7, hi=(1.0,) * 7)
+    save_accuracy(replace(found, legs=(there, *found.legs[1:])), tmp_path)
+    with pytest.raises(Refused, match="another number of measurements"):
         check_accuracy(tmp_path)
 
 

@@ -11,7 +11,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Wrong
 from cpcal.problems.minibex import read_minibex
-from cpcal.problems.problem import StatedProblem
+from cpcal.problems.values import StatedProblem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import evaluate
@@ -297,3 +297,14 @@ def test_exponents_are_numbers_and_expressions() -> None:
     (only,) = network.solve().solutions
     assert only.verdict is Verdict.PROVED
     assert only.box.mid == pytest.approx([4.0, 2.0])
+
+
+def test_a_parameter_has_one_value_wherever_it_stands() -> None:
+    text = "Parameters p in [1,2], q = 2; Variables x in [0,9]; Parameters r[2] in [0,1]; Constraints {}; end"
+    known = read_minibex(text.format("x*p = q; x*p >= 1.9; x + r(1) = 4"), "here").network
+    assert not known.solve().solutions  # x is at most 2, and at least 3
+    some = read_minibex(text.format("x*p = q"), "here").network.solve(width=0.1)
+    assert some.complete
+    assert all(any(x in s.box["x"] for s in some.solutions) for x in (1.0, 1.5, 2.0))
+    apart = read_minibex(text.format("x*p = q; x*p = 2.5"), "here").network
+    assert not apart.solve(width=0.1).solutions

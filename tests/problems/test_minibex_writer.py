@@ -10,7 +10,7 @@ from benchmarks.solver_problems import PROBLEMS
 from cpcal.common.errors import ModelError
 from cpcal.problems.minibex import read_minibex
 from cpcal.problems.minibex_writer import minibex_text
-from cpcal.problems.problem_files import load_problem
+from cpcal.problems.problem import load_problem
 
 
 def values(net: cpcal.Network, point: np.ndarray, objective: cpcal.Expr | None) -> np.ndarray:

@@ -51,7 +51,7 @@ def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
     assert found.truth_known
     assert not found.violated
     assert all(pose.proved for pose in found.poses)
-    assert all(e.stated and e.eps == ERROR and e.refuted_below <= ERROR for e in found.assumed)
+    assert all(e.stated and e.eps == ERROR and e.refuted_below <= ERROR for e in found.legs)
     assert assumption(found).startswith("ASSUMED: ")
     assert "0.02 mm" in assumption(found)
     proved = [s for s in sentences(found) if s.startswith("PROVED")]
@@ -80,7 +80,8 @@ def test_a_truth_beyond_the_bound_is_shown_as_a_failed_assumption(found):
 
 
 def test_an_error_that_the_campaign_refutes_gives_no_bounds(found, result, named):
-    refuted = replace(found, refuted=(1, 4), poses=())
+    legs = tuple(replace(leg, lo=(), hi=()) if leg.leg in (1, 4) else leg for leg in found.legs)
+    refuted = replace(found, legs=legs, poses=())
     assert sentences(refuted) == [  # others may have it outside of the box
         "REFUTED: the campaign allows no parameters of leg 1, 4 within 8 mm of the center of the run with so small an "
         "error. Nothing is proved."

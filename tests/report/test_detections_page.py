@@ -5,10 +5,9 @@ import pytest
 from tinyhtml5.parser import HTMLParser
 
 from cpcal.report.detections_page import MOST_ROWS, arrow_svg, write_detections_page
-from cpcal.vision.batch.detect import Detections
+from cpcal.vision.batch.detect import NUMBERS, Detection, Detections
 from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.measure import MeanVectors, Residuals
 from cpcal.vision.target import DELTALAB_TARGET
 

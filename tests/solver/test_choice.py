@@ -11,7 +11,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Contraction, Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.model import choice_to_minimize, choice_to_solve, default_width
-from cpcal.solver.network.rewrite import PolynomialForms
+from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import cpcal
-from cpcal.problems.problem_files import load_problem
+from cpcal.problems.problem import load_problem
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.model import consequences
 

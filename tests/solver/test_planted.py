@@ -64,7 +64,7 @@ def value(expr: Expr, at: dict[str, Any], bits: int = LARGE) -> Any:
             if node.op == "variable":
                 known[node.digest] = at[node.name]
             elif node.op == "constant":
-                known[node.digest] = arb(float(node.data.lo))  # type: ignore[union-attr]
+                known[node.digest] = arb(float(node.data.lo))
             elif node.op == "power":
                 known[node.digest] = args[0] ** node.parameter if node.parameter else arb(1)
             else:
@@ -190,7 +190,7 @@ def _ball(lo: float, hi: float) -> Any:
 
 def _fails(constraint: cpcal.Constraint, at: dict[str, Any]) -> bool:
     body = value(constraint.body, at, BITS)
-    low, high = (float(e.data.lo) for e in (constraint.lower, constraint.upper))  # type: ignore[union-attr]
+    low, high = (float(e.data.lo) for e in (constraint.lower, constraint.upper))
     return not body.is_nan() and bool(body < arb(low) or body > arb(high))
 
 

@@ -48,7 +48,7 @@ def test_two_packages_that_register_one_name_are_both_named(monkeypatch: pytest.
     )
     with pytest.raises(PluginError, match=r"two packages .*'hc4'.*cpcal \(contractors.hc4:HC4\) and fast-hc4 \(theirs"):
         plugins.load("hc4")
-    assert plugins.load("lifted").__name__ == "Lifted"  # type: ignore[attr-defined]
+    assert plugins.load("lifted").__name__ == "Lifted"
 
 
 def test_the_list_of_plugins_leaves_with_status_2_where_two_packages_register_one_name(

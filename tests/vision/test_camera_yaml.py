@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 from cpcal.cli.app import app
 from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.files.camera_yaml import STYLES, camera_yaml
-from cpcal.vision.files.plate_and_camera import load_camera
+from cpcal.vision.files.plate_and_camera import STYLES, camera_yaml, load_camera
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 

@@ -13,10 +13,9 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.detect import ImageFolder, detect
+from cpcal.vision.batch.detect import POSITION, QUATERNION, SIGMA, ImageFolder, detect, detections_bytes, values_of
 from cpcal.vision.batch.study_images import MEAN, RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, detections_bytes, values_of
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET

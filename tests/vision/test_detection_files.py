@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from cpcal.common.errors import InputError
 from cpcal.files.tables import unguarded
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.study_images import study_table
-from cpcal.vision.files.detection import (
+from cpcal.vision.batch.detect import (
     COLUMNS,
     NUMBERS,
     Detection,
@@ -24,6 +23,7 @@ from cpcal.vision.files.detection import (
     readings_bytes,
     readings_of,
 )
+from cpcal.vision.batch.study_images import study_table
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc")), min_size=1), unique=True, max_size=6)
 ROW = st.tuples(*[st.floats(-1e9, 1e9) for _ in NUMBERS])

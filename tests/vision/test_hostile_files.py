@@ -13,9 +13,8 @@ import pytest
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 from cpcal.common.errors import InputError, printable
-from cpcal.vision.batch.detect import ImageFolder, detect
+from cpcal.vision.batch.detect import NUMBERS, ImageFolder, detect, load_readings
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import NUMBERS, load_readings
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET

@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
+from cpcal.vision.batch.detect import NUMBERS, Detection
 from cpcal.vision.batch.study_images import MOST_PICTURES, look_again
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.measure import Residuals, over_image, over_plate
 
 SIGMA = 0.005  # pixels

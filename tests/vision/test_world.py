@@ -10,9 +10,8 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 from benchmarks.vision_scenes import FACING, facing_poses, one
 from benchmarks.vision_world import CONDITIONS, World, measured, photograph, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.vision.batch.detect import detection
+from cpcal.vision.batch.detect import SCALE, detection
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.detection import SCALE
 from cpcal.vision.files.plate_and_camera import CameraRecord
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.projection import predicted_centers

@@ -6,11 +6,13 @@ root with a constant factor. Readings, enclosures of constants and other operati
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import partial, reduce
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +21,14 @@ from cpcal.checker import FORMAT, Refused
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.polynomial import constant
 from cpcal.checker.rule import SIDES, Constraint, Problem, Unknowns
+from cpcal.checker.rule import Box as ExactBox
 from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, as_expr, topological
-from cpcal.solver.network.mathematics import sqr
+from cpcal.solver.network.expression import Expr, as_expr, folded, positions, sqr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.rewrite import terms
+from cpcal.solver.network.polynomial import terms
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a certificate is about, as the writer needs it: the exact problem, its first lines, and where weights go.
@@ -56,92 +58,74 @@ def free(_: int) -> None:
     """Work that nobody limits."""
 
 
-class Statement(Protocol):
-    """A problem, and how it is written."""
-
-    @property
-    def problem(self) -> Problem: ...
-
-    def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
-        """Side and number, in the problem, of the polynomial row `part` of an element of a network's constraint."""
-        ...
-
-    def header(self, domain: Box) -> Iterator[dict[str, Any]]:
-        """The first lines, for the box of all unknowns."""
-        ...
-
-
-# parts of the leg network's constraints: -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row
-_LEG_CONSTRAINTS = range(2)
-_LEG_SIDES = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
-
-
 @dataclass(frozen=True)
-class LegStatement:
-    """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all.
+class Statement:
+    """A problem, and how a certificate states it.
 
-    The network's constraints beyond those of the leg are of the `forms`, from number `first` on.
+    head   the first line, but for the box of all unknowns; `items`: constraints that the certificate states itself
+    sides  by constraint of a network and part (its polynomial rows, in order): the side of the problem's rows, and
+           their numbers, element by element
     """
 
     problem: Problem
-    sha256: str
-    leg: int
-    only: tuple[int, ...] | None = None
-    forms: tuple[Given, ...] = ()
-    first: int = 0
+    head: Mapping[str, Any]
+    sides: Mapping[tuple[int, int], tuple[str, Sequence[int]]]
+    items: tuple[Stated, ...] = ()
 
-    def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
-        if constraint == len(_LEG_CONSTRAINTS):
-            return SIDES[part], self.problem.count - len(self.forms) + self.first + element
-        return _LEG_SIDES[constraint, part], element if self.only is None else self.only[element]
+    def place(self, constraint: int, part: int, element: int) -> tuple[str, int]:
+        """Side and number, in the problem, of one polynomial row of a network's constraint."""
+        side, numbers = self.sides[constraint, part]
+        return side, numbers[element]
 
     def header(self, domain: Box) -> Iterator[dict[str, Any]]:
-        yield {
-            "format": FORMAT,
-            "campaign": self.sha256,
-            "leg": self.leg,
-            "model": self.problem.model,
-            "measurements": self.problem.count - len(self.forms),
-            "only": None if self.only is None else list(self.only),
-            **({"forms": [_polynomial(form) for form in self.forms]} if self.forms else {}),
-            **limits(domain),
-        }
-
-
-@dataclass(frozen=True)
-class NetworkStatement:
-    """Constraints that the certificate states itself. `sides`: by constraint of the network the side of each part;
-    `start`: the number of its first element."""
-
-    problem: Problem
-    items: tuple[Stated, ...]
-    about: str
-    sides: Mapping[int, Sequence[str]]
-    start: Mapping[int, int]
-
-    def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
-        return self.sides[constraint][part], self.start[constraint] + element
-
-    def header(self, domain: Box) -> Iterator[dict[str, Any]]:
-        yield {
-            "format": FORMAT,
-            "about": self.about,
-            "unknowns": list(self.problem.unknowns),
-            "objective": self.problem.objective,
-            "constraints": self.problem.count,
-            **limits(domain),
-        }
+        """The first lines, for the box of all unknowns."""
+        yield {**self.head, **limits(domain)}
         for c in self.items:
             parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
-            texts = {k: p and _polynomial(p) for k, p in parts.items()}
-            yield {"name": c.name, "root": c.root, **texts}
+            yield {"name": c.name, "root": c.root, **{k: p and _polynomial(p) for k, p in parts.items()}}
+
+
+def stated_leg(
+    problem: Problem, sha256: str, leg: int, only: tuple[int, ...] | None, forms: Sequence[Given]
+) -> Statement:
+    """One leg of a campaign with that SHA-256, with all measurements or `only` some."""
+    head = {
+        "format": FORMAT,
+        "campaign": sha256,
+        "leg": leg,
+        "model": problem.model,
+        "measurements": problem.count - len(forms),
+        "only": None if only is None else list(only),
+        **({"forms": [_polynomial(form) for form in forms]} if forms else {}),
+    }
+    return Statement(problem, head, leg_sides(problem, problem.count - len(forms), only))
+
+
+def leg_sides(
+    problem: Problem, count: int, only: tuple[int, ...] | None = None, first: int = 0
+) -> dict[tuple[int, int], tuple[str, Sequence[int]]]:
+    """Where the rows of a leg's network of `count` measurements stand; its third constraint is of the leg's forms,
+    from number `first` on.
+
+    -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row.
+    """
+    numbers = range(count) if only is None else only
+    sides: dict[tuple[int, int], tuple[str, Sequence[int]]]
+    places = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
+    sides = {place: (side, numbers) for place, side in places.items()}
+    return sides | {(2, part): (side, range(count + first, problem.count)) for part, side in enumerate(SIDES)}
+
+
+def exact_box(box: Box) -> ExactBox:
+    """As the checker has it."""
+    return ExactBox(*(tuple(map(F, side.tolist())) for side in (box.lo, box.hi)))
 
 
 def _polynomial(p: Given) -> list[Any]:
     return [[list(monomial), number(c)] for monomial, c in sorted(p) if c]
 
 
-def limits(box: Box) -> dict[str, list[str]]:
+def limits(box: Box | ExactBox) -> dict[str, list[str]]:
     return {"lo": [number(v) for v in box.lo], "hi": [number(v) for v in box.hi]}
 
 
@@ -166,28 +150,33 @@ class NotStated(ModelError):
     """The constraints have no form that a certificate can hold."""
 
 
-def network_statement(network: ConstraintNetwork, objective: str | None, about: str = "") -> NetworkStatement:
+def network_statement(network: ConstraintNetwork, objective: str | None, about: str = "") -> Statement:
     """The network's constraints, element by element, exactly. Raises NotStated."""
     items: list[Stated] = []
     constraints: list[Constraint] = []
-    sides: dict[int, list[str]] = {}
-    start: dict[int, int] = {}
+    sides: dict[tuple[int, int], tuple[str, Sequence[int]]] = {}
     exact = ExactPolynomials(network)
-    for number_, constraint in enumerate(network.constraints):
+    for c, constraint in enumerate(network.constraints):
         try:
-            found, sides[number_] = _stated(f"c{number_}", constraint, exact)
+            found, own = _stated(f"c{c}", constraint, exact)
             constraints += [item.constraint() for item in found]
         except (NotStated, Refused) as reason:
-            raise NotStated(f"constraint {number_} cannot be certified: {reason}") from None
-        start[number_] = len(items)
+            raise NotStated(f"constraint {c} cannot be certified: {reason}") from None
+        sides |= {(c, part): (side, range(len(items), len(constraints))) for part, side in enumerate(own)}
         items += found
     endless = [name for name in network.names if not network.domain[name].is_bounded]
     if endless:
         raise NotStated(f"a certificate is about a bounded box: give {listed(endless)} a finite domain")
     goal = None if objective is None else network.names.index(objective)
-    chosen = tuple(range(len(items)))
-    problem = Problem(network.names, goal, len(items), chosen, partial(_on, constraints))
-    return NetworkStatement(problem, tuple(items), about, sides, start)
+    problem = Problem(network.names, goal, len(items), tuple(range(len(items))), partial(_on, constraints))
+    head = {
+        "format": FORMAT,
+        "about": about,
+        "unknowns": list(network.names),
+        "objective": goal,
+        "constraints": len(items),
+    }
+    return Statement(problem, head, sides, tuple(items))
 
 
 def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> Constraint:
@@ -196,7 +185,7 @@ def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> C
 
 
 def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -> tuple[list[Stated], list[str]]:
-    """The elements of one constraint, and the sides of its polynomial rows in the order of `network.rewrite`."""
+    """The elements of one constraint, and the sides of its polynomial rows in the order of `network.polynomial`."""
     factor, node, rest = _root(constraint.body)
     shape = constraint.body.shape
     low, high = _bound(constraint.lower, exact, shape), _bound(constraint.upper, exact, shape)
@@ -237,19 +226,15 @@ def _root(body: Expr) -> tuple[Expr, Expr | None, Expr]:
 
 def _somewhere(bound: Expr, sign: float) -> bool:
     """Whether the bound says something of some element."""
-    return not (isinstance(bound.data, IntervalArray) and bool(np.all(bound.data.lo == sign * np.inf)))
+    return bound.op != "constant" or not bool(np.all(bound.data.lo == sign * np.inf))
 
 
 def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
-    if bound.op == "constant" and isinstance(bound.data, IntervalArray) and np.isinf(bound.data.lo).any():
+    if np.isinf(bound.data.lo).any():
         if not bool(np.all(bound.data.lo == bound.data.hi)):
             raise NotStated("a bound is known to an interval only")
-        out = np.full(shape, None, dtype=object)
-        values = np.broadcast_to(bound.data.lo, shape)
-        for index in map(tuple, np.argwhere(np.isfinite(values))):
-            out[index] = _Poly({(): F(float(values[index]))})
-        return out
+        return np.asarray(_numbers(np.broadcast_to(bound.data.lo, shape)), dtype=object)
     return exact.of(bound)
 
 
@@ -315,52 +300,38 @@ class ExactPolynomials:
         self._known: dict[bytes, Objects] = {}
         start = 0
         for leaf in network.variables:
-            size = int(np.prod(leaf.shape))
-            values = [_Poly({(start + k,): F(1)}) for k in range(size)]
-            self._known[leaf.digest] = _array(values, leaf.shape)
-            start += size
+            self._known[leaf.digest] = np.asarray(_unknowns(positions(leaf.shape) + start), dtype=object)
+            start += math.prod(leaf.shape)
 
     def of(self, root: Expr) -> Objects:
-        for node in topological((root,)):
-            if node.digest not in self._known:
-                self._known[node.digest] = self._node(node, [self._known[arg.digest] for arg in node.args])
-        return self._known[root.digest]
+        return folded(root, self._node, self._known)
 
     def _node(self, node: Expr, args: list[Objects]) -> Objects:
         if node.op == "constant":
-            return _constant(node)
-        if node.op == "index" and isinstance(node.data, np.ndarray):
-            return np.asarray(args[0].ravel()[node.data], dtype=object)
-        if node.op == "sum":
-            return np.asarray(args[0].sum(axis=node.parameter), dtype=object)
-        if node.op == "sqr":
-            return np.asarray(args[0] * args[0], dtype=object)
-        if node.op == "power" and node.parameter >= 0:
-            one = _array([_Poly({(): F(1)})] * args[0].size, args[0].shape)
-            return np.asarray(reduce(np.multiply, [args[0]] * node.parameter, one), dtype=object)
-        if node.op in _BINARY:
-            return np.asarray(_BINARY[node.op](*args), dtype=object)
-        raise NotStated(f"{node.op!r} has no exact polynomial form")
+            if not bool(np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi))):
+                raise NotStated("a constant is known to an interval only")
+            found = _numbers(node.data.lo)
+        elif node.op == "index":
+            found = args[0].ravel()[node.places]
+        elif node.op == "sum":
+            found = args[0].sum(axis=node.parameter)
+        elif node.op == "sqr":
+            found = args[0] * args[0]
+        elif node.op == "power" and node.parameter >= 0:
+            found = reduce(np.multiply, [args[0]] * node.parameter, _numbers(np.ones(args[0].shape)))
+        elif node.op in _OPERATORS:
+            found = _OPERATORS[node.op](*args)
+        else:
+            raise NotStated(f"{node.op!r} has no exact polynomial form")
+        return np.asarray(found, dtype=object)
 
 
-_BINARY: dict[str, Any] = {
-    "neg": np.negative,
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.true_divide,
+_OPERATORS: dict[str, Any] = {
+    "neg": operator.neg,
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
 }
-
-
-def _constant(node: Expr) -> Objects:
-    data = node.data
-    assert isinstance(data, IntervalArray)
-    if not bool(np.all(np.isfinite(data.lo) & (data.lo == data.hi))):
-        raise NotStated("a constant is known to an interval only")
-    return _array([_Poly({(): F(float(v))}) for v in data.lo.ravel()], data.shape)
-
-
-def _array(values: list[_Poly], shape: tuple[int, ...]) -> Objects:
-    out = np.empty(len(values), dtype=object)
-    out[:] = values
-    return out.reshape(shape)
+_unknowns: Any = np.frompyfunc(lambda k: _Poly({(int(k),): F(1)}), 1, 1)
+_numbers: Any = np.frompyfunc(lambda v: _Poly({(): F(float(v))}) if math.isfinite(v) else None, 1, 1)

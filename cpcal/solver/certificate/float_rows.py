@@ -378,13 +378,8 @@ def _rounded(row: Polynomial) -> FloatRow:
 # Proposes readings for the checker: where a row is used, and where a point is a solution. Nothing of it is trusted.
 
 
-def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
-    """The row with the reference reading that costs least, component by component, on the box of x."""
-    return rows_of(problem, x, [(side, k)])[0]
-
-
 def rows_of(problem: Problem, x: Unknowns, places: Sequence[tuple[str, int]]) -> list[Row]:
-    """`row_of` for several sides and numbers."""
+    """Rows with the reference readings that cost least, component by component, on the box of x."""
     rows = [(side, k, "0" * len(problem.radii(k))) for side, k in places]
     for side in dict.fromkeys(side for side, _ in places if side != "length"):
         mine = [n for n, row in enumerate(rows) if row[0] == side and any(problem.radii(row[1]))]
@@ -402,13 +397,8 @@ def _leg(problem: Problem, x: Unknowns, k: int) -> LegConstraint:
     return leg
 
 
-def stretching(problem: Problem, x: Unknowns, k: int) -> str:
-    """The end of the reading set, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
-    return stretchings(problem, x, [k])[0]
-
-
 def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[str]:
-    """`stretching` of several."""
+    """The ends of the reading sets, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
     found = ["0" * len(problem.radii(k)) for k in numbers]
     mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
     if mine:
@@ -430,11 +420,11 @@ def at_point(point: Sequence[float]) -> Unknowns:
 
 def failing(problem: Problem, x: Unknowns, k: int) -> Row | None:
     """The row that proves that the point fails at k."""
-    rows = (row_of(problem, x, side, k) for side in problem.sides)
+    rows = rows_of(problem, x, [(side, k) for side in problem.sides])
     return next((row for row in rows if problem.fails(x, *row)), None)
 
 
 def holding(problem: Problem, x: Unknowns, k: int) -> str | None:
     """The signs of the readings that prove that it satisfies k."""
-    signs = stretching(problem, x, k)
+    signs = stretchings(problem, x, [k])[0]
     return signs if problem.holds(x, k, signs) else None

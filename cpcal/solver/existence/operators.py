@@ -161,7 +161,7 @@ class Equalities:
 def _equalities(constraint: Constraint) -> Bools:
     """Which elements of the body must equal one number, shape of the body."""
     shape, lower, upper = constraint.body.shape, constraint.lower, constraint.upper
-    if isinstance(lower.data, IntervalArray) and isinstance(upper.data, IntervalArray):
+    if {lower.op, upper.op} <= {"constant", "reading"}:
         low, high = lower.data, upper.data
         same = (low.lo == high.hi) & np.isfinite(low.lo) & (low.lo == low.hi) & (high.lo == high.hi)
         if lower.digest != upper.digest:
@@ -190,7 +190,6 @@ def _part(expr: Expr, constraint: Constraint, elements: Bools) -> Expr:
     where = np.nonzero(elements)
     if expr is constraint.body:
         return expr[where]
-    assert isinstance(expr.data, IntervalArray)
     return as_expr(expr.data.broadcast_to(constraint.body.shape)[where])
 
 

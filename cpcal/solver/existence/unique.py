@@ -14,7 +14,7 @@ from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
-from cpcal.solver.network.rewrite import one_sided
+from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.rows import Extremes
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -74,7 +74,6 @@ def excess_for_some(
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
     """Values moved surely into a reading's set: its bounds are stored rounded outward by up to two floats."""
     data = reading.data
-    assert isinstance(data, IntervalArray)
     lo = np.minimum(np.nextafter(np.nextafter(data.lo, np.inf), np.inf), data.mid)
     hi = np.maximum(np.nextafter(np.nextafter(data.hi, -np.inf), -np.inf), data.mid)
     return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))

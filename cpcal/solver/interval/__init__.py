@@ -3,7 +3,6 @@
 from cpcal.common.values import Bools, Floats, Indices, Ints
 from cpcal.solver.interval.arithmetic import Arithmetic, get_arithmetic
 from cpcal.solver.interval.box import Box
-from cpcal.solver.interval.numbers import IntervalArray
-from cpcal.solver.interval.scalar import Interval
+from cpcal.solver.interval.numbers import Interval, IntervalArray
 
 __all__ = ["Arithmetic", "Bools", "Box", "Floats", "Indices", "Interval", "IntervalArray", "Ints", "get_arithmetic"]

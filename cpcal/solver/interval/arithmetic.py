@@ -18,7 +18,7 @@ from cpcal.common.errors import InputError, Problem, RoundingError
 from cpcal.solver.compiled import ready, rebound
 from cpcal.solver.interval import functions, kernels, operations
 from cpcal.solver.interval.numbers import IntervalArray
-from cpcal.solver.interval.operations import ABS, ADD, DIV, MAX, MIN, MUL, NEG, POWER, SQR, SQRT, SUB
+from cpcal.solver.interval.operations import ADD, DIV, MUL, NEG, SQR, SQRT, SUB
 
 
 def _unary(code: int) -> Callable[[Arithmetic, IntervalArray], IntervalArray]:
@@ -39,22 +39,20 @@ class Arithmetic:
     def __init__(self, name: str) -> None:
         self.name = name
 
-    add, sub, mul, minimum, maximum = map(_binary, (ADD, SUB, MUL, MIN, MAX))
+    add, sub, mul = map(_binary, (ADD, SUB, MUL))
     # The hull of `{a / b : a in x, b in y, b != 0}`: a zero of y at an end gives a half line, y == [0, 0] nothing.
     div = _binary(DIV)
-    neg, sqr, sqrt, abs = map(_unary, (NEG, SQR, SQRT, ABS))  # the square root is of the part that is >= 0
-
-    def power(self, x: IntervalArray, n: int) -> IntervalArray:
-        """`x ** n` for an integer n of any sign."""
-        return self.apply(POWER, x, n=n)
+    neg, sqr, sqrt = map(_unary, (NEG, SQR, SQRT))  # the square root is of the part that is >= 0
 
     def apply(self, code: int, x: IntervalArray, y: IntervalArray | None = None, n: int = 0) -> IntervalArray:
         """Any operation of the table, element by element; n is a power's exponent."""
-        return self._looped("elementwise", (code, n), x, x if y is None else y)
-
-    def factor(self, z: IntervalArray, y: IntervalArray, x: IntervalArray) -> IntervalArray:
-        """Hull of `{a in x : a * b in z for some b in y}` (IEEE 1788 mulRev with a prior)."""
-        return self._looped("factors", (), z, y, x)
+        operands = (x, x if y is None else y)
+        shape = np.broadcast_shapes(*(operand.shape for operand in operands))
+        out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
+        # in arrays of their own: loops are compiled for those that may be written
+        given = [(x.lo.flatten(), x.hi.flatten()) for x in (operand.broadcast_to(shape) for operand in operands)]
+        in_arithmetic(self.name).elementwise(code, n, *given, out)
+        return IntervalArray(*out).reshape(shape)
 
     def sum(self, x: IntervalArray, axis: int) -> IntervalArray:
         """Sum along one axis, which disappears."""
@@ -74,17 +72,6 @@ class Arithmetic:
             given = [tuple(np.array(bound, np.float64, order="C") for bound in (v.lo, v.hi)) for v in (rows, y)]
             in_arithmetic(self.name).products(*given, (lo, hi))
         return IntervalArray(lo, hi).reshape(shape)
-
-    def _looped(self, loop: str, first: tuple[int, ...], *operands: IntervalArray) -> IntervalArray:
-        shape = operands[0].shape
-        if any(x.shape != shape for x in operands):
-            shape = np.broadcast_shapes(*(x.shape for x in operands))
-        size = math.prod(shape)
-        out = np.zeros(size), np.zeros(size)
-        # in arrays of their own: loops are compiled for those that may be written
-        given = [(x.lo.flatten(), x.hi.flatten()) for x in (operand.broadcast_to(shape) for operand in operands)]
-        getattr(in_arithmetic(self.name), loop)(*first, *given, out)
-        return IntervalArray(*out).reshape(shape)
 
 
 def get_arithmetic(name: str) -> Arithmetic:

@@ -11,9 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Floats, fill
-from cpcal.solver.interval.numbers import IntervalArray, Number, float_bounds, round_down, round_up
-from cpcal.solver.interval.scalar import Interval, format_bound
+from cpcal.common.values import Bools, Floats, fill
+from cpcal.solver.interval.numbers import (
+    Interval,
+    IntervalArray,
+    Number,
+    float_bounds,
+    format_bound,
+    round_down,
+    round_up,
+)
 
 _ONE_LINE = 3  # up to this many variables a box is printed on one line
 
@@ -264,7 +271,7 @@ def checked_name(name: object) -> str:
     return name
 
 
-def _has_points(lo: Floats, hi: Floats) -> npt.NDArray[np.bool_]:
+def _has_points(lo: Floats, hi: Floats) -> Bools:
     """Which components contain a real number."""
     return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
 

@@ -11,9 +11,9 @@ import math
 import re
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.elementary import PI
 from cpcal.solver.interval.functions import (
     ANGLES,
+    PI,
     acos,
     acosh,
     asin,
@@ -474,12 +474,6 @@ def slopes(code: int, n: int, c: Values, u: Values) -> Partials:
 def elementwise(code: int, n: int, a: Arrays, b: Arrays, out: Arrays) -> None:
     for k in range(out[0].size):
         out[0][k], out[1][k] = value(code, n, at(a, k), at(b, k))
-
-
-@compiled
-def factors(z: Arrays, y: Arrays, x: Arrays, out: Arrays) -> None:
-    for k in range(out[0].size):
-        out[0][k], out[1][k] = factor(at(z, k), at(y, k), at(x, k))
 
 
 @compiled

@@ -1,8 +1,7 @@
-from .expression import Constraint, Expr
+from .expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from .forms import CentredForm, evaluate
-from .mathematics import maximum, minimum, norm, sqr, sqrt
 from .network import ConstraintNetwork
-from .rewrite import PolynomialSystem, one_sided_rows, polynomial_form
+from .polynomial import PolynomialSystem, one_sided_rows, polynomial_form
 from .rows import rows_tape
 from .tape import Tape
 

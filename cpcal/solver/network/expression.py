@@ -6,25 +6,27 @@ Expressions are plain immutable data. What an operation means stands in `cpcal.s
 from __future__ import annotations
 
 import hashlib
+import math
+import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NoReturn, TypeAlias, Union
+from functools import partial, reduce
+from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import fill
+from cpcal.common.values import Indices, fill
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.interval.numbers import float_bounds
-from cpcal.solver.interval.scalar import format_bound
+from cpcal.solver.interval.numbers import float_bounds, format_bound
 
 # ------------------------------------------------------------------------------------------------------------------
 # What leaves of expressions hold: numbers from users, enclosed, copied and frozen where they come in.
 
-Data: TypeAlias = IntervalArray | npt.NDArray[np.intp]
+T = TypeVar("T")
 
 
 def enclosed(value: object) -> IntervalArray:
@@ -45,21 +47,11 @@ def pair(value: Any, where: str) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
-def own(data: Data | None) -> Data | None:
+def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """A read-only copy, so that nothing that the caller does to an array changes what was proved about it."""
-    if isinstance(data, IntervalArray):
-        lo = np.array(data.lo, order="C")
-        data = IntervalArray(lo, lo if data.hi is data.lo else np.array(data.hi, order="C"))
-    elif data is not None:
-        data = np.array(data, dtype=np.intp, order="C")
-    freeze(data)
-    return data
-
-
-def freeze(data: Data | None) -> None:
-    if data is not None:
-        for array in (data.lo, data.hi) if isinstance(data, IntervalArray) else (data,):
-            array.flags.writeable = False
+    array = np.array(array, order="C")
+    array.flags.writeable = False
+    return array
 
 
 def positions(shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
@@ -87,6 +79,15 @@ def topological(roots: Iterable[Expr]) -> list[Expr]:
     return list(order.values())
 
 
+def folded(root: Expr, value: Callable[[Expr, list[T]], T], known: dict[bytes, T] | None = None) -> T:
+    """What `value` makes of the root, and of what it made of its arguments, from the leaves up; `known` grows by it."""
+    known = {} if known is None else known
+    for node in topological((root,)):
+        if node.digest not in known:
+            known[node.digest] = value(node, [known[arg.digest] for arg in node.args])
+    return known[root.digest]
+
+
 def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
     """The variables, constants and readings under `roots`, each once."""
     return (node for node in topological(roots) if not node.args)
@@ -108,13 +109,17 @@ def _both_ways(op: str) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr
     return lambda x, y: binary(op, x, y), lambda y, x: binary(op, x, y)
 
 
+_NO_PLACES = _frozen(np.zeros(0, np.intp))
+_NO_DATA = IntervalArray(_frozen(np.zeros(0)), _frozen(np.zeros(0)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Expr:
     """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
 
-    `data` holds a leaf's value (for a reading: the set it is known to lie in) or the flat indices of
-    an "index", in read-only arrays of its own; `parameter` a "power"'s exponent, a "sum"'s axis, a "mul"'s SELECTS;
-    `name` a variable's name and `owner` that of its network, for messages.
+    `data` holds the value of a constant, or the set that a reading is known to lie in, and `places` the flat indices of
+    an "index", in read-only arrays of its own, empty for others; `parameter` a "power"'s exponent, a "sum"'s axis, a
+    "mul"'s SELECTS; `name` a variable's name and `owner` that of its network, for messages.
     """
 
     op: str
@@ -122,7 +127,8 @@ class Expr:
     shape: Shape = ()
     parameter: int = 0
     name: str = ""
-    data: IntervalArray | npt.NDArray[np.intp] | None = None
+    data: IntervalArray = _NO_DATA
+    places: Indices = field(default_factory=lambda: _NO_PLACES)
     owner: str = ""
     # SHA-256 of the structure: expressions of equal digests have equal values. Two variables, two readings or two
     # enclosures may be different numbers of the same set: each has a random identity, which pickles with it and
@@ -137,15 +143,16 @@ class Expr:
         if 0 in self.shape:
             raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
         depth = 1 + max((arg.depth for arg in self.args), default=0)
-        fill(self, data=own(self.data), depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        fill(self, depth=depth, ops=frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
+        if self.data is not _NO_DATA:
+            lo = _frozen(self.data.lo)
+            fill(self, data=IntervalArray(lo, lo if self.data.hi is self.data.lo else _frozen(self.data.hi)))
+        if self.places.size:
+            fill(self, places=_frozen(self.places))
         hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
-        if isinstance(self.data, IntervalArray):
-            hasher.update(self.data.lo.tobytes())
-            hasher.update(self.data.hi.tobytes())
-        elif self.data is not None:
-            hasher.update(self.data.tobytes())
-        thick = isinstance(self.data, IntervalArray) and bool(np.any(self.data.lo != self.data.hi))
-        if self.op in ("variable", "reading") or (self.op == "constant" and thick):
+        for array in (self.data.lo, self.data.hi, self.places):
+            hasher.update(array.tobytes())
+        if self.op in ("variable", "reading") or (self.op == "constant" and np.any(self.data.lo != self.data.hi)):
             hasher.update(os.urandom(16))
         for arg in self.args:
             hasher.update(arg.digest)
@@ -165,7 +172,8 @@ class Expr:
 
     def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
         self.__dict__.update(state[1])
-        freeze(self.data)  # numpy unpickles every array writable
+        for array in (self.data.lo, self.data.hi, self.places):  # numpy unpickles every array writable
+            array.flags.writeable = False
 
     @property
     def ndim(self) -> int:
@@ -186,8 +194,6 @@ class Expr:
     __rpow__ = _both_ways("pow")[1]
 
     def __pow__(self, exponent: Operand) -> Expr:
-        from cpcal.solver.network.mathematics import power
-
         return power(self, exponent)
 
     def __matmul__(self, other: Operand) -> Expr:
@@ -227,7 +233,7 @@ class Expr:
 
     def _gathered(self, positions: Any) -> Expr:
         flat = np.asarray(positions, dtype=np.intp)
-        return Expr("index", (self,), flat.shape, data=flat)
+        return Expr("index", (self,), flat.shape, places=flat)
 
     def __len__(self) -> int:
         if not self.shape:
@@ -238,14 +244,10 @@ class Expr:
         return (self[k] for k in range(len(self)))
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        from cpcal.solver.network import mathematics
-
-        return mathematics.ufunc(ufunc, method, inputs, options)
+        return numpy_ufunc(ufunc, method, inputs, options)
 
     def __array_function__(self, called: Any, types: Any, args: Any, options: Any) -> Any:
-        from cpcal.solver.network import mathematics
-
-        return mathematics.function(called, args, options)
+        return numpy_function(called, args, options)
 
     def __float__(self) -> NoReturn:
         raise ModelError("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")
@@ -304,24 +306,29 @@ class Constraint:
             except ValueError:
                 wrong = f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}"
                 raise ModelError(wrong) from None
-        lower, upper = self.lower.data, self.upper.data
         if self.lower.op == self.upper.op == "constant":
-            assert isinstance(lower, IntervalArray)
-            assert isinstance(upper, IntervalArray)
+            lower, upper = self.lower.data, self.upper.data
             impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
             if bool(np.any(impossible)):
                 raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
+
+    @property
+    def parts(self) -> tuple[Expr, Expr, Expr]:
+        return self.body, self.lower, self.upper
+
+    @property
+    def is_equation(self) -> bool:
+        return self.lower.digest == self.upper.digest
 
     def __repr__(self) -> str:
         return f"<Constraint {self}>"
 
     def __str__(self) -> str:
         """Without the bounds that say nothing; `body = number` for equal ones."""
-        if self.lower.digest == self.upper.digest:
+        if self.is_equation:
             return f"{self.body} = {self.lower}"
         left, right = (
-            isinstance(bound.data, IntervalArray)
-            and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
+            bound.op == "constant" and bool(np.isinf(bound.data.lo).all() and np.isinf(bound.data.hi).all())
             for bound in (self.lower, self.upper)
         )
         return ("" if left else f"{self.lower} <= ") + str(self.body) + ("" if right else f" <= {self.upper}")
@@ -347,7 +354,6 @@ def as_expr(value: Operand) -> Expr:
         if not any(isinstance(part, Expr) for part in parts):
             raise
         raise ModelError("an array of expressions is numpy.stack([x, y]), no list and no numpy.array") from None
-    assert isinstance(leaf.data, IntervalArray)
     if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
         raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")
     return leaf
@@ -396,14 +402,13 @@ _TIGHT = 5
 
 def text(expr: Expr) -> str:
     """As mathematics; arrays of numbers by their shape."""
-    done: dict[bytes, tuple[str, int]] = {}
-    for node in topological((expr,)):
-        written, rank = _written(node, [done[arg.digest] for arg in node.args])
-        if len(written) > _LONGEST:
-            half = _LONGEST // 2
-            written = f"{written[:half]} ... {written[-half:]}"
-        done[node.digest] = written, rank
-    return done[expr.digest][0]
+
+    def written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
+        said, rank = _written(node, args)
+        half = _LONGEST // 2
+        return (f"{said[:half]} ... {said[-half:]}" if len(said) > _LONGEST else said), rank
+
+    return folded(expr, written)[0]
 
 
 def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
@@ -427,12 +432,11 @@ def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
 
 
 def _indexed(node: Expr, inner: str) -> str:
-    assert isinstance(node.data, np.ndarray)
     if not node.args[0].shape:
         return inner
-    if node.data.size != 1:
+    if node.places.size != 1:
         return f"{inner}[...]"
-    place = np.unravel_index(int(node.data.ravel()[0]), node.args[0].shape)
+    place = np.unravel_index(int(node.places.ravel()[0]), node.args[0].shape)
     return f"{inner}[{','.join(str(int(k)) for k in place)}]"
 
 
@@ -440,10 +444,248 @@ def _leaf(node: Expr) -> str:
     if node.op == "variable":
         return node.name
     data = node.data
-    assert isinstance(data, IntervalArray)
     if data.lo.size != 1:
         return f"{node.op}{node.shape}"
     lo, hi = float(data.lo.ravel()[0]), float(data.hi.ravel()[0])
     if lo == hi:
         return format_bound(lo) if lo >= 0 else f"({format_bound(lo)})"
     return f"[{format_bound(lo)}, {format_bound(hi)}]"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Elementary functions of expressions, element by element.
+
+_LARGEST = 2**31  # of a whole exponent
+
+
+def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
+    def function(x: Operand) -> Expr:
+        arg = as_expr(x)
+        return Expr(op, (arg,), arg.shape)
+
+    function.__name__ = function.__qualname__ = op
+    function.__doc__ = meaning
+    return function
+
+
+sqr = _named("sqr", "Square (tighter than `x * x` over intervals).")
+sqrt = _named("sqrt", "Square root, defined where the argument is not negative.")
+exp = _named("exp", "e to the power of x.")
+expm1 = _named("expm1", "exp(x) - 1, exact to the last places near 0.")
+log = _named("log", "Natural logarithm, defined where x > 0.")
+log1p = _named("log1p", "log(1 + x), defined where x > -1.")
+sin = _named("sin", "Sine of an angle in radians.")
+cos = _named("cos", "Cosine of an angle in radians.")
+tan = _named("tan", "Tangent of an angle in radians, defined between its poles.")
+asin = _named("asin", "Angle in [-pi/2, pi/2] of a sine, defined on [-1, 1].")
+acos = _named("acos", "Angle in [0, pi] of a cosine, defined on [-1, 1].")
+atan = _named("atan", "Angle in (-pi/2, pi/2) of a tangent.")
+sinh = _named("sinh", "Hyperbolic sine.")
+cosh = _named("cosh", "Hyperbolic cosine.")
+tanh = _named("tanh", "Hyperbolic tangent.")
+floor = _named("floor", "The greatest integer that is at most x.")
+ceil = _named("ceil", "The least integer that is at least x.")
+sign = _named("sign", "-1, 0 or 1.")
+
+
+def norm(x: Operand) -> Expr:
+    """Euclidean length along the last axis."""
+    return sqrt(sqr(x).sum(-1))
+
+
+def minimum(x: Operand, y: Operand) -> Expr:
+    """The smaller of two, element by element."""
+    return binary("min", x, y)
+
+
+def maximum(x: Operand, y: Operand) -> Expr:
+    """The larger of two, element by element."""
+    return binary("max", x, y)
+
+
+def atan2(y: Operand, x: Operand) -> Expr:
+    """Angle of the point (x, y), in (-pi, pi]."""
+    return binary("atan2", y, x)
+
+
+def hypot(x: Operand, y: Operand) -> Expr:
+    """Length of the vector (x, y)."""
+    return sqrt(sqr(x) + sqr(y))
+
+
+def power(x: Operand, exponent: Operand) -> Expr:
+    """`x ** exponent`: products for a whole number, roots for a half, else exp(exponent log(x)), defined where x > 0.
+
+    (0 to a positive power is 0.) Each element of an array of exponents means its own power.
+    """
+    base = as_expr(x)
+    try:
+        other = as_expr(exponent)
+        shape = np.broadcast_shapes(base.shape, other.shape)
+    except (ModelError, ValueError) as error:
+        raise ModelError(f"{exponent!r} is no exponent: {error}") from None
+    values = np.full(shape, np.nan)
+    if other.op in ("constant", "reading"):  # a constant or reading: its elements that are one number
+        values[...] = np.where(other.data.lo == other.data.hi, other.data.lo, np.nan)
+    values = np.where((values == np.rint(values)) | (values == 0.5), values, np.nan)
+    if np.any(np.abs(values) >= _LARGEST):
+        raise ModelError(f"{exponent!r} is no exponent: whole ones are less than 2^31")
+    parts = [(_to_the(base, float(value)), values == value) for value in np.unique(values[~np.isnan(values)])]
+    if np.isnan(values).any():
+        parts.append((binary("pow", base, other), np.isnan(values)))
+    if len(parts) == 1:
+        return _spread(parts[0][0], shape)
+    chosen = [
+        Expr("mul", (_spread(part, shape), as_expr(mine.astype(np.float64))), shape, parameter=SELECTS)
+        for part, mine in parts
+    ]
+    return reduce(lambda one, two: one + two, chosen)
+
+
+def _to_the(base: Expr, value: float) -> Expr:
+    """A whole power, or the square root."""
+    if value == 0.5:
+        return sqrt(base)
+    return sqr(base) if value == 2.0 else Expr("power", (base,), base.shape, parameter=int(value))
+
+
+def _spread(expr: Expr, shape: Shape) -> Expr:
+    """Broadcast."""
+    if expr.shape == shape:
+        return expr
+    return expr.reshape(-1)[np.broadcast_to(np.arange(math.prod(expr.shape)).reshape(expr.shape), shape)]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# numpy's functions on expressions: `np.sin(x)`, `np.linalg.norm(x)`, `np.stack([x, y])` give expressions again.
+
+_Function = Callable[..., Any]
+
+
+def _operated(operate: _Function, x: Operand, y: Operand) -> Any:
+    return operate(as_expr(x), y)
+
+
+_OPERATORS: dict[str, _Function] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "power": operator.pow,
+    "float_power": operator.pow,
+    "matmul": operator.matmul,
+    "equal": operator.eq,
+    "less_equal": operator.le,
+    "greater_equal": operator.ge,
+    "not_equal": operator.ne,
+    "less": operator.lt,
+    "greater": operator.gt,
+}
+_UFUNCS: dict[str, _Function] = {
+    **{
+        op: globals()[op]
+        for op in ("exp", "expm1", "log", "log1p", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil", "sign")
+    },
+    "arcsin": asin,
+    "arccos": acos,
+    "arctan": atan,
+    "arctan2": atan2,
+    "hypot": hypot,
+    "sqrt": sqrt,
+    "square": sqr,
+    "minimum": minimum,
+    "maximum": maximum,
+    "absolute": lambda x: abs(as_expr(x)),
+    "fabs": lambda x: abs(as_expr(x)),
+    "negative": lambda x: -as_expr(x),
+    "positive": as_expr,
+    "reciprocal": lambda x: 1.0 / as_expr(x),
+    **{name: partial(_operated, operate) for name, operate in _OPERATORS.items()},
+}
+
+
+def numpy_ufunc(function: Any, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
+    """What `Expr.__array_ufunc__` returns. ModelError for what has no meaning."""
+    if function is np.add and method == "reduce":
+        return total(inputs[0], options.get("axis", 0))
+    if method != "__call__" or options or function.__name__ not in _UFUNCS:
+        raise ModelError(f"numpy.{function.__name__} is no operation of expressions; there are {', '.join(_UFUNCS)}")
+    return _UFUNCS[function.__name__](*inputs)
+
+
+def total(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
+    """Sum along one axis, along several, or (None) of all elements."""
+    expr = as_expr(x)
+    axes = range(expr.ndim) if axis is None else (axis if isinstance(axis, tuple) else (axis,))
+    for one in sorted((a % max(expr.ndim, 1) for a in axes), reverse=True):
+        expr = expr.sum(one)[(slice(None),) * one + (None,)] if keepdims else expr.sum(one)
+    return expr
+
+
+def _mean(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
+    whole = total(x, axis, keepdims)
+    return whole / (math.prod(as_expr(x).shape) // math.prod(whole.shape))
+
+
+def _folded(two: Callable[[Expr, Expr], Expr]) -> _Function:
+    """The reduction by an operation of two, along one axis or (None) of all elements."""
+
+    def reduced(x: Operand, axis: int | None = None) -> Expr:
+        expr = as_expr(x)
+        expr, where = (expr.reshape(-1), 0) if axis is None else (expr, axis % expr.ndim)
+        return reduce(two, (expr[(slice(None),) * where + (k,)] for k in range(expr.shape[where])))
+
+    return reduced
+
+
+def _norm(x: Operand, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Expr:
+    if ord not in (None, 2) or (ord == 2 and axis is None and as_expr(x).ndim > 1):
+        raise ModelError("of numpy.linalg.norm there is the Euclidean length: leave `ord` out")
+    return sqrt(total(sqr(x), axis, keepdims))
+
+
+def _stack(parts: Sequence[Operand], axis: int = 0) -> Expr:
+    exprs = [as_expr(part) for part in parts]
+    where = axis % (exprs[0].ndim + 1)
+    return _concatenate([expr[(slice(None),) * where + (None,)] for expr in exprs], where)
+
+
+def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
+    """A sum of the parts, each spread over the whole by an index and multiplied by zeros and ones.
+
+    The product selects: where its factor is 0 it is 0, also where the part is not defined.
+    """
+    exprs = [as_expr(part) for part in parts]
+    axis %= exprs[0].ndim
+    ends = np.cumsum([0, *(expr.shape[axis] for expr in exprs)])
+    place, spread = np.arange(ends[-1]), list[Expr]()
+    for expr, begin, end in zip(exprs, ends, ends[1:], strict=False):
+        whole = expr[(slice(None),) * axis + (np.clip(place - begin, 0, end - begin - 1),)]
+        mine = ((place >= begin) & (place < end)).astype(np.float64)
+        mask = as_expr(mine.reshape((-1,) + (1,) * (expr.ndim - axis - 1)))
+        spread.append(Expr("mul", (whole, mask), whole.shape, parameter=SELECTS))
+    return reduce(lambda one, two: one + two, spread)
+
+
+_FUNCTIONS: dict[Any, _Function] = {
+    np.sum: total,
+    np.mean: _mean,
+    np.prod: _folded(lambda x, y: x * y),
+    np.max: _folded(maximum),
+    np.min: _folded(minimum),
+    np.linalg.norm: _norm,
+    np.stack: _stack,
+    np.concatenate: _concatenate,
+    np.dot: lambda x, y: as_expr(x) @ y,
+    np.transpose: lambda x: as_expr(x).T,
+    np.reshape: lambda x, shape: as_expr(x).reshape(shape),
+    np.ravel: lambda x: as_expr(x).reshape(-1),
+}
+
+
+def numpy_function(called: Any, args: Sequence[Any], options: dict[str, Any]) -> Any:
+    """What `Expr.__array_function__` returns. ModelError for what has no meaning."""
+    if called not in _FUNCTIONS:
+        known = ", ".join(known.__name__ for known in _FUNCTIONS)
+        raise ModelError(f"numpy.{called.__name__} takes no expressions; there are {known}")
+    return _FUNCTIONS[called](*args, **options)

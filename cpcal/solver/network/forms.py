@@ -20,8 +20,9 @@ import numpy as np
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, topological
+from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
 from cpcal.solver.network.network import ConstraintNetwork, component_names
+from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 FormName = Literal["natural", "centred", "slope", "tightest"]
@@ -69,7 +70,7 @@ class CentredForm:
         self._engine = engine
         self._tape = Tape(network, [expr])
         self.count = self._tape.count
-        self._sets = {leaf.digest: leaf.data for leaf in self._tape.readings if isinstance(leaf.data, IntervalArray)}
+        self._sets = {leaf.digest: leaf.data for leaf in self._tape.readings}
         self._centers = {digest: IntervalArray.point(data.mid) for digest, data in self._sets.items()}
         self.affine = _degree(expr) <= 1
 
@@ -134,16 +135,13 @@ _DEGREES: dict[str, Callable[[Expr, list[float]], float]] = {
 
 def _degree(expr: Expr) -> float:
     """Degree as a polynomial in the variables alone; infinite for what is none."""
-    out: dict[bytes, float] = {}
-    for node in topological((expr,)):
-        below = [out[arg.digest] for arg in node.args]
-        if not below:
-            out[node.digest] = 1.0 if node.op == "variable" else 0.0
-        elif not any(below):
-            out[node.digest] = 0.0
-        else:
-            out[node.digest] = _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
-    return out[expr.digest]
+
+    def degree(node: Expr, below: list[float]) -> float:
+        if not any(below):
+            return float(node.op == "variable")
+        return _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
+
+    return folded(expr, degree)
 
 
 def check_powers(network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
@@ -174,7 +172,7 @@ def _all_whole(network: ConstraintNetwork, exponent: Expr) -> bool:
             if leaf.op != "variable" or (leaf is node and leaf is not exponent):
                 continue
             own = np.array([place.get(name, -1) for name in component_names(leaf)])
-            own = own[node.data] if isinstance(node.data, np.ndarray) else own  # of an index
+            own = own[node.places] if node.op == "index" else own
             if not (settled[own] & (own >= 0)).all():
                 return False
     return True
@@ -194,7 +192,7 @@ def multiplied_out(network: ConstraintNetwork) -> list[tuple[int, list[Constrain
     """The constraints with such divisions, by number, and what each is equivalent to on the domain."""
     out = []
     for number, constraint in enumerate(network.constraints):
-        if any(_divides(node) for node in topological((constraint.body, constraint.lower, constraint.upper))):
+        if any(_divides(node) for node in topological(constraint.parts)):
             found = _without_divisions(network, constraint)
             if found is not None:
                 out.append((number, found))
@@ -224,25 +222,18 @@ def _divides(node: Expr) -> bool:
 
 def _without_divisions(network: ConstraintNetwork, constraint: Constraint) -> list[Constraint] | None:
     """Equivalent constraints, or None where a divisor's sign is not known."""
-    body, lower, upper = constraint.body, constraint.lower, constraint.upper
-    if lower.digest == upper.digest:
-        found = _product(network, body - lower)
+    if constraint.is_equation:
+        found = _product(network, constraint.body - constraint.lower)
         return None if found is None else [found[0] == 0.0]
-    out = []
-    for bound, sign in ((upper, 1.0), (lower, -1.0)):
-        infinite = bound.op == "constant" and bool(np.all(bound.data.lo == sign * np.inf))  # type: ignore[union-attr]
-        if infinite:
-            continue
-        found = _product(network, body - bound if sign > 0.0 else bound - body)
-        if found is None:
-            return None
-        out.append(found[0] * found[1] <= 0.0)
-    return out
+    products = [_product(network, row.expr) for row in one_sided(0, constraint)]
+    if None in products:
+        return None
+    return [product[0] * product[1] <= 0.0 for product in products if product is not None]
 
 
 def _product(network: ConstraintNetwork, row: Expr) -> tuple[Expr, float] | None:
     """The row times its divisors, and the sign of their product."""
-    numerator, divisors = _Ratio().of(row)
+    numerator, divisors = folded(row, _Ratio().of_node)
     if not divisors or divisors.total() > _MOST:
         return None
     sign = 1.0
@@ -261,13 +252,7 @@ class _Ratio:
     def __init__(self) -> None:
         self._same: dict[bytes, Expr] = {}  # one object for equal expressions, so that counters find them
 
-    def of(self, root: Expr) -> tuple[Expr, Divisors]:
-        done: dict[bytes, tuple[Expr, Divisors]] = {}
-        for node in topological((root,)):
-            done[node.digest] = self._node(node, [done[arg.digest] for arg in node.args])
-        return done[root.digest]
-
-    def _node(self, node: Expr, args: list[tuple[Expr, Divisors]]) -> tuple[Expr, Divisors]:
+    def of_node(self, node: Expr, args: list[tuple[Expr, Divisors]]) -> tuple[Expr, Divisors]:
         if not any(divisors for _, divisors in args) and not _divides(node):
             return node, Counter()
         if node.op == "neg":

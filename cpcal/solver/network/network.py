@@ -14,12 +14,13 @@ import operator
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.common.values import Bools, Indices
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.expression import (
@@ -29,6 +30,7 @@ from cpcal.solver.network.expression import (
     Shape,
     as_expr,
     enclosed,
+    folded,
     leaves,
     pair,
     topological,
@@ -60,7 +62,7 @@ class ConstraintNetwork:
         name: str,
         shape: int | Shape = (),
         domain: Domain = (-np.inf, np.inf),
-        integer: bool | npt.NDArray[np.bool_] = False,
+        integer: bool | Bools = False,
     ) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
 
@@ -137,8 +139,8 @@ class ConstraintNetwork:
         for item in items:
             if not isinstance(item, Constraint):
                 raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
-            self.check_owner(item.body, item.lower, item.upper)
-            check_powers(self, (item.body, item.lower, item.upper))
+            self.check_owner(*item.parts)
+            check_powers(self, item.parts)
         self._constraints += [one for item in items for one in _for_all(item, self._for_all)]
 
     def owns(self, leaf: Expr) -> bool:
@@ -161,15 +163,14 @@ class ConstraintNetwork:
             given = f"a box of {', '.join(box.names)}" if isinstance(box, Box) else repr(box)
             raise ModelError(f"{given} is no box of {self.name!r}, whose components are {', '.join(self.names)}")
 
-    def without_constraints(self) -> ConstraintNetwork:
+    def without_constraints(self) -> Self:
         """A new network with the same variables and domains and no constraints yet."""
-        other = ConstraintNetwork(self.name)
-        other._variables, other._domains, other._owner = copy(self._variables), copy(self._domains), copy(self._owner)
-        other._whole, other._for_all = self._whole, self._for_all
+        other = copy(self)
+        other._constraints, other._made = [], Made()
         return other
 
     @property
-    def whole(self) -> npt.NDArray[np.bool_]:
+    def whole(self) -> Bools:
         """Which components take whole numbers only."""
         return np.array([name in self._whole for name in self.names], dtype=bool)
 
@@ -204,7 +205,7 @@ class ConstraintNetwork:
         leaf = expr.args[0] if expr.op == "index" else expr
         if expr.shape == () and leaf.op == "variable":
             self.check_owner(leaf)
-            position = int(expr.data) if isinstance(expr.data, np.ndarray) else 0
+            position = int(expr.places) if expr.op == "index" else 0
             return component_names(leaf)[position]
         raise ModelError(f"{expr!r} is not a scalar variable of this network")
 
@@ -217,16 +218,14 @@ class ConstraintNetwork:
         """SHA-256 over variables, domains and constraints, in order; the same for networks built alike."""
         hasher = hashlib.sha256(repr((self.names, self.whole.tolist())).encode())
         hasher.update(self.domain.lo.tobytes() + self.domain.hi.tobytes())
-        roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
+        roots = [expr for c in self._constraints for expr in c.parts]
         number: dict[bytes, int] = {}
         for node in topological(roots):
             args = tuple(number[arg.digest] for arg in node.args)
             number[node.digest] = len(number)
             hasher.update(repr((node.op, node.shape, node.parameter, node.name, args)).encode())
-            if isinstance(node.data, IntervalArray):
-                hasher.update(node.data.lo.tobytes() + node.data.hi.tobytes())
-            elif node.data is not None:
-                hasher.update(node.data.astype(np.int64).tobytes())
+            for array in (node.data.lo, node.data.hi, node.places.astype(np.int64)):
+                hasher.update(array.tobytes())
         hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
 
@@ -236,7 +235,7 @@ class ConstraintNetwork:
         For what contractors, choices and proofs all need, and only read: tapes, which take long where there are
         thousands of constraints.
         """
-        parts = [digest for c in self._constraints for digest in (c.body.digest, c.lower.digest, c.upper.digest)]
+        parts = [part.digest for c in self._constraints for part in c.parts]
         box = self.domain
         key = (what, self.names, self._whole, box.lo.tobytes(), box.hi.tobytes(), *parts)
         return self._made.of(key, make)
@@ -292,7 +291,7 @@ def _shape(name: str, shape: Any) -> Shape:
     return sizes
 
 
-def _domain(leaf: Expr, domain: Domain, whole: npt.NDArray[np.bool_]) -> Box:
+def _domain(leaf: Expr, domain: Domain, whole: Bools) -> Box:
     """The box of one variable. Raises ModelError where it holds no number or does not fit the shape."""
     lower, upper = (domain.lo, domain.hi) if isinstance(domain, Interval) else pair(domain, "a domain")
     try:
@@ -311,40 +310,34 @@ def _for_all(constraint: Constraint, parameters: Mapping[bytes, Expr]) -> list[C
 
     What excludes a box must be wrong for one value only: so the others are needed. Raises ModelError for an equation.
     """
-    parts = (constraint.body, constraint.lower, constraint.upper)
-    own = [leaf for leaf in leaves(parts) if leaf.digest in parameters]
+    own = [leaf for leaf in leaves(constraint.parts) if leaf.digest in parameters]
     if not own:
         return [constraint]
-    if constraint.lower.digest == constraint.upper.digest:
+    if constraint.is_equation:
         raise ModelError("an equation does not hold for all values of a parameter: give an inequality")
     out = [constraint]
     for pick in ("lo", "mid", "hi"):
         chosen = {leaf.digest: as_expr(IntervalArray.point(np.array(getattr(leaf.data, pick)))) for leaf in own}
-        out.append(Constraint(*(_replaced(part, chosen) for part in parts)))
+        out.append(Constraint(*(_replaced(part, chosen) for part in constraint.parts)))
     return out
 
 
 def _replaced(root: Expr, leaves_by: Mapping[bytes, Expr]) -> Expr:
     """The expression with some of its leaves replaced."""
-    done: dict[bytes, Expr] = {}
-    for node in topological((root,)):
+
+    def replaced(node: Expr, args: list[Expr]) -> Expr:
         if node.digest in leaves_by:
-            done[node.digest] = leaves_by[node.digest]
-        elif any(done[arg.digest] is not arg for arg in node.args):
-            args = tuple(done[arg.digest] for arg in node.args)
-            done[node.digest] = Expr(node.op, args, node.shape, node.parameter, node.name, node.data, node.owner)
-        else:
-            done[node.digest] = node
-    return done[root.digest]
+            return leaves_by[node.digest]
+        return node if all(map(operator.is_, args, node.args)) else replace(node, args=tuple(args))
+
+    return folded(root, replaced)
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # A network with some of its measurements: the same constraints, fewer elements of each.
 
-Rows = npt.NDArray[np.intp]
 
-
-def restricted(network: ConstraintNetwork, keep: Sequence[Rows]) -> ConstraintNetwork:
+def restricted(network: ConstraintNetwork, keep: Sequence[Indices]) -> ConstraintNetwork:
     """The network with, of each constraint, only the elements `keep[c]` along its leading axis.
 
     What is computed per measurement is computed for those alone. Dropping elements loses no solution.
@@ -360,12 +353,12 @@ def restricted(network: ConstraintNetwork, keep: Sequence[Rows]) -> ConstraintNe
     return smaller
 
 
-def _bound(bound: Expr, body: Expr, rows: Rows) -> Expr:
+def _bound(bound: Expr, body: Expr, rows: Indices) -> Expr:
     along = bound.ndim == body.ndim and bound.shape[0] == body.shape[0]
     return select(bound, rows) if along else bound
 
 
-def select(root: Expr, rows: Rows) -> Expr:
+def select(root: Expr, rows: Indices) -> Expr:
     """`root[rows]`, with the selection moved down to the leaves as far as it goes."""
     wanted = _wanted(root)
     done: dict[bytes, Expr] = {}
@@ -395,25 +388,23 @@ def passes_down(node: Expr, arg: Expr) -> bool:
     return arg.ndim == node.ndim
 
 
-def _index_rows(node: Expr) -> Rows:
+def _index_rows(node: Expr) -> Indices:
     """For every element of an "index" node the row of its argument that it comes from, shape (N, -1)."""
-    assert isinstance(node.data, np.ndarray)
     width = max(int(np.prod(node.args[0].shape[1:])), 1)
-    return np.asarray(node.data.reshape((node.shape[0], -1)) // width)
+    return np.asarray(node.places.reshape((node.shape[0], -1)) // width)
 
 
-def _selected(node: Expr, rows: Rows, done: dict[bytes, Expr]) -> Expr:
+def _selected(node: Expr, rows: Indices, done: dict[bytes, Expr]) -> Expr:
     shape = (len(rows), *node.shape[1:])
-    if node.op in ("constant", "reading") and isinstance(node.data, IntervalArray):
+    if node.op in ("constant", "reading"):
         return replace(node, shape=shape, data=node.data[rows])
     if not node.args or (node.op == "sum" and node.parameter == 0):  # of all rows: select from the result
         return node[rows]
     below = tuple(done[arg.digest] if passes_down(node, arg) else arg for arg in node.args)
     if node.op != "index":
         return replace(node, args=below, shape=shape)
-    assert isinstance(node.data, np.ndarray)
-    chosen = node.data.reshape((node.shape[0], -1))[rows]
+    chosen = node.places.reshape((node.shape[0], -1))[rows]
     if passes_down(node, node.args[0]):
         width = max(int(np.prod(node.args[0].shape[1:])), 1)
         chosen = np.arange(len(rows))[:, None] * width + chosen % width
-    return replace(node, args=below, shape=shape, data=chosen.reshape(shape))
+    return replace(node, args=below, shape=shape, places=chosen.reshape(shape))

@@ -10,7 +10,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,8 +19,9 @@ from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
-from cpcal.solver.network.expression import Expr, topological
-from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr, topological
+from cpcal.solver.network.network import ConstraintNetwork, passes_down
+from cpcal.solver.network.tape import ReadingSets
 
 Monomial = tuple[int, ...]
 Monomials = tuple[Monomial, ...]
@@ -121,7 +122,8 @@ class Expander:
             if node.digest not in self._done:
                 try:
                     args = [self._found(arg) for arg in node.args]
-                    _check_rows(node, args)
+                    if not all(passes_down(node, arg) for arg, own in zip(node.args, args, strict=True) if own.reads):
+                        raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
                     if node.op in ("mul", "sqr", "power") and time.monotonic() > self._deadline:
                         raise NotPolynomial("the time limit came first")
                     self._done[node.digest] = self._node(node, args, self._whole)
@@ -162,7 +164,6 @@ class Expander:
             unit = IntervalArray.point(np.eye(count).reshape((1, count, *node.shape)))
             return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), unit)
         if node.op == "constant":
-            assert isinstance(node.data, IntervalArray)
             return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
@@ -182,7 +183,6 @@ class Expander:
         count = 1
         for node in self._leaves.values():
             values = sets.get(node.digest, node.data)
-            assert isinstance(values, IntervalArray)
             mid, rows = values.mid, node.shape[0] if node.shape else 1
             radius = np.maximum(values.hi - mid, mid - values.lo).reshape(rows, -1)
             moving = np.flatnonzero(radius.any(axis=0))
@@ -207,7 +207,7 @@ class Expander:
             full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
             if op == "sum":
                 return x.monomials, coef.total_over(e, full, node.parameter + 1)
-            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.data]
+            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.places]
         one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
         if op in ("add", "sub"):
             monomials, of_x, of_y = _union(one[0], other[0][0])
@@ -247,19 +247,276 @@ def pairs(monomials: Iterable[Monomial]) -> int:
     return sum(math.prod((k + 1) * (k + 2) // 2 for k in Counter(m).values()) for m in monomials)
 
 
-def _check_rows(node: Expr, args: list[PolynomialArray]) -> None:
-    """Readings must keep their measurement axis: element k may only depend on the readings of row k."""
-    for arg in args:
-        if not arg.reads:
+# ------------------------------------------------------------------------------------------------------------------
+# From constraints to polynomial inequalities `q <= 0`.
+#
+# A row `expr <= 0` is replaced by rows whose conjunction it implies (for some reading, the row's own): square roots are
+# isolated and squared, absolute values and maxima split. A row that does not become polynomial is left to the other
+# contractors and listed in `PolynomialSystem.leftover`.
+
+
+@dataclass(frozen=True)
+class Row:
+    """`expr <= 0`, elementwise, wherever `guard >= 0` (everywhere when there is no guard).
+
+    Where the guard v is only known to be >= -t, `expr <= t^2` still holds: see `split`.
+    """
+
+    expr: Expr
+    constraint: int
+    guard: Expr | None = None
+    elements: Indices | None = None  # of the constraint's body, flat; None: all
+
+
+def one_sided(number: int, constraint: Constraint) -> list[Row]:
+    """`lower <= body <= upper` as at most two rows; infinite bounds give none."""
+    rows = []
+    for bound, sign in ((constraint.upper, 1.0), (constraint.lower, -1.0)):
+        body, elements = constraint.body, _bounded(bound, constraint.body.shape, sign)
+        if elements is not None and not elements.size:
             continue
-        same_front = bool(node.shape) and node.shape[0] == arg.shape[0]
-        if node.op == "sum":
-            same_front = node.parameter > 0
-        elif node.op == "index" and isinstance(node.data, np.ndarray) and same_front:
-            width = int(np.prod(arg.shape[1:]))
-            rows = node.data.reshape((node.shape[0], -1)) // width
-            same_front = bool((rows == np.arange(node.shape[0])[:, None]).all())
-        elif node.ndim != len(arg.shape):
-            same_front = False
-        if not same_front:
-            raise NotPolynomial(f"{node.op!r} mixes the measurements of a reading")
+        if elements is not None:
+            where = np.unravel_index(elements, body.shape)
+            body, bound = body[where], as_expr(bound.data.broadcast_to(body.shape)[where])
+        rows.append(Row(body - bound if sign > 0.0 else bound - body, number, elements=elements))
+    return rows
+
+
+def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> Indices | None:
+    """The flat elements whose bound says something; None for all of them."""
+    if bound.op != "constant":
+        return None
+    idle = np.broadcast_to(bound.data.lo == sign * np.inf, shape).ravel()
+    return np.flatnonzero(~idle) if idle.any() else None
+
+
+def one_sided_rows(network: ConstraintNetwork) -> list[Row]:
+    """Those of all constraints, in order."""
+    return [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+
+
+Term = tuple[Expr, Expr]  # constant factor, expression
+
+
+def terms(expr: Expr) -> list[Term]:
+    """`expr` as a sum of constants times expressions that are no sums themselves."""
+    out: list[Term] = []
+    stack: list[Term] = [(as_expr(1.0), expr)]
+    while stack:
+        factor, node = stack.pop()
+        if node.op in ("add", "sub"):
+            second = factor if node.op == "add" else -factor
+            stack += [(second, node.args[1]), (factor, node.args[0])]
+        elif node.op == "neg":
+            stack.append((-factor, node.args[0]))
+        elif node.op == "mul" and node.args[0].is_constant:
+            stack.append((factor * node.args[0], node.args[1]))
+        elif node.op == "mul" and node.args[1].is_constant:
+            stack.append((factor * node.args[1], node.args[0]))
+        elif node.op == "div" and node.args[1].is_constant:
+            stack.append((factor / node.args[1], node.args[0]))
+        else:
+            out.append((factor, node))
+    return out
+
+
+def _sign(factor: Expr, engine: Arithmetic) -> int:
+    """1 or -1 for a constant of one sign, else 0."""
+    value = coef.total(engine, Expander(ConstraintNetwork(), engine, (factor,)).expand(factor).constant)
+    return int(bool(np.all(value.lo > 0.0))) - int(bool(np.all(value.hi < 0.0)))
+
+
+def _isolated(row: Row, op: str) -> tuple[Expr, Expr, Expr] | None:
+    """The first term with operation `op`: its factor, its node and the sum of all other terms."""
+    if op not in row.expr.ops:
+        return None
+    parts = terms(row.expr)
+    for k, (factor, node) in enumerate(parts):
+        if node.op == op:
+            rest: Expr = as_expr(np.zeros(row.expr.shape))
+            for j, (f, x) in enumerate(parts):
+                if j != k:
+                    rest = rest + f * x
+            return factor, node, rest
+    return None
+
+
+def split(row: Row, engine: Arithmetic) -> list[Row] | None:
+    """The rows that say the same without the first extremum, absolute value or square root; None where there is none.
+
+    For `c f + r <= 0` with a constant c of one sign:
+    max, c > 0, and min, c < 0    a row for each argument
+    |u|, c > 0                    a row for u and one for -u; for c < 0 it is the square root of u^2
+    sqrt(u), c > 0                r <= 0 and c^2 u <= r^2
+    sqrt(u), c < 0                r^2 <= c^2 u where r >= 0. Where r >= -t only, sqrt(c^2 u) >= r gives
+                                  c^2 u >= r^2 - t^2: either r >= 0, or r^2 <= t^2
+    """
+    for op in ("max", "min", "abs", "sqrt") if row.guard is None else ():
+        found = _isolated(row, op)
+        if found is None:
+            continue
+        factor, node, rest = found
+        sign = _sign(factor, engine)
+        if (op, sign) in (("max", 1), ("min", -1)):
+            return [replace(row, expr=rest + factor * arg) for arg in node.args]
+        if (op, sign) == ("abs", 1):
+            return [replace(row, expr=rest + s * factor * node.args[0]) for s in (1.0, -1.0)]
+        if op in ("abs", "sqrt") and sign:
+            squared = sqr(factor * node.args[0]) if op == "abs" else sqr(factor) * node.args[0]
+            if sign < 0:
+                return [replace(row, expr=sqr(rest) - squared, guard=rest)]
+            return [replace(row, expr=rest), replace(row, expr=squared - sqr(rest))]
+    return None
+
+
+_MOST = 512  # rows made of one
+
+
+def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
+    """The rows that are made of one row; the row itself where they would be more than `_MOST`.
+
+    A sum of n absolute values stands for 2^n rows.
+    """
+    todo, done = [row], list[Row]()
+    while todo:
+        if len(todo) + len(done) > _MOST:
+            return [row]
+        first, *todo = todo
+        found = split(first, engine)
+        if found is None:
+            done.append(first)
+        else:
+            todo = found + todo
+    return done
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The polynomial form of a network: all rows that have one, over one list of shared monomials.
+
+
+@dataclass(frozen=True)
+class PolynomialSystem:
+    """K inequalities `sum_m coefficients[:, k, m] * monomials[m] <= 0` in n variables.
+
+    `coefficients` has shape (1 + J, K, M) (see `coefficient`); monomial 0 is 1 and with a monomial all its
+    divisors are listed. `guards` (1 + J, K, G) over `guard_monomials` (positions in `monomials`) are the
+    guards of the rows in `guarded` (K,). `origin` (K, 2) holds constraint and element of each row, `part` which of
+    the rows made from that constraint it belongs to.
+    """
+
+    names: tuple[str, ...]
+    monomials: tuple[Monomial, ...]
+    coefficients: IntervalArray
+    guarded: Bools
+    guard_monomials: Indices
+    guards: IntervalArray
+    origin: Indices
+    part: Indices
+    leftover: tuple[tuple[int, str], ...]
+
+
+Expanded = tuple[Row, PolynomialArray, PolynomialArray | None]
+
+
+class PolynomialForms:
+    """The polynomial forms of one network for any parts of its reading sets; what they share is done once.
+
+    Rows that are not expanded at `deadline` (of time.monotonic()) have none.
+    """
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, deadline: float = math.inf) -> None:
+        self._network, self._engine, self._deadline = network, engine, deadline
+        self._first = one_sided_rows(network)
+        self._parts = [rewritten(row, engine) for row in self._first]
+        self._expander: Expander | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the expander, which holds all coefficients: it is made again where it is wanted."""
+        return self.__dict__ | {"_expander": None}
+
+    def on(self, sets: Sequence[ReadingSets] | None = None) -> PolynomialSystem:
+        """All rows that have a polynomial form, over one list of shared monomials.
+
+        `sets` may give, for each one-sided row, smaller reading sets that decide it (see `DecisiveReadings`).
+        """
+        if self._expander is None:
+            roots = tuple(row.expr for row in self._first)
+            self._expander = Expander(self._network, self._engine, roots, self._deadline)
+        expanded, leftover = list[Expanded](), list[tuple[int, str]]()
+        monomials, size = set[Monomial](), 0
+        for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
+            roots = (part.expr,) if part.guard is None else (part.expr, part.guard)
+            try:
+                forms = [self._expander.expand(root) for root in roots]
+                forms = self._expander.again(roots, own) if own else forms
+                more = {m for p in forms for m in p.monomials} - monomials
+                if size + pairs(more) > MOST_PAIRS:
+                    raise NotPolynomial("with the other rows, too many products")
+                monomials, size = monomials | more, size + pairs(more)
+                expanded.append((part, forms[0], None if part.guard is None else forms[1]))
+            except NotPolynomial as reason:
+                leftover.append((part.constraint, str(reason)))
+        return _system(self._network, expanded, leftover)
+
+
+def polynomial_form(
+    network: ConstraintNetwork,
+    engine: Arithmetic,
+    sets: Sequence[ReadingSets] | None = None,
+    deadline: float = math.inf,
+) -> PolynomialSystem:
+    """`PolynomialForms` for one collection of reading sets."""
+    return PolynomialForms(network, engine, deadline).on(sets)
+
+
+def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:
+    bodies, guards = [q for _, q, _ in rows], [g for _, _, g in rows]
+    forms = [p for p in (*bodies, *guards) if p is not None]
+    monomials = _closed({m for p in forms for m in p.monomials})
+    of_guards = {m for g in guards if g is not None for m in g.monomials}
+    guard_columns = [k for k, m in enumerate(monomials) if m in of_guards]
+    slots = max((p.coefficients.shape[0] for p in forms), default=1)
+    counts = np.array([math.prod(q.shape) for q in bodies], np.intp)
+    origins, parts, before = [np.zeros((0, 2), np.intp)], list[int](), Counter[int]()
+    for (row, *_), count in zip(rows, counts.tolist(), strict=True):
+        elements = np.arange(count) if row.elements is None else row.elements
+        origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))
+        parts.append(before[row.constraint])
+        before[row.constraint] += 1
+    return PolynomialSystem(
+        names=network.names,
+        monomials=monomials,
+        coefficients=_table(bodies, counts, monomials, slots),
+        guarded=np.repeat(np.array([g is not None for g in guards], np.bool_), counts),
+        guard_monomials=np.array(guard_columns, np.intp),
+        guards=_table(guards, counts, tuple(monomials[k] for k in guard_columns), slots),
+        origin=np.concatenate(origins),
+        part=np.repeat(np.array(parts, np.intp), counts),
+        leftover=tuple(leftover),
+    )
+
+
+def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:
+    """All divisors of the given monomials, by degree, then by variables."""
+    out: set[Monomial] = {()}
+    todo = list(monomials)
+    while todo:
+        m = todo.pop()
+        if m not in out:
+            out.add(m)
+            todo += [m[:k] + m[k + 1 :] for k in range(len(m))]
+    return tuple(sorted(out, key=lambda m: (len(m), m)))
+
+
+def _table(forms: Sequence[PolynomialArray | None], counts: Indices, monomials: Monomials, slots: int) -> IntervalArray:
+    """Coefficients (1 + J, K, M) of all rows: those of a monomial stand side by side in memory."""
+    lo, hi = np.zeros((2, slots, len(monomials), int(counts.sum())))
+    place, start = {m: k for k, m in enumerate(monomials)}, 0
+    for p, count in zip(forms, counts.tolist(), strict=True):
+        if p is not None:
+            c = p.coefficients
+            full = c.broadcast_to((*c.shape[:2], *p.shape)).reshape((*c.shape[:2], count))
+            where = slice(c.shape[0]), [place[m] for m in p.monomials], slice(start, start + count)
+            lo[where], hi[where] = full.lo, full.hi
+        start += count
+    return IntervalArray(lo.transpose(0, 2, 1), hi.transpose(0, 2, 1))

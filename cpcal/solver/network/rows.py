@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.rewrite import Row, one_sided_rows
+from cpcal.solver.network.polynomial import one_sided_rows
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 _GOLDEN = 0.6180339887498949  # multiples of it, without their whole parts, are spread evenly
@@ -31,7 +32,7 @@ class Extremes:
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr) -> None:
         self.tape = Tape(network, roots)
-        self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
+        self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings}
         self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
 
     @property
@@ -91,19 +92,6 @@ def _middle(x: IntervalArray) -> Floats:
         return np.asarray(0.5 * x.lo + 0.5 * x.hi)
 
 
-@dataclass(frozen=True)
-class _Block:
-    """One one-sided row of `size` elements, `width` of them for each along the leading axis."""
-
-    constraint: int
-    size: int
-    width: int
-
-    @classmethod
-    def of(cls, row: Row) -> _Block:
-        return cls(row.constraint, int(np.prod(row.expr.shape)), max(int(np.prod(row.expr.shape[1:])), 1))
-
-
 class Rows:
     """All one-sided rows of a network, in the order of its constraints."""
 
@@ -114,8 +102,13 @@ class Rows:
         reading = any("reading" in row.expr.ops for row in rows)
         groups = [[row] for row in rows] if reading else [rows]
         self._parts = [Extremes(network, *(row.expr for row in group)) for group in groups if group]
-        self._blocks = [_Block.of(row) for row in rows]
-        self.count, self._size = sum(block.size for block in self._blocks), len(network.names)
+        ends = np.cumsum([0, *(math.prod(row.expr.shape) for row in rows)]).tolist()
+        # of each row its constraint, where its elements stand, and how many there are along the leading axis
+        self._blocks = [
+            (row.constraint, slice(start, end), math.prod(row.expr.shape[1:]))
+            for row, start, end in zip(rows, ends, ends[1:], strict=False)
+        ]
+        self.count, self._size = int(ends[-1]), len(network.names)
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
@@ -130,45 +123,51 @@ class Rows:
         parts = [part.jacobians(points) for part in self._parts]
         return np.concatenate([np.zeros((len(points), 0, self._size)), *parts], axis=1)
 
-    def telling(self, point: Floats, most: int) -> list[npt.NDArray[np.intp]]:
+    def telling(self, point: Floats, most: int) -> list[Indices]:
         """For each constraint the elements (along its leading axis) that say most about boxes around a point.
 
         For each side those that the point violates most, and as many that are spread over all, at most `most` of both.
         """
-        chosen: list[list[npt.NDArray[np.intp]]] = [[] for _ in range(self._constraints)]
-        with np.errstate(all="ignore"):
-            values = np.concatenate([np.zeros(0), *(part.smallest(point) for part in self._parts)])
-        values, start = np.where(np.isfinite(values), values, np.inf), 0
-        for block in self._blocks:
-            own = values[start : start + block.size]
-            worst = np.arange(block.size) if block.size <= most else np.argpartition(-own, most)[:most]
-            spread = (np.arange(most) * _GOLDEN % 1.0 * block.size).astype(np.intp)
-            chosen[block.constraint] += [worst // block.width, spread // block.width]
-            start += block.size
-        nothing = np.zeros(0, np.intp)
-        return [np.unique(np.concatenate([nothing, *elements])) for elements in chosen]
+        values = self._smallest(point)
+        values = np.where(np.isfinite(values), values, np.inf)
 
-    def likely(self, box: Box, most: int) -> list[npt.NDArray[np.intp]]:
+        def chosen(where: slice) -> Indices:
+            own = values[where]
+            worst = np.arange(own.size) if own.size <= most else np.argpartition(-own, most)[:most]
+            return np.concatenate([worst, (np.arange(most) * _GOLDEN % 1.0 * own.size).astype(np.intp)])
+
+        return self._each(chosen)
+
+    def likely(self, box: Box, most: int) -> list[Indices]:
         """For each constraint the elements (along its leading axis) that are likely to exclude points of a box.
 
         At most `most` for each side: those that the midpoint violates most, without those that to first order no
         point of the box violates.
         """
-        chosen: list[set[int]] = [set() for _ in range(self._constraints)]
         with np.errstate(all="ignore"):
             if box.rad.any():
                 rows = self.linearize(box.mid)
                 values, possible = rows.values, rows.values + np.abs(rows.jacobian) @ box.rad > 0.0
             else:
-                values = np.concatenate([np.zeros(0), *(part.smallest(box.mid) for part in self._parts)])
+                values = self._smallest(box.mid)
                 possible = values > 0.0
-        start = 0
-        for block in self._blocks:
-            some = np.flatnonzero(possible[start : start + block.size])
-            worst = some[np.argsort(-values[start + some], kind="stable")[:most]]
-            chosen[block.constraint].update((worst // block.width).tolist())
-            start += block.size
-        return [np.array(sorted(elements), dtype=np.intp) for elements in chosen]
+
+        def chosen(where: slice) -> Indices:
+            some = np.flatnonzero(possible[where])
+            return some[np.argsort(-values[where][some], kind="stable")[:most]]
+
+        return self._each(chosen)
+
+    def _smallest(self, point: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            return np.concatenate([np.zeros(0), *(part.smallest(point) for part in self._parts)])
+
+    def _each(self, chosen: Callable[[slice], Indices]) -> list[Indices]:
+        """Of each constraint the elements of the leading axis that are chosen of some row of it."""
+        out: list[list[Indices]] = [[np.zeros(0, np.intp)] for _ in range(self._constraints)]
+        for constraint, where, width in self._blocks:
+            out[constraint].append(chosen(where) // width)
+        return [np.unique(np.concatenate(elements)) for elements in out]
 
     def second_order(self, point: Floats) -> float:
         """How far some row is from linear in its readings across their sets: a second difference, in the row's unit.
@@ -208,7 +207,7 @@ class DecisiveReadings:
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine = engine
         self.tape = rows_tape(network)
-        self._data = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
+        self._data = {leaf.digest: leaf.data for leaf in self.tape.readings}
 
     @property
     def any(self) -> bool:

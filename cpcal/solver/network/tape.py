@@ -213,11 +213,8 @@ class _Writer:
             self._place(leaf)
         self.first = self._next
         data = [leaf.data for leaf in (*constants, *self.readings)]
-        known = [values for values in data if isinstance(values, IntervalArray)]
-        self.leaves = IntervalArray(
-            np.concatenate([np.zeros(0), *(values.lo.ravel() for values in known)]),
-            np.concatenate([np.zeros(0), *(values.hi.ravel() for values in known)]),
-        )
+        bounds = ([values.lo for values in data], [values.hi for values in data])
+        self.leaves = IntervalArray(*(np.concatenate([np.zeros(0), *map(np.ravel, side)]) for side in bounds))
         self._blocks: list[Places] = [np.zeros((0, 4), np.int32)]  # code, two arguments, exponent
         self._single: list[tuple[int, int, int, int]] = []  # operations after them
         for node in nodes:
@@ -236,20 +233,14 @@ class _Writer:
 
     def _written(self, node: Expr, args: list[Places]) -> Places:
         if node.op == "index":
-            assert isinstance(node.data, np.ndarray)
-            return np.asarray(args[0].ravel()[node.data])
+            return np.asarray(args[0].ravel()[node.places])
         if node.op == "mul" and node.parameter == SELECTS:
-            return np.where(self._ones(node.args[1]), *(np.broadcast_to(arg, node.shape) for arg in args))
+            return np.where(node.args[1].data.lo == 1.0, *(np.broadcast_to(arg, node.shape) for arg in args))
         if node.op == "sum":
             return self._total(np.moveaxis(args[0], node.parameter, 0))
         if node.shape:
             args = [np.broadcast_to(arg, node.shape) for arg in args]
         return self._emitted(CODES[node.op], args, node.parameter)
-
-    @staticmethod
-    def _ones(mask: Expr) -> Bools:
-        assert isinstance(mask.data, IntervalArray)
-        return np.asarray(mask.data.lo == 1.0)
 
     def _total(self, terms: Places) -> Places:
         """Sums along axis 0, as a tree: rounding errors grow with its depth."""

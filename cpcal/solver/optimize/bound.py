@@ -376,10 +376,11 @@ def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Br
     while True:
         try:
             state = next(states)
-            if not isinstance(state, Minimum) and progress is not None:
-                progress(state)
-            if not isinstance(state, Minimum) and asked():
-                state = states.throw(KeyboardInterrupt())
+            if not isinstance(state, Minimum):
+                if progress is not None:
+                    progress(state)
+                if asked():
+                    raise KeyboardInterrupt
         except KeyboardInterrupt as stop:
             state = states.throw(stop)
         if isinstance(state, Minimum):

@@ -287,7 +287,8 @@ class LocalSearch:
     def proposals(self, start: Floats) -> Iterator[Floats]:
         """Points to prove, the best first: each with a larger margin than the one before."""
         scale = self._scale(start)
-        yield from self._vertices(start, scale)
+        if not (self._equations.count or self._whole.any()):
+            yield from self._vertices(start, scale)
         point = self._slsqp(start, scale)
         if point is not None and self._whole.any():
             point = self._slsqp(np.where(self._whole, np.round(point), point), scale, fixed=True)
@@ -300,8 +301,6 @@ class LocalSearch:
 
     def _vertices(self, start: Floats, scale: Floats) -> Iterator[Floats]:
         """The optimum that linear programs reach, where it is a vertex of inequalities: see `linear_steps`."""
-        if self._equations.count or self._whole.any():
-            return
         cost = np.zeros(len(start))
         cost[self._objective] = 1.0
         for margin in MARGINS:
@@ -326,7 +325,8 @@ class LocalSearch:
 
     def _step(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         rows = self._rows.linearize(point)
-        matrix, right = self._scaled(rows, scale, margin)
+        sizes = _sizes(rows, scale)
+        matrix, right = rows.jacobian * scale / sizes[:, None], -rows.values / sizes - margin
         value, jacobian = self._equations.estimate(point)
         equal = jacobian * scale
         if not (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(equal).all()):
@@ -353,11 +353,6 @@ class LocalSearch:
             options={"primal_feasibility_tolerance": 1e-10},
         )
         return None if found.x is None else np.asarray((found.x[:n] - found.x[n:]) * _REACH * scale)
-
-    def _scaled(self, rows: RowValues, scale: Floats, margin: float) -> tuple[Floats, Floats]:
-        matrix = rows.jacobian * scale
-        size = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
-        return matrix / size[:, None], -rows.values / size - margin
 
     def _scale(self, start: Floats) -> Floats:
         width = self._domain.width

@@ -30,7 +30,7 @@ from cpcal.solver.existence import (
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.expression import leaves
-from cpcal.solver.network.rewrite import one_sided
+from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.rows import DecisiveReadings, Rows
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import multiprocessing
 import stat
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
@@ -19,17 +20,18 @@ from pathlib import Path
 from typing import IO, Any, Generic, Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files.codec import decoded, encoded
-from cpcal.robot import Pose
+from cpcal.files.tables import csv_table, read_table
+from cpcal.robot import Pose, PoseTable
 from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
@@ -361,3 +363,105 @@ def detection(name: str, found: MeasuredImage) -> Detection:
     dots = len(identified.missing), len(identified.false), identified.margin
     numbers = [*pose.position, *pose.quaternion, *sigma, *shared, *fit, *dots]
     return Detection(name, "", len(found.numbers), tuple(float(v) for v in numbers), found.doubt)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What was found in images, and the table of it: poses.csv.
+
+POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+NUMBERS = (
+    *("x", "y", "z", "qw", "qx", "qy", "qz"),
+    *(f"s{axis}" for axis in _AXES),
+    *(f"shared_s{axis}" for axis in _AXES),
+    *("rms", "scale", "missing", "false", "margin"),
+)
+RMS, SCALE = NUMBERS.index("rms"), NUMBERS.index("scale")
+COLUMNS = ("file", "dots", *NUMBERS, "doubt", "reason")
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One image: the pose of the target in the camera frame, or the reason why there is none.
+
+    file    its name below the folder of images, with "/"
+    reason  "" where a pose was found
+    dots    how many dots it rests on
+    values  x y z (mm), qw qx qy qz; their standard deviations sx sy sz (mm) and srx sry srz (rad, rotation vector in
+            the camera frame); that part of them which errors of camera and target make, the same in all images; the
+            RMS of the residuals in pixels per axis; their mean square over the stated one (1 unless it is surely
+            larger); how many dots of the target are missing, and how many found ones are none; how many more such
+            errors every other way to lay the target makes at least; empty without a pose
+    doubt   "" or why the pose may be off by more than is stated
+
+    Raises ValueError for another count of values, or some that are not finite.
+    """
+
+    file: str
+    reason: str = ""
+    dots: int = 0
+    values: tuple[float, ...] = ()
+    doubt: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.values) != (0 if self.reason else len(NUMBERS)) or not all(map(math.isfinite, self.values)):
+            raise ValueError("a detection has a finite number for each column, or a reason")
+
+    @property
+    def found(self) -> bool:
+        return not self.reason
+
+
+def values_of(detections: Iterable[Detection]) -> npt.NDArray[np.float64]:
+    """(m, 24): the numbers of those that have a pose."""
+    rows = [d.values for d in detections if d.found]
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(NUMBERS))
+
+
+def detections_bytes(detections: Iterable[Detection]) -> bytes:
+    """poses.csv, in the order of the files' names; the same detections give the same bytes."""
+    rows = (
+        [d.file, d.dots, *(d.values if d.found else [None] * len(NUMBERS)), d.doubt, d.reason]
+        for d in sorted(detections, key=lambda d: d.file)
+    )
+    return csv_table(COLUMNS, rows, files=True)
+
+
+def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:
+    """The files without a pose, by the reason; the most frequent first."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if not row.found:
+            found.setdefault(row.reason, []).append(row.file)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg readings by pose and run, in a table of their own: what sensors say while a camera takes images.
+
+Readings = dict[tuple[str, str], Floats]
+
+
+def readings_of(table: PoseTable) -> Readings:
+    """The leg readings (n,) mm of a table by pose and run."""
+    return {(pose, run): row for pose, run, row in zip(table.pose, table.run, table.length, strict=True)}
+
+
+def readings_bytes(readings: Readings) -> bytes:
+    """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
+    header = _columns(len(next(iter(readings.values()), ())))
+    return csv_table(header, ([*key, *row.tolist()] for key, row in readings.items()))
+
+
+def load_readings(path: Path) -> Readings:
+    """The table in a file. Raises InputError with every problem."""
+    problems = Problems()
+    remedy = "give a table pose,run,L1,...,Ln in mm"
+    table = read_table(path, None, problems, remedy, required=_columns, optional=lambda _: [])
+    problems.raise_any()
+    values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
+    return dict(zip(zip(table.pose, table.run, strict=True), values, strict=True))
+
+
+def _columns(legs: int) -> list[str]:
+    return ["pose", "run", *(f"L{k}" for k in range(1, max(legs, 1) + 1))]

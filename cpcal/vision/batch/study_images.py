@@ -14,9 +14,18 @@ import numpy.typing as npt
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product, transformed
-from cpcal.vision.batch.detect import ImageSource, in_parallel
+from cpcal.vision.batch.detect import (
+    POSITION,
+    QUATERNION,
+    SCALE,
+    SHARED,
+    Detection,
+    ImageSource,
+    by_reason,
+    in_parallel,
+    values_of,
+)
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import POSITION, QUATERNION, SCALE, SHARED, Detection, by_reason, values_of
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.measure import MeasuredImage, Residuals, measure_pose
 from cpcal.vision.opencv import opencv

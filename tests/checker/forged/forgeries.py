@@ -362,6 +362,11 @@ def without_point(lines: Lines, proof: Any) -> None:
     lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
 
 
+def another_leg(lines: Lines, proof: Any) -> None:
+    lines[0]["leg"] = 2
+    without_point(lines, proof)
+
+
 def former(lines: Lines, proof: Any) -> None:
     old = lines[proof.head]
     new = {"cap": old["cap"], "eps_lo": old["epsilon"]["lo"], "enclosure": old["enclosure"], "eps_hi": old["cap"]}
@@ -448,7 +453,7 @@ of_a_leg: Changes = {
     "a measurement left out refutes the point": (
         "claims", lambda a, p: judged_by_one_left_out(
             a, p, at=["0x1p+20"] * 8, holds=[], fails=[["upper", a[0]["measurements"] - 1]])),
-    "rows of another leg without a point": ("exclude", lambda a, p: (a[0].update(leg=2), without_point(a, p))),
+    "rows of another leg without a point": ("exclude", another_leg),
 }  # fmt: skip
 of_gain: Changes = {
     "the header of version 3": ("header", lambda a, p: (a[0].update(format="cpcal-certificate/3"), a[0].pop("model"))),

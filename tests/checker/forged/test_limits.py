@@ -15,7 +15,7 @@ import pytest
 
 from cpcal.checker import ExactCampaign, Refused
 from cpcal.files.folders import NAME
-from cpcal.solver.certificate.float_rows import at_point, holding, stretching
+from cpcal.solver.certificate.float_rows import at_point, holding, stretchings
 from tests.checker.valid.exact_legs import in_fractions, parts
 
 UP, DOWN = math.inf, -math.inf
@@ -44,7 +44,7 @@ def with_eps(proof: Any, eps: float) -> list[dict[str, Any]]:
     point["at"][-1] = eps.hex()
     if point["readings"] is not None:
         x = at_point([float.fromhex(v) for v in point["at"]])
-        point["readings"] = [stretching(proof.problem, x, k) for k in proof.problem.chosen]
+        point["readings"] = stretchings(proof.problem, x, proof.problem.chosen)
     return lines[: proof.head + 1]
 
 

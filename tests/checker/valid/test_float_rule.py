@@ -11,8 +11,9 @@ import pytest
 
 from cpcal.checker.rule import Unknowns, Weights
 from cpcal.common.values import Floats
-from cpcal.solver.certificate.float_rows import FloatRule, Parts, _lowest, _swept, row_of
-from cpcal.solver.certificate.recording import brief, rounded
+from cpcal.solver.certificate.float_rows import FloatRule, Parts, _lowest, _swept, rows_of
+from cpcal.solver.certificate.prover import brief
+from cpcal.solver.interval.numbers import round_down, round_up
 
 
 def some_weights(rng: random.Random, rows: int, n: int, exponents: tuple[int, int, int]) -> Weights:
@@ -41,7 +42,7 @@ def test_float64_never_claims_more_than_the_rule(name: str, request: pytest.Fixt
     problem, (lo, hi) = proof.problem, proof.bounds()
     rule, n = proof.rule(lo, hi, []), len(problem.unknowns)
     x = Unknowns(rule.x.box, rule.x.spend)
-    table = [row_of(problem, x, rng.choice(problem.sides), rng.randrange(problem.count)) for _ in range(8)]
+    table = rows_of(problem, x, [(rng.choice(problem.sides), rng.randrange(problem.count)) for _ in range(8)])
     rule = proof.rule(lo, hi, table)
     fast, compared = FloatRule(rule, problem, table), 0
     for _ in range(40):
@@ -98,8 +99,8 @@ def test_a_bound_with_few_digits_is_on_its_side_and_near(down: bool) -> None:
 def test_a_bound_as_float64_is_the_next_number_on_its_side() -> None:
     for number in np.random.default_rng(5).normal(size=200):
         exact = F(number) / 3
-        assert F(rounded(exact, True)) <= exact <= F(rounded(exact, False))
-        assert np.nextafter(rounded(exact, True), np.inf) >= rounded(exact, False)
+        assert F(round_down(exact)) <= exact <= F(round_up(exact))
+        assert np.nextafter(round_down(exact), np.inf) >= round_up(exact)
 
 
 def test_a_sum_whose_terms_cancel_is_not_below_what_float64_says() -> None:

@@ -14,7 +14,8 @@ import cpcal
 from contractors import HC4
 from cpcal.checker import check
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_at, claims_of
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_of
 from cpcal.solver.contract import Contraction, Limits
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.optimize.bound import minimize, run
@@ -43,7 +44,7 @@ def test_steps_on_boxes_above_the_claim_are_left_out(tmp_path: Path) -> None:
         third = split(low, "x", 0.5, 5)
         for event in (first, second, third):
             recording.event(event)
-        path = recording.write(tmp_path / "c.jsonl", claims_at(2.0, refuted=False, point=np.array([1.0, 0.0])))
+        path = recording.write(tmp_path / "c.jsonl", claims(2.0, point=np.array([1.0, 0.0])))
     steps = [json.loads(line) for line in path.read_text().splitlines()[2 + len(net.constraints) :]]
     assert [(step["split"], step["into"]) for step in steps] == [(0, [1, 2]), (1, [3, 4])]
     assert steps[1]["unknown"] == 0

@@ -16,7 +16,7 @@ from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, constant, sign
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns, Weights, beyond
 from cpcal.solver.certificate.exact_network import free
-from cpcal.solver.certificate.float_rows import failing, holding, row_of, stretching
+from cpcal.solver.certificate.float_rows import failing, holding, rows_of, stretchings
 from tests.checker.valid.exact_legs import (
     REACH,
     SIDES,
@@ -65,7 +65,7 @@ def test_rows_are_the_formula_and_penalties_cover_the_set(model: str, side: str,
         m, box = some(rng, factor, model)
         problem, x = leg(m, model), unknowns(box)
         ends = "".join(rng.choice("-0+") for _ in range(7))
-        for signs in (row_of(problem, x, side, 0)[2], ends, "0" * 7):
+        for signs in (rows_of(problem, x, [(side, 0)])[0][2], ends, "0" * 7):
             row = unsettled(LegConstraint(m.given(), model, x, signs, 0), side)
             settled = problem.row(x, side, 0, signs)
             assert all(monomial >> FIELD * READINGS or not monomial for monomial in settled.terms)
@@ -87,7 +87,7 @@ def test_no_reference_is_much_better_than_the_one_that_is_chosen() -> None:
         for side in SIDES:
             m, box = some(rng, 1, model)
             problem, x = leg(m, model), unknowns(box)
-            chosen = row_of(problem, x, side, 0)[2]
+            chosen = rows_of(problem, x, [(side, 0)])[0][2]
             u = [F(0)] * len(x)
             values = [
                 value(problem.row(x, side, 0, a + b + c + chosen[3:]), u) for a in "-0+" for b in "-0+" for c in "-0+"
@@ -139,7 +139,7 @@ def test_every_row_is_at_most_zero_at_every_solution(model: str) -> None:
         problem, over = leg(m, model), unknowns(box)
         rng = random.Random(str(x[0]))
         for side in problem.sides:
-            for signs in (row_of(problem, over, side, 0)[2], "".join(rng.choice("-0+") for _ in range(7))):
+            for signs in (rows_of(problem, over, [(side, 0)])[0][2], "".join(rng.choice("-0+") for _ in range(7))):
                 assert value(problem.row(over, side, 0, signs), coordinates(box, x)) <= 0
         assert failing(problem, unknowns(ExactBox(tuple(x), tuple(x))), 0) is None
 
@@ -157,7 +157,7 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
         m, _, x, reading = found
         x[-1] = x[-1] + more if more > -1 else F(0)
         problem, at = leg(m, model), unknowns(ExactBox(tuple(x), tuple(x)))
-        signs = stretching(problem, at, 0)
+        signs = stretchings(problem, at, [0])[0]
         holds = holding(problem, at, 0) is not None
         outcomes.add(holds)
         if not any(m.radii):
@@ -248,7 +248,7 @@ def test_the_ends_tried_are_those_that_matter(model: str) -> None:
         m, box = some(rng, 1, model)
         x = point_of(rng, box)
         problem = leg(m, model)
-        long = end_of(m, stretching(problem, unknowns(ExactBox(tuple(x), tuple(x))), 0))
+        long = end_of(m, stretchings(problem, unknowns(ExactBox(tuple(x), tuple(x))), [0])[0])
         most = apart(m, model, x, long)
         for j in range(7):
             other = [-c if i == j else c for i, c in enumerate(long)]
@@ -267,7 +267,7 @@ def test_exact_readings_have_no_penalty(model: str) -> None:
     for side in SIDES:
         m, box = some(rng, 0, model)
         problem, x = leg(m, model), unknowns(box)
-        assert row_of(problem, x, side, 0)[2] == "0" * 7
+        assert rows_of(problem, x, [(side, 0)])[0][2] == "0" * 7
         rows = [problem.row(x, side, 0, signs) for signs in ("0" * 7, "+-+-+-+")]
         assert len({tuple(sorted(row.terms.items())) + (row.exponent,) for row in rows}) == 1
 
@@ -289,7 +289,11 @@ def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureReque
     box, x, n = ExactBox(lo, hi), [F(v) for v in proof.point], len(problem.unknowns)
     u = [(v - c) / r for v, c, r in zip(x, center(box), radius(box), strict=True)]
     assert all(abs(v) <= 1 for v in u)
-    table = [row_of(problem, unknowns(box), rng.choice(problem.sides), rng.randrange(problem.count)) for _ in range(9)]
+    table = [
+        one
+        for _ in range(9)
+        for one in rows_of(problem, unknowns(box), [(rng.choice(problem.sides), rng.randrange(problem.count))])
+    ]
     rule = proof.rule(lo, hi, table)
 
     def weight() -> int:

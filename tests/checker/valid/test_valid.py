@@ -250,7 +250,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
     file = save_campaign_json(loaded, tmp_path)
     for leg in (1, 4, 6):
         files, statement = ExactCampaign(file), leg_statement(loaded, leg)
-        assert statement.sha256 == files.sha256
+        assert statement.head["campaign"] == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
             ours = in_fractions(exact_measurement(loaded, leg, k))

@@ -12,7 +12,7 @@ import pytest
 from flint import arb, ctx
 
 from cpcal.solver.compiled import plain
-from cpcal.solver.interval import elementary as el
+from cpcal.solver.interval import functions as el
 from cpcal.solver.interval import functions as fn
 from cpcal.solver.interval.arb import precision
 

@@ -89,10 +89,9 @@ def test_the_data_of_an_expression_cannot_be_written() -> None:
     net = Network()
     x = net.variable("x", 2, (-5, 5))
     for node in (as_expr(np.ones(2)), net.reading([0.0, 1.0], 0.1), x[[1, 0]]):
-        arrays = (node.data.lo, node.data.hi) if isinstance(node.data, IntervalArray) else (node.data,)
+        arrays = (node.data.lo, node.data.hi, node.places)
         for again in (node, pickle.loads(pickle.dumps(node)), copy.deepcopy(node), copy.copy(node)):
-            held = (again.data.lo, again.data.hi) if isinstance(again.data, IntervalArray) else (again.data,)
-            for mine, array in zip(arrays, held, strict=True):
+            for mine, array in zip(arrays, (again.data.lo, again.data.hi, again.places), strict=True):
                 np.testing.assert_array_equal(mine, array)
                 with pytest.raises(ValueError, match="read-only"):
                     array[...] = 7

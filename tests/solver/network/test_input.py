@@ -42,12 +42,12 @@ EXACT: list[tuple[Any, Fraction]] = [
     (np.uint64(2**64 - 1), Fraction(2**64 - 1)),
 ]
 DOORS: list[Callable[[Any], IntervalArray]] = [
-    lambda value: as_expr(value).data,  # type: ignore[arg-type, return-value]
-    lambda value: as_expr([value, 0.5])[0].args[0].data[0],  # type: ignore[index, return-value, union-attr]
-    lambda value: (model()[1] + value).args[1].data,  # type: ignore[return-value]
-    lambda value: model()[1].within((value, np.inf)).lower.data,  # type: ignore[return-value]
-    lambda value: Network.reading(value, 0).data,  # type: ignore[return-value]
-    lambda value: Network.reading(value, Fraction(1, 3)).data,  # type: ignore[return-value]
+    lambda value: as_expr(value).data,
+    lambda value: as_expr([value, 0.5])[0].args[0].data[0],
+    lambda value: (model()[1] + value).args[1].data,
+    lambda value: model()[1].within((value, np.inf)).lower.data,
+    lambda value: Network.reading(value, 0).data,
+    lambda value: Network.reading(value, Fraction(1, 3)).data,
     lambda value: model((value, value))[0].domain.array[0],
 ]
 

@@ -1,0 +1,661 @@
+"""Steps of a certificate: what contractors and linear programs propose on a box, proved by the checker's own rule.
+
+Weights are proposed in float64. They are shortened, and `Rule` says in exact arithmetic what they prove. A search goes
+on from the boxes that were proved, so what is written is what the checker will see.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction as F
+from functools import cached_property, partial
+from operator import itemgetter, le
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.checker import Refused
+from cpcal.checker.polynomial import Spend
+from cpcal.checker.rule import Box as ExactBox
+from cpcal.checker.rule import Problem, Row, Rule, Weights
+from cpcal.common.files import replacing
+from cpcal.common.values import Bools, Floats, Indices
+from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
+from cpcal.solver.certificate.float_rows import FloatRule, Parts, Product, Square, rows_of
+from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
+from cpcal.solver.interval import Box
+from cpcal.solver.interval.numbers import round_down, round_up
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
+from cpcal.solver.search import Proof
+
+T = TypeVar("T")
+Claims = dict[str, Any]  # line of a certificate
+
+
+def line(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n"
+
+
+def claims(
+    cap: float | None,
+    *,
+    refuted: bool = False,
+    lo: float | None = None,
+    hi: float | None = None,
+    enclosure: Box | ExactBox | None = None,
+    point: Sequence[float] | Floats | None = None,
+    holds: str | Sequence[int] = "all",
+    fails: Sequence[int] = (),
+) -> Claims:
+    """What a certificate says of all points with an objective up to `cap`: that there is no solution, where they lie,
+    the bracket of the objective, and a point, with the measurements that it satisfies and those that it fails."""
+    bracket = None if lo is None else {"lo": number(lo), "hi": None if hi is None else number(hi)}
+    return {
+        "cap": None if cap is None else number(cap),
+        "infeasible": refuted,
+        "epsilon": bracket,
+        "enclosure": None if enclosure is None else limits(enclosure),
+        "point": None if point is None else {"at": [number(v) for v in point], "holds": holds, "fails": list(fails)},
+    }
+
+
+def written(row: Row) -> list[Any]:
+    """The JSON of a row; signs that are all 0 are left out."""
+    return [*row] if set(row[2]) & {"-", "+"} else [*row[:2]]
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """Weights of rows (by their numbers in a table), of products and of squares, in float64.
+
+    value  the bound that they promise, in [-1, 1]; infinite where they exclude the box
+    """
+
+    rows: Sequence[int]
+    products: Sequence[Product]
+    squares: Sequence[Square]
+    weights: tuple[Floats, Floats, Floats]
+    value: float = 0.0
+
+    def shortened(self, bits: int) -> Floats:
+        """All of them, of so many bits at most."""
+        values, largest = self._all
+        return np.asarray(np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits))
+
+    @cached_property
+    def _all(self) -> tuple[Floats, npt.NDArray[np.intc]]:
+        """With the exponent of the largest of each kind."""
+        largest = np.array([_exponent(values) for values in self.weights], np.intc)
+        return np.concatenate(self.weights), np.repeat(largest, [values.size for values in self.weights])
+
+    def exact(self, bits: int) -> Weights:
+        """The checker's form of them; those that vanish are left out. Raises Refused where it has none."""
+        (rows, r), (products, p), (squares, t) = (_whole(values, bits) for values in self.weights)
+        if not (all(-1000 <= e < 1000 for e in (r, p, t)) and all(np.isfinite(v).all() for v in self.weights)):
+            raise Refused("weights are too large or too small to be written", "limit")
+        return Weights(
+            tuple((n, int(w)) for n, w in zip(self.rows, rows, strict=True) if w),
+            tuple((*product, int(w)) for product, w in zip(self.products, products, strict=True) if w),
+            tuple((i, F(touch), int(w)) for (i, touch), w in zip(self.squares, squares, strict=True) if w),
+            (r, p, t),
+        )
+
+
+def _whole(values: Floats, bits: int) -> tuple[Floats, int]:
+    """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
+    exponent = _exponent(values) - bits
+    return np.rint(np.ldexp(values, -exponent)), exponent
+
+
+def _exponent(values: Floats) -> int:
+    return math.frexp(values.max(initial=0.0))[1]
+
+
+def _excluding(rule: Rule, proposed: Proposed, bits: Sequence[int]) -> Weights | None:
+    """The shortest that prove that nothing is in the box."""
+    return next((weights for weights in map(proposed.exact, bits) if rule.excludes(weights)), None)
+
+
+def brief(value: F, down: bool, loss: float) -> float:
+    """A float64 with few digits that is at most about `loss` below (above) a fraction."""
+    if loss > 0.0:
+        unit = F(2) ** (math.frexp(loss)[1] - 1)
+        value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
+    return round_down(value) if down else round_up(value)
+
+
+Bound = tuple[int, str, float | F, Sequence[Weights]]  # unknown, side, what is proved, and by what
+
+
+def _record(
+    table: Sequence[Row], name: int, cap: str | None, excluding: Sequence[Weights], bounds: Sequence[Bound],
+    *, families: bool = False,
+) -> dict[str, Any] | None:  # fmt: skip
+    """The step of a certificate; None where nothing is proved. Its rows are counted anew.
+
+    `families`: several sets of weights for each claim.
+    """
+    proofs = [*excluding, *(weights for *_, sets in bounds for weights in sets)]
+    used = sorted({n for weights in proofs for n, _ in weights.rows})
+    places = {n: new for new, n in enumerate(used)}
+
+    def said(sets: Sequence[Weights]) -> Any:
+        texts = [
+            {
+                "rows": [[places[n], w] for n, w in weights.rows],
+                "products": weights.products,
+                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+                "exponents": weights.exponents,
+            }
+            for weights in sets
+        ]
+        return texts if families else texts[0]
+
+    rows = [written(table[n]) for n in used]
+    if excluding:
+        return {"exclude": name, "cap": cap, "rows": rows, "weights": said(excluding)}
+    entries = [[i, side, number(value), said(sets)] for i, side, value, sets in bounds]
+    return {"pass": name, "cap": cap, "rows": rows, "bounds": entries} if bounds else None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Steps that contractors propose.
+
+_BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
+_LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+_ROUNDING = 0.5  # of that loss: more may not be due to rounding
+_NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
+
+
+class WeightProver:
+    """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
+
+    def __init__(self, statement: Statement, loss: float = _LOSS) -> None:
+        self._statement, self._loss = statement, loss
+
+    def __call__(self, box: Box, proposed: Contraction) -> Proof:
+        o = self._statement.problem.objective
+        cap = None if o is None else number(float(box.hi[o]))
+        width = np.zeros(len(box)) if proposed.box.is_empty else proposed.box.hi - proposed.box.lo
+        table = _Table(self._statement, exact_box(box), proposed.steps)
+        lo, hi = box.lo.copy(), box.hi.copy()
+        bounds, steps = list[Bound](), list[Step]()
+        for step in proposed.steps:
+            if step.weights is None:
+                continue
+            if step.variable is None:
+                excluding = _within_limits(partial(table.excluding, step.weights))
+                if excluding is not None:
+                    record = _record(table.rows, 0, cap, [excluding], ())
+                    return Proof(Box.empty(box.names), (*steps, step), record, True)
+                continue
+            i, ends = box.index(step.variable), lo if step.side == "lo" else hi
+            found = _within_limits(partial(table.bound, i, step, step.weights, self._loss * width[i]))
+            if found is not None and (found[1] > ends[i] if step.side == "lo" else found[1] < ends[i]):
+                ends[i] = found[1]
+                bounds.append((i, step.side, found[1], found[:1]))
+                steps.append(step)
+        left = box.with_bounds(lo, hi)
+        wider = not left.is_empty if proposed.box.is_empty else shrunk(left.width, proposed.box.width, _NEARLY)
+        return Proof(left, tuple(steps), _record(table.rows, 0, cap, (), bounds), not wider)
+
+
+class _Table:
+    """The rows of one step, each with the reference reading that was chosen for it, and the rule on the box."""
+
+    def __init__(self, statement: Statement, box: ExactBox, steps: Sequence[Step]) -> None:
+        self._statement = statement
+        given = [step.weights.rows for step in steps if step.weights is not None]
+        places = list(dict.fromkeys(statement.place(*entry[:3]) for rows in given for entry in rows))
+        self._numbers = {place: n for n, place in enumerate(places)}
+        self.rows: list[Row] = []
+        self._rule = Rule(statement.problem, box, self.rows, free)
+        self.rows += rows_of(statement.problem, self._rule.x, places)
+        self._fast = FloatRule(self._rule, statement.problem, self.rows)
+        _within_limits(partial(self._fast.form, range(len(places))))
+
+    def _proposed(self, given: StepWeights) -> tuple[Proposed, Parts]:
+        rows = [self._numbers[self._statement.place(*e[:3])] for e in given.rows]
+        products = [(i, j, int(p), int(q)) for i, j, p, q, _ in given.products]
+        squares = [(i, t) for i, t, _ in given.tangents]
+        of_rows, of_products, of_squares = (
+            np.array([e[-1] for e in kind], np.float64) for kind in (given.rows, given.products, given.tangents)
+        )
+        proposed = Proposed(rows, products, squares, (of_rows, of_products, of_squares))
+        return proposed, self._fast.parts(rows, products, squares)
+
+    def excluding(self, given: StepWeights) -> Weights | None:
+        proposed, parts = self._proposed(given)
+        for bits in _BITS:
+            if self._fast.lowest(parts, proposed.shortened(bits))[0] > 0.0:
+                return proposed.exact(bits)
+        return _excluding(self._rule, proposed, _BITS)
+
+    def bound(self, i: int, step: Step, given: StepWeights, loss: float) -> tuple[Weights, float]:
+        """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
+        (proposed, parts), down = self._proposed(given), step.side == "lo"
+        doubtful = []  # what float64 arithmetic gives away may be all that is missing
+        for bits in _BITS:
+            proved, rounding = self._fast.bound(i, step.side, parts, proposed.shortened(bits))
+            if abs(proved - step.bound) <= loss:
+                return proposed.exact(bits), brief(F(proved), down, loss)
+            if not abs(proved - step.bound) > loss + rounding:
+                doubtful.append(bits)
+        if rounding <= _ROUNDING * loss:
+            return proposed.exact(bits), brief(F(proved), down, loss)
+        for weights in [proposed.exact(b) for b in doubtful or [bits]]:
+            exactly = self._rule.bound(i, step.side, weights)
+            if abs(exactly - F(step.bound)) <= F(loss):
+                break
+        return weights, brief(exactly, down, loss)
+
+
+def _within_limits(tried: Callable[[], T]) -> T | None:
+    """None where the checker would refuse, because a polynomial is too large for it."""
+    try:
+        return tried()
+    except Refused:
+        return None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Steps by rows of degree two: linear programs of our own propose.
+#
+# In the coordinates u of a box a row is linear but for products u_i u_j. A product is either a column of the programs,
+# tied to its factors by the bound products (McCormick, and tangents of a square), or it is bounded by its coefficient.
+# Programs without columns take a millisecond and do for narrow boxes; those with columns contract boxes of all
+# rotations.
+
+Terms = dict[tuple[int, ...], int]
+_MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
+_WORTH = 0.02  # of a half-width: what a bound must gain to be kept, or twice the loss
+_TANGENTS = (-1.0, -0.5, 0.5, 1.0)
+_FEW_BITS = (14, 24, 40)
+_PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
+_NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
+_PASSES = 80
+_NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
+
+
+class TaggedRows(Protocol):
+    """Rows by side and number, each at most zero at every solution: polynomials with whole coefficients."""
+
+    @property
+    def unknowns(self) -> tuple[str, ...]: ...
+    @property
+    def tags(self) -> Sequence[tuple[str, int]]: ...
+    def row(self, side: str, k: int, /) -> Terms: ...
+    def problem(self, spend: Spend, /) -> Problem: ...
+
+
+class System:
+    """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
+
+    `lifted` says which products may be columns; `asked`: the unknowns that are bounded; `derived`: those that are once,
+    at the end, and that say nothing of the others. So many of what rows are of may be `wrong`, as `owner` says by side
+    and number.
+    """
+
+    def __init__(
+        self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int], derived: Sequence[int] = (),
+        *, wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
+    ) -> None:  # fmt: skip
+        self.problem, self.asked, self.derived, self.wrong = rows.problem(free), asked, derived, wrong
+        self.tags: list[tuple[str, int]] = list(rows.tags)
+        self.owner = [owner(*tag) for tag in self.tags]
+        names = rows.unknowns
+        place: dict[tuple[int, int], int] = {}
+        self.constant = np.zeros(len(self.tags))
+        self.linear = np.zeros((len(self.tags), len(names)))
+        entries: list[tuple[int, int, float]] = []
+        for n, tag in enumerate(self.tags):
+            terms = rows.row(*tag)
+            shift = max((c.bit_length() for c in terms.values()), default=0)
+            for m, c in terms.items():
+                cut = max(c.bit_length() - 64, 0)
+                value = math.ldexp(c >> cut, cut - shift)
+                if not m:
+                    self.constant[n] = value
+                elif len(m) == 1:
+                    self.linear[n, m[0]] = value
+                else:
+                    i, j = sorted(m)
+                    entries.append((n, place.setdefault((i, j), len(place)), value))
+        self.pairs = np.array(list(place), dtype=np.intp).reshape(-1, 2)
+        self.products = np.zeros((len(self.tags), len(place)))
+        for n, p, value in entries:
+            self.products[n, p] = value
+        own = np.isin(self.pairs, list(derived)).any(axis=1)
+        self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
+        self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
+        self.square = self.pairs[:, 0] == self.pairs[:, 1]
+
+    def centred(self, center: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
+        """Constants, linear and products in u, where x = center + radius u."""
+        i, j = self.pairs.T
+        constant = self.constant + self.linear @ center + self.products @ (center[i] * center[j])
+        spread = np.zeros((len(self.pairs), len(center)))
+        np.add.at(spread, (np.arange(len(i)), i), center[j])
+        np.add.at(spread, (np.arange(len(i)), j), center[i])
+        return constant, (self.linear + self.products @ spread) * radius, self.products * (radius[i] * radius[j])
+
+    def rounding(self, center: Floats) -> Floats:
+        """(M,) about what float64 may get wrong of the constants: all that matters of them in a tiny box."""
+        i, j = self.pairs.T
+        size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center)
+        return np.asarray(_NOISE * (size + np.abs(self.products) @ np.abs(center[i] * center[j])))
+
+
+class _Programs:
+    """The linear programs of a system on one box."""
+
+    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools, rows: Bools) -> None:
+        self.system, self.count = system, 0
+        self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
+        constant, linear, products = system.centred(self.center, self.radius)
+        constant = constant - system.rounding(self.center)
+        products[~rows], linear[~rows] = 0.0, 0.0
+        chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
+        beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
+        beside[:, chosen] = 0.0
+        given_away = beside.sum(axis=1)
+        matrix = np.concatenate([linear, products[:, chosen]], axis=1)
+        rhs = given_away - constant
+        scale = np.abs(matrix).max(axis=1)
+        kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
+        self._numbers, self._scale = kept.tolist(), scale[kept]
+        self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
+        size = linear.shape[1]
+        self._bounds, above, sides = _bound_products(chosen, system)
+        lower = -np.ones(size + len(chosen))
+        lower[size:][system.square[chosen]] = 0.0
+        self._engine = Dense()
+        self._engine.load(
+            np.concatenate([above, matrix[kept] / self._scale[:, None]]),
+            np.concatenate([sides, rhs[kept] / self._scale]),
+            lower,
+            np.ones(size + len(chosen)),
+        )
+        self._width = size + len(chosen)
+
+    def minimize(self, i: int, sign: float) -> LinearSolution:
+        objective = np.zeros(self._width)
+        objective[i] = sign
+        self.count += 1
+        return self._engine.minimize(objective)
+
+    def weights(self, solution: LinearSolution, value: float) -> Proposed:
+        of_row, beside = solution.rows >= len(self._bounds), solution.rows < len(self._bounds)
+        kept = solution.rows[of_row] - len(self._bounds)
+        bounds = [self._bounds[k] for k in solution.rows[beside].tolist()]
+        square = np.array([i == j for i, j, *_ in bounds], np.bool_)
+        multipliers = solution.multipliers[beside]
+        return Proposed(
+            [self._numbers[k] for k in kept.tolist()],
+            [(i, j, p, q) for i, j, p, q, _ in bounds if i != j],
+            [(i, t) for i, j, _, _, t in bounds if i == j],
+            (solution.multipliers[of_row] / self._scale[kept], multipliers[~square], multipliers[square]),
+            value,
+        )
+
+
+def _bound_products(
+    chosen: Indices, system: System
+) -> tuple[list[tuple[int, int, int, int, float]], Floats, list[float]]:
+    """Rows (K, columns) and right sides that tie the columns of the chosen products to their factors."""
+    size, kinds = system.linear.shape[1], list[tuple[int, int, int, int, float]]()
+    matrix, sides = [np.zeros((0, size + len(chosen)))], list[float]()
+    for column, pair in enumerate(chosen.tolist(), start=size):
+        i, j = system.pairs[pair].tolist()
+        if i == j:
+            kinds += [(i, i, 0, 0, t) for t in _TANGENTS]
+            rows = [{i: 2.0 * t, column: -1.0} for t in _TANGENTS]
+            sides += [t * t for t in _TANGENTS]
+        else:
+            kinds += [(i, j, p, q, 0.0) for p in (1, -1) for q in (1, -1)]
+            rows = [{i: -p, j: -q, column: -p * q} for *_, p, q, _ in kinds[-4:]]
+            sides += [1.0] * len(rows)
+        block = np.zeros((len(rows), size + len(chosen)))
+        for k, row in enumerate(rows):
+            block[k, list(row)] = list(row.values())
+        matrix.append(block)
+    return kinds, np.concatenate(matrix), sides
+
+
+@dataclass
+class Contracted:
+    """What is left of a box, None for nothing, and the steps of the certificate that prove it.
+
+    `last`: sides and numbers of the rows of the last step; `open`: whether time or patience ended the search.
+    """
+
+    left: ExactBox | None
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    programs: int = 0
+    last: tuple[tuple[str, int], ...] = ()
+    ended: str = ""
+
+
+def write_steps(
+    path: Path, header: Mapping[str, Any], left: ExactBox | None, steps: Sequence[Mapping[str, Any]],
+    cap: float | None = None,
+) -> None:  # fmt: skip
+    """A certificate that claims the box that is left, or that nothing is, all or nothing. Raises InputError."""
+    said = claims(cap, refuted=left is None, enclosure=left)
+    with replacing(path) as out:
+        out.writelines(line(one).encode() for one in (header, said, *steps))
+
+
+def contracted(
+    system: System,
+    root: ExactBox,
+    *,
+    narrow: Callable[[Floats], bool],
+    gain: float,
+    splits: Sequence[int] = (),
+    most_boxes: int = 1,
+    loss: float = 0.02,
+    end: float = math.inf,
+    tell: Callable[[ExactBox | None], None] = lambda box: None,
+) -> Contracted:
+    """Contract until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
+    then halve the widest of the unknowns `splits`, in at most so many boxes.
+
+    narrow   of half-widths: whether programs without columns are worth a try
+    loss     share of what is left of a width, given away for shorter numbers
+    """
+    found = Contracted(None)
+    descent = _Descent(system, narrow, gain, loss, end, tell, found)
+    waiting, left, fresh = [(0, root)], list[ExactBox](), 1
+    while waiting:
+        name, whole = waiting.pop()
+        box = descent.over(name, whole)
+        if box is None:
+            continue
+        if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
+            if system.derived and found.steps:
+                box, _ = descent.once_over(name, box, system.lifted, system.derived)
+            left += [] if box is None else [box]
+            continue
+        widths = {k: box.hi[k] - box.lo[k] for k in splits}
+        i = max(splits, key=widths.__getitem__)
+        cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
+        found.steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
+        waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
+        fresh += 2
+    if left:
+        lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
+        found.left = ExactBox(tuple(map(min, lo)), tuple(map(max, hi)))
+    return found
+
+
+@dataclass
+class _Descent:
+    """Passes over boxes, with the options of `contracted`."""
+
+    system: System
+    narrow: Callable[[Floats], bool]
+    gain: float
+    loss: float
+    end: float
+    tell: Callable[[ExactBox | None], None]
+    found: Contracted
+
+    def over(self, name: int, box: ExactBox) -> ExactBox | None:
+        """What passes leave of a box, until one gains too little."""
+        for _ in range(_PASSES):
+            if time.monotonic() > self.end:
+                self.found.ended = "time"
+                break
+            left = self._best(name, box)
+            self.tell(left)
+            if left is None or np.exp(np.log(_shares(box, left, self.system.asked) + 1e-9).mean()) > 1.0 - self.gain:
+                return left
+            box = left
+        return box
+
+    def _best(self, name: int, box: ExactBox) -> ExactBox | None:
+        """Without columns of products where that is worth a try, and with them where it gained too little."""
+        system = self.system
+        if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
+            left, given_away = self.once_over(name, box, np.zeros_like(system.lifted), system.asked)
+            if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
+                return left
+            box = left
+        return self.once_over(name, box, system.lifted, system.asked)[0]
+
+    def once_over(
+        self, name: int, box: ExactBox, columns: Bools, asked: Sequence[int]
+    ) -> tuple[ExactBox | None, float]:
+        """Two programs for each unknown that is asked for; what is proved of them is a step.
+
+        And what the programs gave away of products, at most, in half-widths.
+        """
+        system = self.system
+        lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
+        rows = np.ones_like(system.main) if asked is system.derived else system.main
+        known: dict[frozenset[int], _Programs] = {}
+
+        def programs(without: frozenset[int]) -> _Programs:
+            if without not in known:
+                right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
+                known[without] = _Programs(system, lo, hi, columns, rows & right)
+            return known[without]
+
+        every, prover = programs(frozenset()), _Prover(system, box)
+        lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
+
+        def family(i: int, sign: float, without: frozenset[int], wrong: int) -> list[Proposed] | None:
+            """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
+            own = programs(without)
+            solution = own.minimize(i, sign)
+            if solution.status is LinearStatus.INFEASIBLE:
+                value = math.inf
+            elif solution.status is LinearStatus.OPTIMAL:
+                u = solution.point[: len(lo)]
+                np.minimum(lowest, u, out=lowest)
+                np.maximum(highest, u, out=highest)
+                value = sign * float(u[i])
+            worth = min(_WORTH, 2.0 * self.loss)
+            if solution.status not in (LinearStatus.OPTIMAL, LinearStatus.INFEASIBLE) or value < worth - 1.0:
+                return None
+            found = [own.weights(solution, value)]
+            owners = {system.owner[n] for n in found[0].rows} if wrong else set()
+            for owner in sorted(k for k in owners if k is not None):
+                more = family(i, sign, without | {owner}, wrong - 1)
+                if more is None:
+                    return None
+                found += more
+            return found
+
+        proposed: list[tuple[int, str, list[Proposed]]] = []
+        ends = {(i, sign): -1.0 for i in asked for sign in (1.0, -1.0)}
+        for i, sign in ends:
+            met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
+            one = None if every.radius[i] == 0.0 or met else family(i, sign, frozenset(), system.wrong)
+            if one is None:
+                continue
+            ends[i, sign] = min(part.value for part in one)
+            if ends[i, sign] < math.inf:
+                proposed.append((i, "lo" if sign > 0.0 else "hi", one))
+            elif prover.exclude(one):
+                break
+            else:
+                ends[i, sign] = -1.0
+        else:
+            for i, side, one in proposed:
+                width = -ends[i, 1.0] - ends[i, -1.0]
+                prover.bound(i, side, one, self.loss * max(width, 1e-9) * float(every.radius[i]))
+        self.found.programs += sum(one.count for one in known.values())
+        step = prover.step(name)
+        if step is not None:
+            self.found.steps.append(step)
+            self.found.last = tuple((side, k) for side, k, *_ in step["rows"])
+        return prover.left, every.given_away
+
+
+class _Prover:
+    """Exact bounds on one box; `left` is what they leave, None for nothing."""
+
+    def __init__(self, system: System, box: ExactBox) -> None:
+        self._system, self._lo, self._hi = system, list(box.lo), list(box.hi)
+        self._rows = [(*tag, "") for tag in system.tags]
+        self._rule = Rule(system.problem, box, self._rows, free)
+        self._bounds: list[Bound] = []
+        self._exclusion: list[Weights] = []
+
+    @property
+    def left(self) -> ExactBox | None:
+        if self._exclusion or not all(map(le, self._lo, self._hi)):
+            return None
+        return ExactBox(tuple(self._lo), tuple(self._hi))
+
+    def exclude(self, family: Sequence[Proposed]) -> bool:
+        """Whether the box is proved to hold nothing."""
+        found = [_excluding(self._rule, one, _FEW_BITS) for one in family]
+        self._exclusion = [] if None in found else [weights for weights in found if weights is not None]
+        return bool(self._exclusion)
+
+    def bound(self, i: int, side: str, family: Sequence[Proposed], loss: float) -> None:
+        """Keep the weakest bound of a family, if it is proved to be better than what there is."""
+        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
+        proved, sets = list[F](), list[Weights]()
+        for one in family:
+            if one.value == math.inf:  # what excludes proves any bound
+                excluding = _excluding(self._rule, one, _FEW_BITS)
+                if excluding is None:
+                    return
+                sets.append(excluding)
+                continue
+            value, best = center + radius * (one.value if side == "lo" else -one.value), list[tuple[F, Weights]]()
+            for weights in map(one.exact, _FEW_BITS):
+                best.append((self._rule.bound(i, side, weights), weights))
+                if abs(float(best[-1][0]) - value) <= loss:
+                    break
+            bound, weights = (max if side == "lo" else min)(best, key=itemgetter(0))
+            proved.append(bound)
+            sets.append(weights)
+        weakest = min(proved) if side == "lo" else max(proved)
+        kept, ends = F(brief(weakest, side == "lo", loss)), self._lo if side == "lo" else self._hi
+        if kept > ends[i] if side == "lo" else kept < ends[i]:
+            self._bounds.append((i, side, kept, sets))
+            ends[i] = kept
+
+    def step(self, name: int) -> dict[str, Any] | None:
+        """As a certificate holds it; None where nothing is proved."""
+        bounds = () if self._exclusion else self._bounds
+        return _record(self._rows, name, None, self._exclusion, bounds, families=self._system.wrong > 0)
+
+
+def _shares(before: ExactBox, after: ExactBox, asked: Sequence[int]) -> Floats:
+    """What is left of the widths."""
+    found = [
+        float((after.hi[i] - after.lo[i]) / (before.hi[i] - before.lo[i])) for i in asked if before.hi[i] > before.lo[i]
+    ]
+    return np.array(found or [1.0])
