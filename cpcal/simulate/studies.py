@@ -253,7 +253,8 @@ def _check_options(options: dict[str, Any]) -> None:
 # A and C depend on the leg's direction: see `_joint_centres`. `tilt` is the leg's angle from the vertical (z of the
 # base frame). The sag term is the shortening of the chord of a uniform, slender beam on two hinges: the deflection
 # y = k (x^4 - 2 s x^3 + s^3 x), k = q sin(tilt) / (24 E I), has 1/2 int y'^2 dx = (17/70) k^2 s^7; a shortening d
-# means a deflection of sqrt(d s / 2.49) in the middle. The sign of the clearance follows the load: see `clearance_sides`.
+# means a deflection of sqrt(d s / 2.49) in the middle.
+# The sign of the clearance follows the load: see `clearance_sides`.
 
 
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings
