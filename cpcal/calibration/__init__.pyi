@@ -1,8 +1,3 @@
-from .alignment import (
-    FittedFrame,
-    nearest_motion,
-    on_drawing,
-)
 from .budget import (
     Budget,
     Inputs,
@@ -13,17 +8,18 @@ from .diagnosis import (
 )
 from .fit import (
     Fit,
+    LegEquations,
+    Noise,
     fit,
     least_squares,
 )
 from .frames import (
+    FittedFrame,
     FrameCalibration,
     calibrate_frames,
+    nearest_motion,
+    on_drawing,
     redefined,
-)
-from .leg_equations import (
-    LegEquations,
-    Noise,
 )
 from .repeatability import (
     Repeatability,

@@ -19,9 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration.alignment import on_drawing, on_drawing_errors
-from cpcal.calibration.fit import Fit, fit
-from cpcal.calibration.leg_equations import Noise, root
+from cpcal.calibration.fit import Fit, Noise, fit, root
+from cpcal.calibration.frames import on_drawing, on_drawing_errors
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.robot import Campaign, Pose, Robot

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration.leg_equations import LegEquations, Noise, chances, whitening
+from cpcal.calibration.fit import LegEquations, Noise, chances, whitening
 from cpcal.calibration.repeatability import RUNS, VARIANCES, RepeatTests
 from cpcal.common.values import Floats
 from cpcal.robot import Campaign

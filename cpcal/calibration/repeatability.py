@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.calibration.leg_equations import LegEquations, Noise
+from cpcal.calibration.fit import LegEquations, Noise
 from cpcal.calibration.statistics import LEVEL, ChannelStatistics, Deviations, campaign_deviations, group_means
 from cpcal.common.files import listed
 from cpcal.common.values import Floats, Ints

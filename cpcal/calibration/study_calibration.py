@@ -17,11 +17,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.alignment import FittedFrame, SharedError, fitted_frame, on_drawing, on_drawing_errors
 from cpcal.calibration.budget import Budget
 from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
 from cpcal.calibration.fit import Fit, fit
-from cpcal.calibration.frames import FrameCalibration, calibrate_frames, redefined
+from cpcal.calibration.frames import (
+    FittedFrame,
+    FrameCalibration,
+    SharedError,
+    calibrate_frames,
+    fitted_frame,
+    on_drawing,
+    on_drawing_errors,
+    redefined,
+)
 from cpcal.calibration.repeatability import Repeatability, RepeatTests, repeat_tests, repeatability
 from cpcal.calibration.statistics import (
     ChannelStatistics,

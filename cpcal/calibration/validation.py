@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.leg_equations import LegEquations, Noise, root
+from cpcal.calibration.fit import LegEquations, Noise, root
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Bools, Floats
 from cpcal.robot import (

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.diagnosis import mid_range, sag_shape, vertical
-from cpcal.calibration.fit import least_squares
-from cpcal.calibration.leg_equations import LegEquations
+from cpcal.calibration.fit import LegEquations, least_squares
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem

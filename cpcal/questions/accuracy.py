@@ -44,8 +44,8 @@ from cpcal.robot import (
     rotation_vector,
 )
 from cpcal.robot.campaign import ARRAYS
-from cpcal.simulate.assembly import assembled_with
 from cpcal.simulate.campaigns import streams, true_robot
+from cpcal.simulate.studies import assembled_with
 from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import ConstraintNetwork

@@ -210,7 +210,8 @@ def _parent(found: HandEyeResult) -> str:
 def _told(found: HandEyeResult, mark: str) -> str:
     """What is proved, as comments."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
-    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
+    without = f", without {', '.join(found.left_out)}" if found.left_out else ""
+    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px{without}"]
     if found.ranges is not None and not found.ranges.empty:
         said.append(f"proved of all frames that explain every pixel to {at_least(found.eps, 4)} px:")
         ends = zip(_AXES, found.ranges.low, found.ranges.high, strict=False)

@@ -246,11 +246,12 @@ def sentences(found: HandEyeResult) -> list[str]:
     if found.tolerance is not None and not found.outliers:
         word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]
         said.append(f"Tolerance {stated(found.tolerance)} px: {word}.")
-    failing = [verdict.image for verdict in found.classical.images if not verdict.ok]
+    kept = [verdict for verdict in found.classical.images if verdict.image not in found.left_out]
+    failing = [verdict.image for verdict in kept if not verdict.ok]
     fit = "Least squares" + ", at its own readings of the poses" * bool(found.readings)
     said.append(
         f"{fit}: rms {nearest(found.rms, 3)} px, largest error {at_most(found.classical.largest, 4)} px; "
-        f"over {eps} px in {len(failing)} of {found.images} images" + (f" ({listed(failing, 5)})." if failing else ".")
+        f"over {eps} px in {len(failing)} of {len(kept)} images" + (f" ({listed(failing, 5)})." if failing else ".")
     )
     said += found.remarks
     if found.support:

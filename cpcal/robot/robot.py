@@ -241,7 +241,7 @@ def known_robot(name: str) -> KnownRobot:
 # Imperfect legs: physical mechanisms that the seven parameters of a leg leave out, each with its own size.
 #
 # A `Mechanisms` holds the values of a particular robot, leg by leg; `sampled` makes one from sizes. Size zero is
-# the perfect leg. `assembly.py` has the equations and finds the poses of a robot with them.
+# the perfect leg. `cpcal.simulate.studies` has the equations and finds the poses of a robot with them.
 
 FIELDS: Widths = {
     "base_axis": 3,

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.special import ndtri, stdtrit
 
 from cpcal.calibration import LegEquations, Noise, fit, least_squares
-from cpcal.calibration.leg_equations import whitening
+from cpcal.calibration.fit import whitening
 from cpcal.common.errors import InputError
 from cpcal.models import model_residuals
 from cpcal.robot import (

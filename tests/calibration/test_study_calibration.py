@@ -21,7 +21,7 @@ from cpcal.calibration import (
     on_drawing,
     save_record,
 )
-from cpcal.calibration.alignment import SharedError, on_drawing_errors
+from cpcal.calibration.frames import SharedError, on_drawing_errors
 from cpcal.calibration.study_calibration import study_rows
 from cpcal.files import campaign_sha256, load_study, save_study
 from cpcal.report.study_page import poses

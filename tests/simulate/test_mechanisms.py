@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, KinematicsError, Mechanisms, Pose, inverse_kinematics, leg_vectors
-from cpcal.simulate.assembly import assembled_with, clearance_sides, leg_gaps
 from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
+from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps
 
 LARGE = {  # mm; the gain is relative
     "axis_offset": 20.0,
