@@ -21,7 +21,7 @@ import numpy as np
 
 from cpcal.calibration.fit import Fit, Noise, fit, root
 from cpcal.calibration.frames import on_drawing, on_drawing_errors
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
 from cpcal.robot import Campaign, Pose, Robot
 
@@ -126,7 +126,7 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, tri
     trials   check U with so many simulated studies. Raises InputError for fewer than 20.
     """
     if trials is not None and trials < _TRIALS_MIN:
-        raise InputError([Problem("option trials", f"has no meaning: {trials}", f"give {_TRIALS_MIN} or more")])
+        raise unusable("option trials", f"has no meaning: {trials}", f"give {_TRIALS_MIN} or more")
     laid, nothing = on_drawing(best.parameters, drawing), np.zeros_like(best.parameters)
 
     def errors(found: Fit) -> Floats:

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Floats, fill, frozen_array
 from cpcal.robot import Campaign, quaternion_from_rotation_vector, rotation_matrix
@@ -127,7 +127,7 @@ class Noise:
         else:
             what = f"the correlation, of shape {joint.shape}, is none of {length.shape[1]} leg readings"
             remedy = "give (n, n), symmetric, positive semidefinite, 1 on the diagonal"
-        raise InputError([Problem("noise", what, remedy)])
+        raise unusable("noise", what, remedy)
 
     @classmethod
     def from_sigmas(
@@ -139,7 +139,7 @@ class Noise:
         try:
             position, rotation, length = (np.broadcast_to(row, (count, row.shape[-1])) for row in rows)
         except ValueError as error:
-            raise InputError([Problem("noise", str(error), "give (3,), (3,) and (n,), or one row each")]) from None
+            raise unusable("noise", str(error), "give (3,), (3,) and (n,), or one row each") from None
         pose = np.concatenate([position, rotation], axis=1)
         return cls(pose[:, :, None] ** 2 * np.eye(pose.shape[1]), length)
 
@@ -154,7 +154,7 @@ class Noise:
         divisor = declared if factor is None else factor
         if campaign.exact or divisor is None or not 0 < divisor < np.inf:
             what = "declares exact readings" if campaign.exact else "does not say how many sigma its half-widths are"
-            raise InputError([Problem("campaign", what, "give the standard deviations: factor=, or Noise.from_sigmas")])
+            raise unusable("campaign", what, "give the standard deviations: factor=, or Noise.from_sigmas")
         radii = (campaign.position_radius, campaign.rotation_radius, campaign.length_radius)
         return cls.from_sigmas(*(radius / divisor for radius in radii), count=len(campaign))
 
@@ -198,13 +198,13 @@ def whitening(sigma: Floats) -> Floats:
     if not (variance > 0).all():
         row = int(np.flatnonzero(~(variance > 0).all(axis=1))[0])
         what = f"leaves an equation of row {row} without any error: its weight would be infinite"
-        raise InputError([Problem("noise", what, "give every reading a standard deviation > 0")])
+        raise unusable("noise", what, "give every reading a standard deviation > 0")
     deviation = np.sqrt(variance)
     try:  # of the correlations, whose entries are of order one whatever the units
         factor = np.linalg.cholesky(sigma / (deviation[:, :, None] * deviation[:, None, :]))
     except np.linalg.LinAlgError:
         what = "makes the legs' errors exactly dependent: their covariance has no inverse"
-        raise InputError([Problem("noise", what, "give lengths a sigma > 0")]) from None
+        raise unusable("noise", what, "give lengths a sigma > 0") from None
     return np.asarray(np.linalg.solve(factor, np.eye(sigma.shape[1]) / deviation[:, :, None]))
 
 

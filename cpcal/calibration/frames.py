@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.robot import (
@@ -90,7 +90,7 @@ def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
             f"{LEAST_SPREAD:.2g} rad, so that translations along it are not determined"
         )
     remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
-    raise InputError([Problem(name, what, remedy)])
+    raise unusable(name, what, remedy)
 
 
 def _remarks(spread: tuple[float, str, str], turn: Floats) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ def _remarks(spread: tuple[float, str, str], turn: Floats) -> tuple[str, ...]:
     if least <= _LOST * rms:
         what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
         remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
-        raise InputError([Problem(name, what, remedy)])
+        raise unusable(name, what, remedy)
     remarks = []
     if least <= _WEAK * rms:
         ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
@@ -332,7 +332,7 @@ def nearest_motion(measured: Floats, drawing: Floats) -> Pose:
     sizes = np.linalg.svd(drawing - drawn, compute_uv=False) if count > 2 else np.zeros(3)
     if sizes[1] < 1e-9 * sizes[0] or sizes[0] == 0.0:
         what = f"are {count} on a line, or fewer than three: no frame follows from them"
-        raise InputError([Problem("joint centres", what, "give three that are not on a line")])
+        raise unusable("joint centres", what, "give three that are not on a line")
     rotation = nearest_rotation((drawing - drawn).T @ (measured - middle))
     return Pose(drawn - rotation @ middle, quaternion_from_matrix(rotation))
 

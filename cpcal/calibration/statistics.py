@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
@@ -112,7 +112,7 @@ def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tupl
     if repeated and len(number) == len(group):
         what = f"holds each of its {len(group)} configurations once"
         remedy = "measure configurations several times: pose repeats, run differs"
-        raise InputError([Problem("table of repeats", what, remedy)])
+        raise unusable("table of repeats", what, remedy)
     return group, tuple(str(name) for name in number)
 
 
@@ -162,9 +162,9 @@ def averaged(
     repeated, or for options without a meaning.
     """
     if of not in ("single", "mean"):
-        raise InputError([Problem("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")])
+        raise unusable("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")
     if not 0 < factor < np.inf:
-        raise InputError([Problem("option factor", f"has no meaning: {factor!r}", "give a number > 0")])
+        raise unusable("option factor", f"has no meaning: {factor!r}", "give a number > 0")
     given = None if sigma is None else _deviations("sigma", sigma, (6 + campaign.legs,))
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
@@ -194,7 +194,7 @@ def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Flo
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape or not (np.isfinite(array) & (array >= 0.0)).all():
         what = f"has the shape {array.shape}, or a number that is no standard deviation"
-        raise InputError([Problem(f"option {name}", what, f"give {shape} numbers >= 0")])
+        raise unusable(f"option {name}", what, f"give {shape} numbers >= 0")
     return array
 
 

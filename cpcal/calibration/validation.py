@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.fit import LegEquations, Noise, root
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.robot import (
     Campaign,
@@ -159,7 +159,7 @@ def pose_errors(campaign: Campaign, parameters: npt.ArrayLike) -> PoseErrors:
     x = np.asarray(parameters, dtype=np.float64)
     if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
         what = f"have the shape {x.shape}, or a number that is not finite"
-        raise InputError([Problem("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")])
+        raise unusable("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")
     measured = Pose(campaign.position, campaign.quaternion)
     found, _ = forward_poses(Robot.from_parameters("", x), campaign.length, measured)
     remaining = quaternion_product(found.quaternion, quaternion_conjugate(campaign.quaternion))

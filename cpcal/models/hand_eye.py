@@ -22,7 +22,7 @@ import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.hand_eye import STUDY_FORMAT
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
@@ -67,7 +67,7 @@ class HandEyeStudy(Value):
     def __post_init__(self) -> None:
         count, n = len(self.image), len(self.images)
         if self.setup not in SETUPS:
-            raise InputError([Problem("setup", f"is {self.setup!r}", f"give one of {', '.join(SETUPS)}")])
+            raise unusable("setup", f"is {self.setup!r}", f"give one of {', '.join(SETUPS)}")
         places = np.array(self.image, dtype=np.intp)
         places.setflags(write=False)
         width = self.half_width if np.size(self.half_width) else np.zeros(count)
@@ -76,9 +76,9 @@ class HandEyeStudy(Value):
         fill(self, image=places, **{name: frozen_array(values) for name, values in arrays.items()})
         shapes = tuple(getattr(self, name).shape for name in arrays)
         if (self.poses.position.shape, *shapes) != ((n, 3), (count, 2), (count, 3), (count,), (n, 6)):
-            raise InputError([Problem("study", "has arrays that do not belong together", "see HandEyeStudy")])
+            raise unusable("study", "has arrays that do not belong together", "see HandEyeStudy")
         if count and not 0 <= places.min() <= places.max() < n:
-            raise InputError([Problem("study", "has a point of an image without pose", "name the images by number")])
+            raise unusable("study", "has a point of an image without pose", "name the images by number")
 
     @property
     def uncertain(self) -> bool:
@@ -399,4 +399,4 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
             pose_half_width=poses[:, 7:],
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise InputError([Problem(str(path), f"lacks or garbles a field: {shown(str(error))}", remedy)]) from None
+        raise unusable(str(path), f"lacks or garbles a field: {shown(str(error))}", remedy) from None

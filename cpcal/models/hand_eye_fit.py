@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.calibration import calibrate_frames
 from cpcal.calibration.frames import cross_matrix
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, frozen_array
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
@@ -244,7 +244,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     kept, seen, alone = image_poses(study)
     if len(kept) < _LEAST_IMAGES:
         what = f"has {len(kept)} images whose points determine a pose"
-        raise InputError([Problem("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")])
+        raise unusable("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")
     turn, shift = study.motions()
     closed = calibrate_frames(Pose(shift[kept], quaternion_from_matrix(turn[kept])), seen)
     e, f = inverse(closed.camera_in_base), closed.target_in_mobile
@@ -252,7 +252,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     at = model.stated(HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
     if not np.isfinite(model(at)).all():
         what = "puts points behind the camera"
-        raise InputError([Problem("the closed form", what, "check the setup, and which pose belongs to which image")])
+        raise unusable("the closed form", what, "check the setup, and which pose belongs to which image")
     exact = PixelModel(study.exactly())
     at = least_squares(exact, exact.jacobian, at, tolerance=1e-13, moved=exact.moved, steps=_STEPS).at
     residuals = model(at)

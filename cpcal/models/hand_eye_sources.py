@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.errors import Problems, unusable
 from cpcal.common.files import small_file
 from cpcal.common.values import Floats, Indices
 from cpcal.models.hand_eye import HandEyeStudy, Setup
@@ -61,10 +61,10 @@ class PrintedBoard:
             lengths = tuple(float(part) for part in rest[1 : 1 + counts[kind]])
             (dictionary,) = rest[1 + counts[kind] :] or [""]
         except (ValueError, KeyError, IndexError):
-            raise InputError([Problem("board", f"is {text!r:.80}", REMEDY)]) from None
+            raise unusable("board", f"is {text!r:.80}", REMEDY) from None
         named = bool(dictionary) == (kind != "chessboard")
         if not named or len(lengths) < counts[kind] or min(columns, rows) < 2 or not min(lengths) > 0.0:
-            raise InputError([Problem("board", f"is {text!r:.80}", REMEDY)])
+            raise unusable("board", f"is {text!r:.80}", REMEDY)
         return PrintedBoard(kind, columns, rows, lengths, dictionary)
 
     @property
@@ -113,7 +113,7 @@ def study_of_found(
         seen.append((stem, names, pixels, points))
     if not seen:
         what = "holds no photograph with a pose and the board: " + "; ".join(left[:3])
-        raise InputError([Problem(str(folder), what, "check the board, the poses' names, the camera's size")])
+        raise unusable(str(folder), what, "check the board, the poses' names, the camera's size")
     given = np.array([poses[stem] for stem, *_ in seen])
     study = HandEyeStudy(
         setup=setup,
@@ -142,7 +142,7 @@ def _finder(board: PrintedBoard) -> Any:
         return lambda grey: _chessboard(cv2, grey, board)
     name = "DICT_" + board.dictionary.removeprefix("DICT_")
     if not hasattr(cv2.aruco, name):
-        raise InputError([Problem("board", f"has the dictionary {board.dictionary!r:.40}", REMEDY)])
+        raise unusable("board", f"has the dictionary {board.dictionary!r:.40}", REMEDY)
     dictionary, size = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)), (board.columns, board.rows)
     if board.kind == "charuco":
         printed = cv2.aruco.CharucoBoard(size, board.lengths[0], board.lengths[1], dictionary)
@@ -262,7 +262,7 @@ def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
     except ValueError:
         position = angle = np.nan
     if not (0.0 <= position < 1e4 and 0.0 <= angle <= 30.0):
-        raise InputError([Problem("option --off", f"is {text!r:.60}", "give mm and degrees, such as 0.1,0.05")])
+        raise unusable("option --off", f"is {text!r:.60}", "give mm and degrees, such as 0.1,0.05")
     wide = [position] * 3 + [float(np.radians(angle))] * 3
     return replace(study, pose_half_width=np.tile(wide, (len(study.images), 1)))
 
@@ -290,14 +290,14 @@ def study_of_pairs(
     count = len(hand.position)
     if len(seen.position) != count:
         what = f"are {count} of the hand and {len(seen.position)} of the target"
-        raise InputError([Problem("poses", what, "give the same samples in the same order")])
+        raise unusable("poses", what, "give the same samples in the same order")
     side = size * np.array([-0.5, 0.0, 0.5])
     board = np.array([[x, y, 0.0] for y in side for x in side])
     points = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
     behind = np.flatnonzero((points[..., 2] <= 0.0).any(axis=1))
     if len(behind):
         what = f"put the target behind the camera in sample {behind[0] + 1}"
-        raise InputError([Problem("poses", what, "give the target in the camera frame, z along the line of sight")])
+        raise unusable("poses", what, "give the target in the camera frame, z along the line of sight")
     return HandEyeStudy(
         setup=setup,
         camera=camera,
@@ -348,9 +348,9 @@ def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = 
             hand, seen = ([_pose(sample[_key(sample, names)]) for sample in samples] for names in (_HAND, _SEEN))
             base_in_hand = setup == "eye-to-hand" and all({"robot", "tracking"} <= set(one) for one in samples)
     except OverflowError:  # of a whole number that no float holds, too
-        raise InputError([Problem(str(path), "holds a number that is not finite, or too large", _REMEDY)]) from None
+        raise unusable(str(path), "holds a number that is not finite, or too large", _REMEDY) from None
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError([Problem(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY)]) from None
+        raise unusable(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY) from None
     scale = 1000.0 if metres else 1.0
     stated = _scaled(hand, scale)
     return inverse(stated) if base_in_hand else stated, _scaled(seen, scale)

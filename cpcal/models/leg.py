@@ -22,7 +22,7 @@ from cpcal.calibration.diagnosis import mid_range, sag_shape, vertical
 from cpcal.calibration.fit import LegEquations, least_squares
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
-from cpcal.common.errors import InputError, ModelError, PluginError, Problem
+from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
@@ -255,7 +255,7 @@ def _provided(name: str) -> LegModel:
     if name not in known:
         names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))
         remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {group})"
-        raise InputError([Problem("model", f"{name!r} is not known", remedy)])
+        raise unusable("model", f"{name!r} is not known", remedy)
     model = plugins.load(name, group)
     if not isinstance(model, LegModel) or model.name != name:
         raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")

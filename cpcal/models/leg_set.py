@@ -26,7 +26,7 @@ import numpy as np
 
 from cpcal.checker.certificate import Given, with_forms
 from cpcal.checker.platform import Commanded
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
 from cpcal.robot import Campaign
@@ -158,7 +158,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
         if not givers:
             what = f"none of {', '.join(asked.contractors)} gives weights"
-            raise InputError([Problem("contractors", what, "certify with the contractor lifted")])
+            raise unusable("contractors", what, "certify with the contractor lifted")
         for _ in range(most):
             before = box
             for giver in givers:
@@ -233,4 +233,4 @@ def _supporting(
         if isinstance(contractor, SupportFunction):
             return contractor, contractor
     what = f"none of {', '.join(names)} has a support function"
-    raise InputError([Problem("contractors", what, "certify with the contractor lifted")])
+    raise unusable("contractors", what, "certify with the contractor lifted")

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.models.leg import rational_rotations, rotations, turned_rows
 from cpcal.models.leg_set import CertifiedSet
@@ -421,7 +421,7 @@ class Workspace:
         bad = [n for n, a, b in zip(AXES, self.lo, self.hi, strict=True) if not -np.inf < a <= b < np.inf]
         if bad or len(self.lo) != len(AXES):
             what = f"has bounds that cross or are not finite: {', '.join(bad)}"
-            raise InputError([Problem("workspace", what, "give LO:HI with LO <= HI for each axis")])
+            raise unusable("workspace", what, "give LO:HI with LO <= HI for each axis")
 
     @classmethod
     def parsed(cls, text: str) -> Workspace:
@@ -436,13 +436,11 @@ class Workspace:
                 name = ""
             if name not in AXES:
                 what = f"{part.strip()!r} is no range of an axis"
-                raise InputError(
-                    [Problem("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")]
-                )
+                raise unusable("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")
             known[name] = pair if name in AXES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
         missing = [name for name in AXES if name not in known]
         if missing:
-            raise InputError([Problem("workspace", f"lacks {', '.join(missing)}", "give x, y and z in mm")])
+            raise unusable("workspace", f"lacks {', '.join(missing)}", "give x, y and z in mm")
         return cls(tuple(known[n][0] for n in AXES), tuple(known[n][1] for n in AXES))
 
     @property
@@ -662,10 +660,10 @@ def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:
     length = np.asarray(readings, dtype=np.float64)
     if robot.legs != 6 or length.shape != (6,):  # as many equations as unknowns: what the Newton test needs
         what = f"are {length.shape} for {robot.legs} legs"
-        raise InputError([Problem("readings", what, "prove one pose at a time, of a robot with exactly six legs")])
+        raise unusable("readings", what, "prove one pose at a time, of a robot with exactly six legs")
     numbers = np.concatenate([np.ravel(near.position), np.ravel(near.quaternion)])
     if numbers.shape != (7,) or not np.isfinite(numbers).all() or not np.any(near.quaternion):
-        raise InputError([Problem("near", "is not one pose", "give a position (3,) and a quaternion (4,), not zero")])
+        raise unusable("near", "is not one pose", "give a position (3,) and a quaternion (4,), not zero")
     # a sum of floats is rounded to the nearest, and so has the sign of the exact one
     wrong = np.flatnonzero(~(np.isfinite(length) & (length + robot.offset > 0.0)))
     if len(wrong):

@@ -36,7 +36,7 @@ from cpcal.checker import FORMAT, Refused
 from cpcal.checker.readers import up
 from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import ByValue, Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
@@ -81,7 +81,7 @@ class PixelBoxes:
         fill(self, numbers=numbers, lo=frozen_array(self.lo), hi=frozen_array(self.hi))
         if numbers.ndim != 1 or {self.lo.shape, self.hi.shape} != {(len(numbers), 2)}:
             what = f"have shapes {numbers.shape}, {self.lo.shape} and {self.hi.shape}"
-            raise InputError([Problem("pixel boxes", what, "give numbers (m,), lo (m, 2) and hi (m, 2)")])
+            raise unusable("pixel boxes", what, "give numbers (m,), lo (m, 2) and hi (m, 2)")
         good = ((self.lo <= self.hi) & np.isfinite(self.lo) & np.isfinite(self.hi)).all(axis=1)
         problems = [
             Problem(f"pixel box {k}", "has no points, or infinitely many", "give finite lo <= hi")
@@ -102,9 +102,9 @@ class PixelBoxes:
             radius = np.broadcast_to(np.asarray(half_width, dtype=np.float64), middle.shape)
         except ValueError:
             what = f"is {np.shape(half_width)} for centres {middle.shape}"
-            raise InputError([Problem("half_width", what, "give one number, or one for each coordinate")]) from None
+            raise unusable("half_width", what, "give one number, or one for each coordinate") from None
         if not bool((radius >= 0.0).all()):
-            raise InputError([Problem("half_width", "is negative or NaN", "give pixels >= 0")])
+            raise unusable("half_width", "is negative or NaN", "give pixels >= 0")
         boxes = IntervalArray.around(middle, radius)
         return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi, of_images)
 
@@ -138,7 +138,7 @@ class CameraSet(Value):
         if problems:
             raise InputError(problems)
         if not (self.camera.focal > self.reach[:2]).all():
-            raise InputError([Problem("camera spread", "allows a focal length of zero", "give a narrower set")])
+            raise unusable("camera spread", "allows a focal length of zero", "give a narrower set")
 
     @classmethod
     def of(cls, camera: Camera | CameraSet) -> CameraSet:
@@ -151,7 +151,7 @@ class CameraSet(Value):
         widths = np.asarray(half_widths, dtype=np.float64)
         if widths.shape != (_COUNT,) or not (np.isfinite(widths) & (widths >= 0.0)).all():
             remedy = f"give nine numbers >= 0, of {', '.join(CAMERA_NUMBERS)}"
-            raise InputError([Problem("camera half-widths", f"are {widths.tolist()}", remedy)])
+            raise unusable("camera half-widths", f"are {widths.tolist()}", remedy)
         return cls(camera, np.diag(widths)[:, widths > 0.0])
 
     @classmethod
@@ -164,7 +164,7 @@ class CameraSet(Value):
         matrix = np.asarray(covariance, dtype=np.float64)
         if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
             remedy = "give (9, 9), as `cpcal detect --calibrate` writes it, and a factor > 0"
-            raise InputError([Problem("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)])
+            raise unusable("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
         safe = np.where(scale > 0.0, scale, 1.0)
         values, vectors = np.linalg.eigh(matrix / np.outer(safe, safe))
@@ -199,12 +199,12 @@ class TargetSet(Value):
         widths, shape = frozen_array(self.half_widths), (len(self.target.dots), 3)
         if widths.shape != shape:
             what = f"have the shape {widths.shape}"
-            raise InputError([Problem("target half-widths", what, f"give one number, (3,) or {shape}, mm")])
+            raise unusable("target half-widths", what, f"give one number, (3,) or {shape}, mm")
         if not (np.isfinite(widths) & (widths >= 0.0)).all():
-            raise InputError([Problem("target half-widths", "are negative or not finite", "give mm >= 0")])
+            raise unusable("target half-widths", "are negative or not finite", "give mm >= 0")
         if not 0.0 <= self.scale <= LARGEST_SCALE:
             what = f"is {self.scale}"
-            raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE}")])
+            raise unusable("target scale", what, f"give a share from 0 to {LARGEST_SCALE}")
         fill(self, half_widths=widths)
 
     @classmethod
@@ -306,7 +306,7 @@ def _sight(
         inputs["camera"]["field"] = _hex(radius)  # type: ignore[index]
     else:
         what = "has a lens that bends too much within the image"
-        raise InputError([Problem("camera", what, "pose sets need a lens whose image does not turn back")])
+        raise unusable("camera", what, "pose sets need a lens whose image does not turn back")
     rays = cameras.camera.normalised(0.5 * (boxes.lo + boxes.hi))
     beside = np.flatnonzero(~(np.hypot(rays[:, 0], rays[:, 1]) < radius))
     if len(beside):

@@ -28,7 +28,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, InputError, ModelError, Problem, shown
+from cpcal.common.errors import CpcalError, InputError, ModelError, shown, unusable
 from cpcal.problems.values import (
     FORMS,
     FUNCTIONS,
@@ -154,7 +154,7 @@ class _Parser:
 
     def wrong(self, what: str, remedy: str, token: Token) -> InputError:
         """The error to raise: it names line and column."""
-        return InputError([Problem(self.where, f"column {token.column}: {what}", remedy, token.line)])
+        return unusable(self.where, f"column {token.column}: {what}", remedy, token.line)
 
     def fail(self, what: str, remedy: str) -> NoReturn:
         raise self.wrong(what, remedy, self.now)

@@ -11,7 +11,7 @@ from pathlib import Path
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import scratch_folder, write_file
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -221,7 +221,7 @@ def _value(outcome: TaskOutcome[int, AnsweredLeg], *, resumable: bool) -> Answer
     error = outcome.error
     if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
         remedy = "define it in a module that workers can import, or work here: leave out workers"
-        raise InputError([Problem("model", f"cannot be sent to other processes ({error})", remedy)])
+        raise unusable("model", f"cannot be sent to other processes ({error})", remedy)
     if isinstance(error, LostWorkerError):
         again = "go on with --resume, which keeps what is answered" if resumable else "run again"
         raise LostWorkerError(f"leg {outcome.task}: {error}; {again}, perhaps with fewer workers")

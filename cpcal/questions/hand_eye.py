@@ -27,7 +27,7 @@ from cpcal.checker.hand_eye import (
 )
 from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
@@ -86,7 +86,7 @@ class Within:
         if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
             what = f"has an angle of {self.angle} degrees and a reach of {self.reach} mm"
             remedy = "give degrees up to 180 and mm above 0, such as 60,1000; or any,2000 for any rotation"
-            raise InputError([Problem("the box", what, remedy)])
+            raise unusable("the box", what, remedy)
 
     @staticmethod
     def parsed(text: str) -> Within:
@@ -96,7 +96,7 @@ class Within:
             return Within(float(reach), None if angle == "any" else float(angle))
         except ValueError:
             remedy = "give degrees and mm, such as 60,1000; or any,2000 for any rotation"
-            raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)]) from None
+            raise unusable("option --within", f"is {text!r:.60}", remedy) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,12 +315,12 @@ def certify_hand_eye(
     """
     began, every = time.monotonic(), range(len(study.images))
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
-        raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
+        raise unusable("tolerance", f"is {tolerance}", "give pixels, from 0")
     if outliers and not 0 < outliers <= len(every) // _LEAST - 2:
         most = max(len(every) // _LEAST - 2, 0)
         what = f"is {outliers} of {len(every)} images"
         remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
-        raise InputError([Problem("outliers", what, remedy)])
+        raise unusable("outliers", what, remedy)
     left = trimmed_fit(study, outliers, np.random.default_rng(seed)) if outliers else []
     kept = [k for k in every if k not in left]
     part, box = study.part(np.array(kept)) if left else study, within or Within()
@@ -331,7 +331,7 @@ def certify_hand_eye(
         PlacedFrames.of(best.frames),
     )
     if not asked.holds(point):
-        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
+        raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
     at_point = [error for k, error in enumerate(_image_errors(study, point, readings)) if k in kept]
     eps_hi = max(up(error) for error in at_point if error is not None)  # the fit keeps all points in front
@@ -409,7 +409,7 @@ def _judged(
     for k in kept:
         if worst[k] is None:
             what = f"puts points of {study.images[k]} behind the camera"
-            raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
+            raise unusable("the least-squares answer", what, "check the setup, and the poses")
     verdicts = [
         ImageVerdict(name, None if error is None else up(error), error is not None and error <= F(eps))
         for name, error in zip(study.images, worst, strict=True)
@@ -536,7 +536,7 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
                 break
             chosen = kept
     if best is None:
-        raise InputError([Problem("study", "has no images that determine the frames", "check poses and points")])
+        raise unusable("study", "has no images that determine the frames", "check poses and points")
     return best[1]
 
 
@@ -568,7 +568,7 @@ def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
         study, found = load_study_json(run), load_hand_eye_result(run)
         statements = check_hand_eye(run)
     except (Refused, Unusable) as reason:
-        raise InputError([Problem(str(run), str(reason), "run cpcal handeye certify again")]) from None
+        raise unusable(str(run), str(reason), "run cpcal handeye certify again") from None
     said = "centre: the least-squares answer" + (f" without {', '.join(found.left_out)}" if found.left_out else "")
     refused = _not_least_squares(study, found)
     return [*statements, (not refused, f"centre: REFUSED, {refused}" if refused else said)]

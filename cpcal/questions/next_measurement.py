@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.calibration.frames import cross_matrix
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, reading_sensitivities
@@ -252,13 +252,13 @@ def next_images(
     at = _BEYOND * least if tolerance is None else tolerance
     if not at > least:
         what = f"is {stated(at)} px, and no frames were found that explain the pixels to it"
-        raise InputError([Problem("tolerance", what, f"give more than {at_most(least, 4)} px")])
+        raise unusable("tolerance", what, f"give more than {at_most(least, 4)} px")
     shown = {name: _drawn(study, best.frames, pose, least) for name, pose in candidates.items()}
     unseen = tuple(name for name, images in shown.items() if not images)
     shown = {name: images for name, images in shown.items() if images}
     if not 1 <= count <= len(shown):
         what = f"is {count}, and the target is seen from {len(shown)} of {len(candidates)} poses"
-        raise InputError([Problem("option --count", what, "give fewer, or more poses")])
+        raise unusable("option --count", what, "give fewer, or more poses")
     ranges = _Ranges(study, best, [image for images in shown.values() for image in images], at)
     names, first = list(shown), range(len(study.images), len(study.images) + _DRAWS * len(shown), _DRAWS)
     after = cache(lambda *chosen: ranges.chosen(names[chosen[-1]] if chosen else "", [first[k] for k in chosen]))

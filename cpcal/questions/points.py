@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cpcal.calibration import CalibrationRecord
 from cpcal.checker import Accepted
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
@@ -139,7 +139,7 @@ def certify_fits(
     written.
     """
     if record.campaign_sha256 != campaign_sha256(campaign):
-        raise InputError([Problem("calibration record", "is of another campaign", "calibrate again")])
+        raise unusable("calibration record", "is of another campaign", "calibrate again")
     found: dict[str, list[VerifiedFit]] = {"x_c": [], "x_c_sigma": []}
     with answers_into(folder, FITTED, campaign) as draft:
         for name, fits in found.items():
@@ -167,8 +167,8 @@ def fits_of(folder: Path, accepted: Mapping[str, Accepted | str]) -> CertifiedFi
                 counts = VerifiedPoint(eps, len(point.holds), len(point.fails), one.count)
                 found[match[1]][int(match[2])] = VerifiedFit(int(match[2]), tuple(at), counts)
         if what:
-            raise InputError([Problem(str(folder / name), f"is refused: {what}", "certify the fits again")])
+            raise unusable(str(folder / name), f"is refused: {what}", "certify the fits again")
     if not found["x_c"] or found["x_c"].keys() != found["x_c_sigma"].keys():
-        raise InputError([Problem(str(folder), "lacks a certificate of a leg", "certify the fits again")])
+        raise unusable(str(folder), "lacks a certificate of a leg", "certify the fits again")
     both = {name: tuple(fits[leg] for leg in sorted(fits)) for name, fits in found.items()}
     return CertifiedFits(sha256, **both)

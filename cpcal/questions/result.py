@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem, printable, unusable
 from cpcal.common.numbers import stated
 from cpcal.files.codec import Informed, checked, informed, load, save
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
@@ -365,7 +365,7 @@ def model_of(result: Result, model: LegModel | None = None) -> LegModel:
     if (found.name, found.parameters) != (note.name, note.parameters):
         what = f"{found.name!r} with the parameters {', '.join(found.parameters)} is not the result's"
         remedy = f"give the model {note.name!r} with the parameters {', '.join(note.parameters)}"
-        raise InputError([Problem("model", what, remedy)])
+        raise unusable("model", what, remedy)
     return found.within({p.name: p.half_width for p in note.extra})
 
 
@@ -551,9 +551,9 @@ def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign 
         else:
             kept = campaign_sha256(campaign)
     except OSError as error:
-        raise InputError([Problem(where, f"cannot be read: {error.strerror}", remedy)]) from None
+        raise unusable(where, f"cannot be read: {error.strerror}", remedy) from None
     if kept != result.campaign.sha256:
-        raise InputError([Problem(where, "is another campaign than the result's", remedy)])
+        raise unusable(where, "is another campaign than the result's", remedy)
     if campaign is not None:
         save_campaign_json(campaign, folder)
     return save(result, folder / RESULT_NAME, FORMAT)

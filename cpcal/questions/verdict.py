@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import printable, unusable
 from cpcal.common.numbers import bracket_text, gap_text, plain_gap, short, stated
 from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
@@ -305,7 +305,7 @@ def result_frame(result: Result) -> DataFrame:
     try:
         import pandas
     except ImportError:
-        raise InputError([Problem("to_frame", "needs pandas", "pip install 'cpcal[frames]'")]) from None
+        raise unusable("to_frame", "needs pandas", "pip install 'cpcal[frames]'") from None
     return pandas.DataFrame([row for leg in result.legs for row in _rows(result, leg)])
 
 

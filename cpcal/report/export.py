@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.calibration import CalibrationRecord
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
 from cpcal.questions import LegResult, Result, model_of, verdict_of
@@ -60,10 +60,10 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
     """
     if record.campaign_sha256 != result.campaign.sha256:
         what = "holds the frames of another study: the SHA-256 of its campaign differs"
-        raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
+        raise unusable(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")
     if result.model.name not in ("plain", "gain", "lateral"):
         what = f"has the model {result.model.name!r}, whose own parameters depend on the frames"
-        raise InputError([Problem("run", what, "export it in the campaign's frames")])
+        raise unusable("run", what, "export it in the campaign's frames")
     camera, target = (
         (rotation_matrix(np.array([frame.quaternion]))[0], np.array(frame.position))
         for frame in (record.frames.camera_in_base, record.frames.target_in_mobile)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from cpcal.common.errors import InputError, PluginError, Problem, printable
+from cpcal.common.errors import InputError, PluginError, printable, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounded_down, rounded_up, stated
 from cpcal.common.values import Floats
@@ -88,10 +88,10 @@ def render(
     sha256, absent = campaign_sha256(campaign), [leg.leg for leg in result.legs if leg.leg > campaign.legs]
     if result.campaign.sha256 != sha256:
         what = f"is of another campaign (sha256 {printable(str(result.campaign.sha256))}, not {sha256})"
-        raise InputError([Problem("result", what, "give the campaign that was certified, or certify this one")])
+        raise unusable("result", what, "give the campaign that was certified, or certify this one")
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
-        raise InputError([Problem("result", what, remedy)])
+        raise unusable("result", what, remedy)
     robot, kicker, proof = campaign.robot.name, "certified calibration", None
     above = [notices(result, campaign.legs) or "", *(f"Look at the campaign first: {s}" for s in suspicions(campaign))]
     lead: Words = ""

@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.calibration import Budget, CalibrationRecord, Validation
 from cpcal.calibration.repeatability import KINDS
 from cpcal.calibration.study_calibration import Channel, Parameters, Rows
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
@@ -240,10 +240,10 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
         ("result of the timeout method", found.timeout.campaign.sha256),
     ):
         if sha256 != expected:
-            raise InputError([Problem(name, "is of another campaign", remedy)])
+            raise unusable(name, "is of another campaign", remedy)
     for name, fits in found.fits.both:
         if any(fit.point != tuple(getattr(found.record, name).values[fit.leg - 1]) for fit in fits):
-            raise InputError([Problem("certified fits", f"{name} is not the calibration record's", remedy)])
+            raise unusable("certified fits", f"{name} is not the calibration record's", remedy)
     return render(found.campaign, found.result, _study(found), run=run)
 
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.errors import YOUR_DATA, Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, frozen_mapping
@@ -61,11 +61,11 @@ def stated_robot(
     given = {key: value for key, value in parts.items() if value is not None}
     if robot is not None:
         if given:
-            raise InputError([Problem("robot", f"is given, and {next(iter(given))} too", "give one of the two")])
+            raise unusable("robot", f"is given, and {next(iter(given))} too", "give one of the two")
         return known_robot(robot).robot if isinstance(robot, str) else robot
     if missing := [key for key in parts if key not in given]:
         remedy = "give base=(n, 3), mobile=(n, 3) and offset=(n,) in mm, or robot="
-        raise InputError([Problem("robot", f"{' and '.join(missing)} missing", remedy)])
+        raise unusable("robot", f"{' and '.join(missing)} missing", remedy)
     return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in given.values()))
 
 
@@ -81,15 +81,15 @@ def stated_uncertainty(
         return uncertainty
     if uncertainty is not None:
         what = f"is given, and {next(iter(given))}_sigma too"
-        raise InputError([Problem("campaign uncertainty", what, "give one of the two")])
+        raise unusable("campaign uncertainty", what, "give one of the two")
     if missing := [f"{kind}_sigma" for kind in KINDS if kind not in given]:
         what = f"{' and '.join(missing)} missing"
-        raise InputError([Problem("campaign uncertainty", what, "give all three; 0 is exact")])
+        raise unusable("campaign uncertainty", what, "give all three; 0 is exact")
     try:
         rows = {k: np.broadcast_to(as_floats(given[k]), n) for k, n in zip(KINDS, (3, 3, legs), strict=True)}
     except (TypeError, ValueError) as error:
         remedy = f"give one number, or 3, 3 and {legs}"
-        raise InputError([Problem("campaign uncertainty", str(error)[:200], remedy)]) from None
+        raise unusable("campaign uncertainty", str(error)[:200], remedy) from None
     return Uncertainty(**rows, factor=factor)
 
 
@@ -97,14 +97,14 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     """An array of lengths. Raises InputError."""
     if isinstance(values, Robot):
         remedy = "give positions, rotations and lengths first, and the robot as robot=; or use Campaign.of"
-        raise InputError([Problem(where, "are a Robot, not numbers", remedy)])
+        raise unusable(where, "are a Robot, not numbers", remedy)
     if unit not in LENGTHS:
-        raise InputError([Problem(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(LENGTHS))])
+        raise unusable(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(LENGTHS))
     factor = float(LENGTHS[unit])
     try:
         array = as_floats(values)
     except (TypeError, ValueError) as error:
-        raise InputError([Problem(where, str(error)[:200], "give an array of numbers")]) from None
+        raise unusable(where, str(error)[:200], "give an array of numbers") from None
     return array if factor == 1.0 else np.asarray(factor * array)
 
 
@@ -362,7 +362,7 @@ class Campaign(Value):
             arrays = [as_floats(values) for values in (position, quaternion, length)]
             given = [None if values is None else as_floats(values) for values in widths]
         except (TypeError, ValueError) as error:
-            raise InputError([Problem("campaign", str(error), "give arrays of numbers")]) from None
+            raise unusable("campaign", str(error), "give arrays of numbers") from None
         count = len(arrays[0]) if arrays[0].ndim else 0
         declared = np.zeros(6 + robot.legs) if uncertainty is None else uncertainty.half_widths
         radii = []
@@ -477,7 +477,7 @@ class Campaign(Value):
         try:
             import pandas
         except ImportError:
-            raise InputError([Problem("to_frame", "needs pandas", "pip install 'cpcal[frames]'")]) from None
+            raise unusable("to_frame", "needs pandas", "pip install 'cpcal[frames]'") from None
         parts = (self.position, self.quaternion, self.length)
         radii = (self.position_radius, self.rotation_radius, self.length_radius)
         numbers = np.concatenate([*parts, *radii], axis=1)
@@ -520,7 +520,7 @@ def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> N
         "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), uncertainty=Uncertainty(...), "
         "all three half-widths, or exact=True"
     )
-    raise InputError([Problem("campaign uncertainty", what, remedy)])
+    raise unusable("campaign uncertainty", what, remedy)
 
 
 # ------------------------------------------------------------------------------------------------------------------

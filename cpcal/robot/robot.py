@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_REMEDY, is_name
 from cpcal.common.values import Floats, Value, fill, frozen_array
 
@@ -64,7 +64,7 @@ class Robot(Value):
         rows = np.asarray(parameters, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != 7:
             what = f"have the shape {rows.shape}"
-            raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
+            raise unusable("robot parameters", what, "give one row of 7 numbers a leg")
         return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
 
 
@@ -188,7 +188,7 @@ class PoseRange(Value):
         bounds = self.bounds if all(a.shape == (3,) for a in (self.low, self.high, self.turn)) else None
         if bounds is None or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
             remedy = "give low <= high (3,) in mm and turn >= 0 (3,) in rad"
-            raise InputError([Problem("workspace", "is no box of poses", remedy)])
+            raise unusable("workspace", "is no box of poses", remedy)
 
     @property
     def bounds(self) -> Floats:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_MAX
 from cpcal.common.values import Bools, Floats, Value, as_floats, fill, frozen_mapping
 from cpcal.robot.kinematics import (
@@ -66,7 +66,7 @@ class RotationForm:
             return cls(name, ("rx", "ry", "rz"), rest[0])
         if kind == "euler" and len(rest) == 2 and rest[0] in SEQUENCES and rest[1] in ANGLES:
             return cls(name, ("r1", "r2", "r3"), rest[1])
-        raise InputError([Problem("rotation", f"{shown(name)} is no form of rotations", _FORMS)])
+        raise unusable("rotation", f"{shown(name)} is no form of rotations", _FORMS)
 
     def quaternions(self, rotations: npt.ArrayLike | Any) -> Floats:
         """(N, 4) unit quaternions of (N, 4), (N, 3, 3), (N, 9) or (N, 3) numbers, or of a scipy Rotation.
@@ -78,13 +78,13 @@ class RotationForm:
         try:
             values = as_floats(rotations)
         except (TypeError, ValueError) as error:
-            raise InputError([Problem("rotations", str(error)[:200], "give an array of numbers")]) from None
+            raise unusable("rotations", str(error)[:200], "give an array of numbers") from None
         width = len(self.columns)
         if width == 9 and values.shape[1:] == (3, 3):
             values = values.reshape(-1, 9)
         if values.ndim != 2 or values.shape[1] != width:
             what = f"have the shape {values.shape} for the form {self.name}"
-            raise InputError([Problem("rotations", what, f"give one row of {width} numbers for each measurement")])
+            raise unusable("rotations", what, f"give one row of {width} numbers for each measurement")
         good: Bools = np.asarray(np.isfinite(values).all(axis=1))
         finite, off, what, remedy = np.where(good[:, None], values, 0.0), np.zeros(len(values)), "", "correct it"
         with np.errstate(all="ignore"):

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
@@ -216,7 +216,7 @@ def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
     """
     truth = study.truth
     if truth is None:
-        raise InputError([Problem("study", "was measured: its true poses are not known", "give a simulated one")])
+        raise unusable("study", "was measured: its true poses are not known", "give a simulated one")
 
     def moved(table: PoseTable, stream: Stream) -> PoseTable:
         runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.errors import shown, unusable
 from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.solver.compiled import compiled
 
@@ -185,14 +185,14 @@ class Camera(Value):
 
     def __post_init__(self) -> None:
         if self.model not in LENSES:
-            raise InputError([Problem("camera model", f"is {shown(self.model)}", f"give one of {', '.join(LENSES)}")])
+            raise unusable("camera model", f"is {shown(self.model)}", f"give one of {', '.join(LENSES)}")
         for name, size in (("focal", 2), ("center", 2), ("distortion", len(LENSES[self.model]))):
             array = frozen_array(getattr(self, name))
             if array.shape != (size,) or not np.isfinite(array).all():
-                raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
+                raise unusable(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")
             fill(self, **{name: array})
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
-            raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
+            raise unusable("camera", "has no positive size or focal length", "give them in pixels")
 
     @property
     def numbers(self) -> Floats:

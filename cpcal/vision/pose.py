@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, Problem, unusable
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import (
     Pose,
@@ -448,7 +448,7 @@ def _checked(
     seen, spread = np.asarray(centers, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     which = np.asarray(numbers, dtype=np.int64)
     if which.ndim != 1 or seen.shape != (len(which), 2) or spread.shape != (len(which), 2, 2):
-        raise InputError([Problem("dots", "centres, covariances and numbers differ in length", "give m of each")])
+        raise unusable("dots", "centres, covariances and numbers differ in length", "give m of each")
     problems = []
     if not np.isfinite(seen).all():
         problems.append(Problem("dots", "some centres are not finite", "leave those dots out"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.errors import InputError, Problem, shown, unusable
 from cpcal.common.values import Floats, Value, fill, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
@@ -48,7 +48,7 @@ class Target(Value):
         lines = tuple(tuple(int(i) for i in line) for line in self.lines)
         fill(self, dots=frozen_array(self.dots), lines=lines)
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
-            raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
+            raise unusable("target dots", "are not rows of two finite numbers", "give x and y in mm")
         problems = self.problems_of(self.dots, self.radius, self.lines)
         problems += wrong_deviations(self.scale_sigma, self.dot_sigma, self.radius)
         if problems:

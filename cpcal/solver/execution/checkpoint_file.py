@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, unusable
 from cpcal.common.files import replacing, unwritable
 
 FORMAT = "cpcal-checkpoint/1"
@@ -85,7 +85,7 @@ def _different(stated: Any, of: dict[str, Any]) -> list[str]:
 
 
 def _refused(path: Path, what: str) -> InputError:
-    return InputError([Problem(str(path), what, _REMEDY)])
+    return unusable(str(path), what, _REMEDY)
 
 
 class Checkpoint:

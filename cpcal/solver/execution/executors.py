@@ -29,7 +29,7 @@ from multiprocessing.reduction import ForkingPickler
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError, unusable
 from cpcal.solver.execution import stopping
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, insisted
 
@@ -263,7 +263,7 @@ def executor_for(
     """
     if sum(choice is not None for choice in (workers, scheduler, executor)) > 1:
         remedy = "give one of workers, scheduler and executor"
-        raise InputError([Problem("workers", "and another place to work are both given", remedy)])
+        raise unusable("workers", "and another place to work are both given", remedy)
     if executor is not None or scheduler is not None:
         with nullcontext(executor) if scheduler is None else _cluster(scheduler) as given:
             if hasattr(given, "get_executor"):
@@ -286,13 +286,13 @@ def _cluster(address: str) -> Iterator[Any]:
         from distributed import Client
     except ImportError:
         remedy = "install it: pip install 'cpcal[distributed]'"
-        raise InputError([Problem("scheduler", "a cluster needs dask.distributed", remedy)]) from None
+        raise unusable("scheduler", "a cluster needs dask.distributed", remedy) from None
     try:
         client = Client(address)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         remedy = "start `dask scheduler`, and give the address that it prints"
         what = f"no Dask scheduler answers there ({str(error)[:200]})"
-        raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
+        raise unusable(f"scheduler {address}", what, remedy) from None
     if not client.scheduler_info()["workers"]:
         _LOGGER.warning("cpcal: warning: the scheduler %s has no workers: the work waits for them", address)
     with _silent("distributed"):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, RoundingError
+from cpcal.common.errors import RoundingError, unusable
 from cpcal.solver.compiled import ready, rebound
 from cpcal.solver.interval import functions, kernels, operations
 from cpcal.solver.interval.numbers import IntervalArray
@@ -81,7 +81,7 @@ def get_arithmetic(name: str) -> Arithmetic:
     """
     check_rounding()
     if name not in ("float64", "arb"):
-        raise InputError([Problem("arithmetic", f"{name!r} is not an engine", 'use "float64" or "arb"')])
+        raise unusable("arithmetic", f"{name!r} is not an engine", 'use "float64" or "arb"')
     return Arithmetic(name)
 
 

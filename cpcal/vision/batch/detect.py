@@ -22,7 +22,7 @@ from typing import IO, Any, Generic, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.errors import InputError, Problems, unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
@@ -146,7 +146,7 @@ class Journal:
             file = path.open("a", encoding="utf-8", errors="surrogateescape")
         except OSError as error:
             what = f"cannot be written: {error.strerror or error}"
-            raise InputError([Problem(str(path), what, "choose a folder that can be written to")]) from None
+            raise unusable(str(path), what, "choose a folder that can be written to") from None
         return cls(file, rows)
 
     def get(self, name: str, stamp: str) -> Detection | None:
@@ -175,7 +175,7 @@ def _text(path: Path) -> str:
         return ""
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise InputError([Problem(str(path), what, "give a file that can be read")]) from None
+        raise unusable(str(path), what, "give a file that can be read") from None
 
 
 def _json(line: str, path: Path) -> Any:
@@ -186,7 +186,7 @@ def _json(line: str, path: Path) -> Any:
 
 
 def _no_journal(path: Path) -> InputError:
-    return InputError([Problem(str(path), "is not a journal of `cpcal image detect`", "choose another file")])
+    return unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
 
 
 def _row(line: str) -> tuple[str, Detection] | None:

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.vision.batch.detect import (
@@ -136,7 +136,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     if problems:
         raise InputError(problems[:50], omitted=max(len(problems) - 50, 0))
     if not found:
-        raise InputError([Problem("images", "none shows the target", "see the reasons in the table of poses")])
+        raise unusable("images", "none shows the target", "see the reasons in the table of poses")
     values = values_of(found)
     length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import opencv
@@ -39,7 +39,7 @@ def grey_levels(image: object) -> Grey:
     """
     problem = _problem(image)
     if problem is not None:
-        raise InputError([Problem("image", problem, _REMEDY)])
+        raise unusable("image", problem, _REMEDY)
     assert isinstance(image, np.ndarray)
     pixels: npt.NDArray[Any] = image.astype(image.dtype.newbyteorder("="), copy=False)
     if pixels.ndim == 3:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.files.settings import (
@@ -282,7 +282,7 @@ def camera_from_yaml(path: Path) -> Camera:
     assert content is not None
     document = yaml_document(content, path)
     if not isinstance(document, dict):
-        raise InputError([Problem(str(path), "is no table of keys and values", _REMEDY)])
+        raise unusable(str(path), "is no table of keys and values", _REMEDY)
     camera = _camera(document, str(path), problems)
     problems.raise_any()
     assert camera is not None  # what keeps it from being read is a problem, and was raised
@@ -308,7 +308,7 @@ def yaml_document(content: bytes, path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = None if mark is None else mark.line + 1
         what = str(getattr(error, "problem", None) or error)
-    raise InputError([Problem(str(path), f"is no YAML: {what}"[:200], _REMEDY, line)])
+    raise unusable(str(path), f"is no YAML: {what}"[:200], _REMEDY, line)
 
 
 def _plain(node: Node | None, seen: set[int], yaml: ModuleType) -> Any:

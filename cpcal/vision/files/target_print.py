@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.vision.target import Target, resized
@@ -96,7 +96,7 @@ def sheet(target: Target, paper: str | None = None) -> Sheet:
     name, size = _sheet_for(target, _SIZES if paper is None else (paper,))
     if paper is not None and not name:
         what = f"needs {size[0]:.0f} x {size[1]:.0f} mm and does not fit {paper}"
-        raise InputError([Problem(f"target {target.name}", what, "choose another --paper, or a smaller --side")])
+        raise unusable(f"target {target.name}", what, "choose another --paper, or a smaller --side")
     low, high = _plate(target)
     width, height = (high - low).tolist()
     left, top = 0.5 * (size[0] - width), 0.5 * (size[1] - height - _FOOT)
@@ -111,7 +111,7 @@ def print_target(target: Target, path: str | os.PathLike[str], paper: str | None
     """
     file = Path(path)
     if file.suffix not in (".pdf", ".svg"):
-        raise InputError([Problem(str(file), "is neither a .pdf nor an .svg file", "name it so")])
+        raise unusable(str(file), "is neither a .pdf nor an .svg file", "name it so")
     write_file(file, page_bytes(target, file.suffix[1:], paper))
 
 
