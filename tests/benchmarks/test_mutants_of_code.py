@@ -79,6 +79,7 @@ def test_a_test_that_fails_without_a_mutant_notices_nothing(tree: Path) -> None:
 
 def test_the_list_can_be_read_and_says_nothing_twice(tmp_path: Path) -> None:
     assert len(read()) >= 150
+    assert misplaced(read()) == []  # a pattern moves with the line that it names
     entry = '[[room]]\nfalse = "a"\nbelow = "b"\npattern = "c"\nreplacement = "d"\ntests = "tests"\n'
     (tmp_path / "list.toml").write_text(2 * entry)
     with pytest.raises(MutantError, match="two mutants say the same: a"):
