@@ -1,6 +1,8 @@
 """A disk that fills up costs what does not fit, and never an answer, a checkpoint or what was there before."""
 
 import resource
+import tempfile
+from io import StringIO
 
 import pytest
 
@@ -41,15 +43,24 @@ def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(small, tmp
     assert not (tmp_path / FOLDER).exists()
 
 
-@pytest.mark.parametrize("method", ["_put", "_useful_steps"])
-def test_a_certificate_that_cannot_be_written_costs_no_answer(small, tmp_path, monkeypatch, method):
-    measured = cpcal.load_campaign(small)
-    whole = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "whole").legs[0]
+class Full(StringIO):
+    """A file on a disk on which no byte can be written any more."""
 
-    def full(*_):
+    def write(self, text):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Recording, method, full)
+
+@pytest.mark.parametrize("what", ["steps", "certificate"])
+def test_a_certificate_that_cannot_be_written_costs_no_answer(small, tmp_path, monkeypatch, what):
+    measured = cpcal.load_campaign(small)
+    whole = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "whole").legs[0]
+    if what == "steps":
+        there = tempfile.TemporaryFile
+        monkeypatch.setattr(
+            tempfile, "TemporaryFile", lambda mode="w+b", **given: Full() if mode == "w+" else there(mode, **given)
+        )
+    else:
+        monkeypatch.setattr(Recording, "_useful_steps", lambda *_: Full().write(""))
     leg = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "full").legs[0]
     assert (leg.bracket.lo, leg.bracket.hi, leg.bracket.point) == (
         whole.bracket.lo,
