@@ -334,6 +334,8 @@ class _Run:
             if not claims[-1].claims.infeasible:
                 raise Refused("rests on a certificate that does not claim that there are no frames")
             family.append(frozenset(name for name in group["images"] if name != beside))
+        if len(set(family)) < len(family):
+            raise Refused("names a group of images twice")
         if not family or meeting(family, self.outliers(), self.certificates.budget.spend):
             raise Refused("has groups of images that so many wrong ones could spoil")
         return claims
