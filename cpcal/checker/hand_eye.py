@@ -328,6 +328,8 @@ class _Run:
         family, claims = [], []
         for group in array(groups):
             numbers = [self.study.images.index(name) for name in array(group["images"])]
+            if len(set(numbers)) < len(numbers):
+                raise Refused("names an image of a group twice")
             if beside is not None and beside not in group["images"]:
                 raise Refused("has a group without the image that it names")
             claims.append(self.accepted(group["certificate"], eps, numbers))

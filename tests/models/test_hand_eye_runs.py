@@ -327,6 +327,8 @@ WRONG = {
     "another left out": (put("left_out", 0, to="image001"), "upper end", "not the largest error of a pixel"),
     "a stranger left out": (put("left_out", 0, to="image099"), "upper end", "leaves out other images than may be"),
     "one group twice": (put("lower", to=lambda one: [one[0], one[0]]), "lower end", "a group of images twice"),
+    "an image of a group once more": (
+        put("lower", 0, "images", to=lambda one: [*one, one[-1]]), "lower end", "an image of a group twice"),
     "a group once more": (put("lower", to=lambda one: [*one, one[-1]]), "lower end", "a group of images twice"),
     "a stranger in a group": (put("lower", 0, "images", 0, to="image099"), "lower end", "is not in list|kind|tuple"),
     "an image less in a group": (without_one("lower", 0, "images"), "lower end", "about other images"),
