@@ -401,7 +401,8 @@ class _Run:
         claims = self.refuted(groups, eps)
         points = dict.fromkeys(k for one in claims for side, k, _ in one.last if side[0] in "uv")
         same("support", result["support"], [[study.images[study.image[k]], study.names[k]] for k in points])
-        wrong = f"whichever {count} images are wrong, no frames explain all others" if count else ""
+        which = "image is" if count == 1 else f"{count} images are"
+        wrong = f"whichever {which} wrong, no frames explain all others" if count else ""
         steps = f"{sum(one.steps for one in claims)} steps" + (f", {len(groups)} groups" if count else "")
         return f"lower end: PROVED, {wrong or 'no frames explain every pixel'} to {float(eps)!r} px ({steps})"
 

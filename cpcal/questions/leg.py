@@ -226,8 +226,8 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
 # How well a leg's parameters are determined, two at a time (the paper's Fig. 6): proved outer polygons.
 #
 # Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
-# relaxation of all parameters, proved from its multipliers by a
-# contractor that has a `support_function`. The certificates do not hold these proofs.
+# relaxation of all parameters, proved from its multipliers by a contractor that has a `support_function`. The
+# certificates do not hold these proofs.
 
 Pair = tuple[int, int]
 
@@ -302,8 +302,7 @@ def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
 # - when no set of q measurements meets all supports (found out exactly), the target is proved whichever are left out.
 #
 # This is the exchange on supports, without trying the members of each one after the other: every turn settles all
-# sets of q measurements that miss the new support. The proof is the family of refutations: see
-# `checker.robust_claim`.
+# sets of q measurements that miss the new support. The proof is the family of refutations, as `checker.run` reads it.
 
 _BELOW = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
 _SMALLEST = 1e-9  # mm, likewise

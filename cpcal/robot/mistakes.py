@@ -38,7 +38,7 @@ from cpcal.robot.robot import Robot
 from cpcal.robot.units import LENGTHS, NAMES, TAIT_BRYAN, quaternion_from_euler
 
 # ------------------------------------------------------------------------------------------------------------------
-# Poses of other frames than the mobile one in that of the base: see `mistakes`.
+# Poses of other frames than the mobile one in that of the base.
 
 _TRIED_FRAMES = 40  # rows are enough to tell frames
 _LEAST = 5  # rows, of which twelve numbers can be told
@@ -96,7 +96,7 @@ def other_frames(given: Given) -> Variants:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Readings and joints that stand in the wrong place, or count otherwise than was meant: see `mistakes`.
+# Readings and joints that stand in the wrong place, or count otherwise than was meant.
 
 _SHIFTS = 3  # rows
 _FITTED_LEGS = 6  # rows at least, where numbers are fitted to them
@@ -182,7 +182,7 @@ def counts(given: Given) -> Variants:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Rotations that were entered in another form than was meant: see `mistakes`.
+# Rotations that were entered in another form than was meant.
 
 _DEGREES = 180.0 / np.pi
 _TURNS = 7  # whole turns of 2 pi "radians" on either side: angles up to 47 degrees

@@ -2,7 +2,7 @@
 
 All in interval arithmetic. A constraint without readings is evaluated; for one with readings see
 `cpcal.solver.existence.ReadingConstraint`. Equations hold at no point of float64 numbers as a rule: a solution of them
-is proved to exist in a tiny box (see `cpcal.solver.optimize.witness`), on which everything else must hold.
+is proved to exist in a tiny box, on which everything else must hold.
 """
 
 from __future__ import annotations
