@@ -209,6 +209,7 @@ def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         pose=[campaign.pose[k] for k in rows],
         run=[campaign.run[k] for k in rows],
         exact=True,
+        provenance=campaign.provenance,
     )
 
 

@@ -8,9 +8,10 @@ was measured stays as the camera gave it, and so does the shape of its reading s
 
 from __future__ import annotations
 
+import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -50,7 +51,7 @@ from cpcal.calibration.validation import Validation, validate
 from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
-from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics
+from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, inverse
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -88,9 +89,9 @@ class StudyRows:
         return replace(self, **parts)
 
 
-def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
+def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> StudyRows:
     """The rows of a table, screened for outliers where poses are repeated."""
-    rows = as_campaign(table, robot)
+    rows = as_campaign(table, robot, provenance)
     has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
     runs = np.array(table.run if has_runs else rows.run)
     every, _ = _run_means(rows, runs)
@@ -111,12 +112,10 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
     return StudyRows(rows, screening, good, averages, every if not keep.all() else averages, names, shared)
 
 
-def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
+def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
-    return Campaign.of(
-        robot, table.position, table.quaternion, table.length, pose=list(table.pose), run=list(runs), exact=True
-    )
+    return Campaign.of(robot, *table.readings, pose=table.pose, run=runs, exact=True, provenance=provenance)
 
 
 def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
@@ -131,7 +130,8 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
     if len(first) == len(rows):
         return rows, names
     pose = [rows.pose[k] for k in first]
-    return Campaign.of(rows.robot, *means(rows, group, len(first)), pose=pose, run=names, exact=True), names
+    of_means = means(rows, group, len(first))
+    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance), names
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -389,7 +389,8 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     leg readings.
     """
     drawing = study.robot
-    rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
+    tables, told = (study.calibration, study.validation), _provenance(study)
+    rows, check_rows = (study_rows(table, drawing, told) for table in tables)
     centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
     drawn = forward_kinematics(drawing, centres.length, central_pose(drawing, centres.length.mean(axis=0)))
     frames = calibrate_frames(drawn, Pose(centres.position, centres.quaternion))
@@ -442,6 +443,16 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         budget=None,
     )
     return StudyCalibration(drawing, campaign, check, repeats, frames, x_c, x_c_sigma, record)
+
+
+def _provenance(study: Study) -> Mapping[str, str]:
+    """The study's, for its campaigns: the true parameters of a simulated one are where those have the joints."""
+    truth = study.truth  # options of a study are not those of a simulated campaign
+    told = {"study" if key == "options" else key: text for key, text in study.provenance.items()}
+    if truth is not None:
+        true = redefined(truth.robot, inverse(truth.camera), truth.target)
+        told["true_parameters"] = json.dumps(true.parameters.tolist())
+    return told
 
 
 def _frame(fit: Fit, first: int, drawn: Floats, shared: Floats) -> FittedFrame:

@@ -168,7 +168,7 @@ def _uncertainty(options: ImportFlags, legs: int) -> Uncertainty | None:
 def _preview(talk: Talk, campaign: Campaign) -> str | None:
     """Show the first rows and the residuals at the nominal parameters; the sentence on what looks mixed up."""
     given = Given.of(campaign)
-    talk.say(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs")
+    talk.say(f"{campaign.title}: {len(campaign):,} measurements, {campaign.legs} legs")
     talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
     shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
     off = (given.share[some] * given.nominal[some]).max(axis=1)
@@ -205,7 +205,7 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
     """
     loaded, talk = load_campaign(campaign), Talk()
     found = check_data(loaded)
-    talk.say(f"{loaded.robot.name}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
+    talk.say(f"{loaded.title}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
     if found.legs:
         rows = []
         for leg in found.legs:

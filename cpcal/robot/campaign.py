@@ -213,6 +213,7 @@ def frame_columns(
 # What is wrong with the values of a campaign, one problem after the other.
 
 QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
+SIMULATION = "cpcal simulate"  # in a provenance, what begins the `generator` of readings that nobody measured
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
@@ -502,12 +503,22 @@ class Campaign(Value):
         return [f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True)]
 
     @property
+    def simulated(self) -> bool:
+        """Whether a simulation made the readings, as the provenance says; imports and means of them keep it."""
+        return self.provenance.get("generator", "").startswith(SIMULATION)
+
+    @property
+    def title(self) -> str:
+        """The robot's name, under which a page or a terminal shows what was found; simulated data are called so."""
+        return f"{'Simulated: ' if self.simulated else ''}{self.robot.name}"
+
+    @property
     def exact(self) -> bool:
         """Whether every reading set is a single point."""
         return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
 
     def __repr__(self) -> str:
-        return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
+        return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
 
 
 def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> None:
