@@ -413,7 +413,7 @@ def held_legs(legs: Sequence[LegConstraint], sides: tuple[str, ...]) -> Iterator
     for leg, (values, _) in zip(legs, formed(legs, names), strict=True):
         parts = formula.split(values)
         if leg.reads == 2:
-            leg.x.spend(10 * len(values))
+            leg.x.spend(2 * len(values))
             most = [
                 -formula.remainder(n, leg.signs, signed(mask, leg.signs)).of([-v for v in part])[0]
                 for n, part in enumerate(parts)
