@@ -222,7 +222,8 @@ def sums_that_grow_from_step_to_step() -> Iterator[Line]:
 def a_point_of_many_constraints() -> Iterator[Line]:
     yield header(2, 100_000, lo="-" + ONE)
     yield from repeat(constraint([[[0], ONE]]), 100_000)
-    yield CLAIMS | {"infeasible": False, "point": {"at": [ZERO, ZERO], "holds": "all", "readings": None, "factor": None, "fails": []}}
+    point = {"at": [ZERO, ZERO], "holds": "all", "readings": None, "factor": None, "fails": []}
+    yield CLAIMS | {"infeasible": False, "point": point}
 
 
 # runs ---------------------------------------------------------------------------------------------------------------
