@@ -384,7 +384,9 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         yield True, "no certificate holds the bounds of the workspace's cells"
 
 
-def _of_the_set(leg: int, box: Json, accepted: Accepted, delta: F, campaign: ExactCampaign, forms: Sequence[Given]) -> Stated:
+def _of_the_set(
+    leg: int, box: Json, accepted: Accepted, delta: F, campaign: ExactCampaign, forms: Sequence[Given]
+) -> Stated:
     claims, eps, there = accepted.claims, exact(box["eps"]), [dict(form) for form in accepted.forms]
     yield "leg", (box["leg"], accepted.leg, accepted.model), (leg, leg, "plain")
     count, out = len(campaign), [campaign.place.get(name, -1) for name in box["left_out"]]

@@ -36,8 +36,8 @@ from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
-from cpcal.solver.network.network import restricted
 from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.network import restricted
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them

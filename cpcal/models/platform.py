@@ -24,7 +24,7 @@ from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.models.leg import rational_rotations, rotations, turned_rows
 from cpcal.models.leg_set import CertifiedSet
-from cpcal.robot import Pose, Robot, leg_vectors, pose_jacobian
+from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
 from cpcal.solver.contract import Contraction
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
@@ -187,9 +187,7 @@ class PoseBounds:
     share: Floats
 
 
-def cell_bounds(
-    cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] = ()
-) -> tuple[PoseBounds, PoseBounds]:
+def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> tuple[PoseBounds, PoseBounds]:
     """Proved bounds for all poses of each cell, and for the centers alone, for the certified sets of a robot's legs."""
     over, centers = Equations(cells, sets, held), Equations(Cells.of_poses(cells.center), sets, held)
     at_center = centers.deviations()
@@ -462,6 +460,15 @@ class Workspace:
         half = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         return IntervalArray(lo * half, hi * half)  # halves of floats are exact
 
+    def sample(self, count: int) -> Pose:
+        """`count` poses drawn from it, always the same."""
+        return rotated(np.random.default_rng(1).uniform(self.lo, self.hi, (count, 6)))
+
+
+def rotated(rows: Floats) -> Pose:
+    """Poses P, R(1, S) of rows (P, 2 S)."""
+    return Pose(rows[:, :3], normalised(small_rotation(rows[:, 3:])))
+
 
 @dataclass(frozen=True, eq=False)
 class Covered:
@@ -502,7 +509,7 @@ def cover(
     `tell` is called with the bracket of the worst bound, mm.
     """
     dividing = _Dividing(sets, workspace.box, gap, held)
-    search = Search(dividing.pieces(_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
+    search = Search(dividing.pieces(first_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
     while True:
         if tell is not None:
             waits = 0.0 if search.lowest is None else max(-search.lowest, 0.0)
@@ -536,9 +543,7 @@ class _Cell(NamedTuple):
 class _Dividing:
     """The process of the search. `at` (6,) is the pose met whose own bound is the worst, `attained` mm."""
 
-    def __init__(
-        self, sets: Sequence[CertifiedSet], whole: IntervalArray, gap: float, held: Sequence[int]
-    ) -> None:
+    def __init__(self, sets: Sequence[CertifiedSet], whole: IntervalArray, gap: float, held: Sequence[int]) -> None:
         self._sets, self._gap, self._held = sets, gap, held
         self._width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
         self.at, self.attained, self.highest_kept = whole.mid, 0.0, 0.0
@@ -576,7 +581,7 @@ class _Dividing:
         ]
 
 
-def _grid(whole: IntervalArray) -> IntervalArray:
+def first_grid(whole: IntervalArray) -> IntervalArray:
     """The workspace in equal parts along the axes of position that have a width."""
     lo, hi = whole.lo[None], whole.hi[None]
     for axis in np.flatnonzero(whole.hi[:3] > whole.lo[:3]):

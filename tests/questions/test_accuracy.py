@@ -44,7 +44,7 @@ def named(known):
 
 @pytest.fixture(scope="module")
 def found(known, result, named):
-    return certify_accuracy(known.campaign, result, poses=named, model_error=ERROR)
+    return certify_accuracy(known.campaign, result, poses=named, assume=ERROR)
 
 
 def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
@@ -91,7 +91,7 @@ def test_an_error_that_the_campaign_refutes_gives_no_bounds(found, result, named
 
 def test_every_mistake_is_named_at_once(known, result):
     with pytest.raises(InputError) as caught:
-        certify_accuracy(known.campaign, result, controller="mine", model_error=(0.1, 0.2))
+        certify_accuracy(known.campaign, result, controller="mine", assume=(0.1, 0.2))
     assert {problem.where for problem in caught.value.problems} == {"controller", "model_error"}
 
 
@@ -114,7 +114,7 @@ def asked(name, legs, model=None, error=None):
     if model is not None:
         result = replace(result, model=replace(result.model, name=model))
     with pytest.raises(cpcal.InputError) as caught:
-        certify_accuracy(campaign, result, model_error=error)
+        certify_accuracy(campaign, result, assume=error)
     (problem,) = caught.value.problems
     return problem
 
