@@ -199,6 +199,7 @@ class Accuracy:
     poses: tuple[PoseAccuracy, ...]
     workspace: Informed[WorkspaceAccuracy | None]
     next_poses: Informed[tuple[NextPose, ...]]
+    simulated: Informed[bool]
     truth_known: Informed[bool]
     seconds: Informed[float]
 
@@ -317,7 +318,7 @@ def certify_accuracy(
             center, delta, name = leg.bracket.center, result.options.delta, f"{PREFIX}leg{leg.leg}.cert.jsonl"
             only, distance = kept_measurements(campaign, leg.bracket.left_out), float(far[leg.leg - 1])
             say(f"growth of the model error of leg {leg.leg}")
-            seen = [joined_campaign([campaign], only), *([] if validation is None else [validation])]
+            seen = [campaign.rows(only), *([] if validation is None else [validation])]
             drawn, least = growth(seen, leg.leg, center=center, delta=delta)
             eps = suggested_error(least, distance) if errors is None else errors[leg.leg - 1]
             say(f"certificate of the set of leg {leg.leg}")
@@ -333,7 +334,7 @@ def certify_accuracy(
     at, over, following = tuple[PoseAccuracy, ...](), None, tuple[NextPose, ...]()
     sets = _certified_sets(asked, say) if len(enclosed) == campaign.legs else []
     if sets:
-        parts = [joined_campaign([campaign], range(len(campaign)) if one.only is None else one.only) for one in asked]
+        parts = [campaign if one.only is None else campaign.rows(one.only) for one in asked]
         polytopes = [Polytope.about(part, one) for part, one in zip(parts, sets, strict=True)]
         say(f"{len(named.names)} poses")
         estimates = _estimates(campaign, result, robot, sets, polytopes, named.poses, held)
@@ -365,6 +366,7 @@ def certify_accuracy(
         poses=at,
         workspace=over,
         next_poses=following,
+        simulated=campaign.simulated,
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
@@ -611,14 +613,11 @@ def growth(
     return tuple(sizes), tuple(found)
 
 
-def joined_campaign(campaigns: Sequence[Campaign], only: Sequence[int] | None = None) -> Campaign:
-    """All measurements (or `only` those numbers) as one campaign, named by their campaign's number and their names."""
+def joined_campaign(campaigns: Sequence[Campaign]) -> Campaign:
+    """All measurements as one campaign, named by the number of their campaign and their own names."""
     pose = [f"{k}.{name}" for k, c in enumerate(campaigns) for name in c.pose]
     run = [name for c in campaigns for name in c.run]
     arrays: dict[str, Any] = {name: np.concatenate([getattr(c, name) for c in campaigns]) for name in ARRAYS}
-    if only is not None:
-        pose, run = [pose[k] for k in only], [run[k] for k in only]
-        arrays = {name: values[list(only)] for name, values in arrays.items()}
     return Campaign.of(campaigns[0].robot, *map(arrays.pop, ARRAYS[:3]), pose=pose, run=run, **arrays)
 
 
@@ -676,9 +675,8 @@ def expanded_uncertainty(
     moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 6, 7 * legs)
     along = (moves @ right[seen].T / values[seen]) @ left[:, seen].T
     blocks = along.reshape(*along.shape[:2], count, legs)
-    variance = np.einsum("kipa,ab,kjpb->kij", blocks, scatter, blocks, optimize=True) + inverse @ scatter @ np.swapaxes(
-        inverse, 1, 2
-    )
+    variance = np.einsum("kipa,ab,kjpb->kij", blocks, scatter, blocks, optimize=True)
+    variance += inverse @ scatter @ np.swapaxes(inverse, 1, 2)
     lost = np.linalg.norm(moves - moves @ right[seen].T @ right[seen], axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
     out = []
     for part in (slice(3), slice(3, 6)):
@@ -693,7 +691,7 @@ def expanded_uncertainty(
 def _without(campaign: Campaign, result: Result) -> Campaign:
     """The campaign without what was left out of any leg."""
     out = {name for leg in result.legs for name in leg.bracket.left_out}
-    return joined_campaign([campaign], kept_measurements(campaign, out))
+    return campaign.rows(kept_measurements(campaign, out))
 
 
 def _estimates(

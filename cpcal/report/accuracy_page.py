@@ -42,8 +42,9 @@ def headline(found: Accuracy) -> str:
         said.append(f"{mm} anywhere in the workspace{but}")
     eps = about(max(leg.eps for leg in found.legs))
     return (
-        f"The tool (origin of the mobile frame) is off by at most: {'; '.join(said) or 'nothing is proved'}. Proved: "
-        f"if the model error is at most {eps} mm. Expected: at 95 % of poses."
+        f"{'Simulated: the' if found.simulated else 'The'} tool (origin of the mobile frame) is off by at most: "
+        f"{'; '.join(said) or 'nothing is proved'}. Proved: if the model error is at most {eps} mm. Expected: at 95 % "
+        "of poses."
     )
 
 
@@ -90,7 +91,8 @@ def sentences(found: Accuracy) -> list[str]:
     if over is not None and len(over.left_out) < len(over.cells):
         end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
         out.append(
-            "PROVED under the assumption, in rounded arithmetic that nobody checks again: anywhere in the workspace"
+            "PROVED under the assumption, but not checked again (rounded arithmetic, which no certificate holds): "
+            "anywhere in the workspace"
             f"{' but the cells left out' * bool(over.left_out)} the platform is within {at_most(over.position_bound)} "
             f"mm and {degrees_up(over.rotation_bound)} degrees of where the controller says. At the worst pose met the "
             f"bound is {at_least(over.worst_pose_bound)} mm.{end}"
@@ -185,9 +187,9 @@ _KINDS = {
 
 def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
     """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
-    robot = found.campaign.robot
+    robot = f"{'Simulated: ' * found.simulated}{found.campaign.robot}"
     page = Page(
-        f"Accuracy: {robot}",
+        f"{robot}, accuracy",
         "accuracy certificate",
         robot,
         [answer(found), *_where(found.workspace), *_at_poses(found), _assumption(found), *_next(found), _origin(found)],
