@@ -517,6 +517,16 @@ class Campaign(Value):
         """Whether every reading set is a single point."""
         return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
 
+    def rows(self, chosen: npt.ArrayLike) -> Campaign:
+        """Some of its measurements, by number from 0 or as truth values (N,)."""
+        rows = np.arange(len(self))[np.asarray(chosen)].tolist()
+        pose, run = (tuple(names[k] for k in rows) for names in (self.pose, self.run))
+        return replace(self, pose=pose, run=run, **{name: getattr(self, name)[rows] for name in ARRAYS})
+
+    def sampled(self, most: int) -> Campaign:
+        """At most so many of its measurements, spread evenly."""
+        return self if len(self) <= most else self.rows(np.linspace(0, len(self) - 1, most).astype(np.intp))
+
     def __repr__(self) -> str:
         return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
 
