@@ -76,8 +76,8 @@ def sentences(accepted: Accepted) -> list[str]:
         out.append(
             f"the point given{goal('attained', eps)}{some}"
             if point.holds == accepted.chosen
-            else f"the point given satisfies {len(point.holds)} of {len(accepted.chosen)}{goal('attained', eps)}{some}, "
-            f"and fails {len(point.fails)}{goal('<=', eps)}{whatever}"
+            else f"the point given holds at {len(point.holds)} of {len(accepted.chosen)}{goal('attained', eps)}{some}, "
+            f"and fails at {len(point.fails)}{goal('<=', eps)}{whatever}"
         )
     if claims.enclosure is not None:
         reached = "" if cap is not None and cap == claims.eps_hi else goal("<=", cap)
@@ -96,12 +96,9 @@ def _of(accepted: Accepted) -> str:
     if accepted.leg is None:
         return f"points that satisfy all {accepted.count} constraints"
     model = "" if accepted.model in (None, "plain") else f", model {printable(str(accepted.model))}"
+    some = ", ".join(str(k + 1) for k in accepted.chosen)
     every = len(accepted.chosen) == accepted.count
-    which = (
-        f"all {accepted.count} measurements"
-        if every
-        else f"measurements {', '.join(str(k + 1) for k in accepted.chosen)}"
-    )
+    which = f"all {accepted.count} measurements" if every else f"measurements {some}"
     return f"leg {accepted.leg}{model}, {which}"
 
 
