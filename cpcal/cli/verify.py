@@ -72,6 +72,13 @@ def sentences(accepted: Accepted) -> list[str]:
     if claims.eps_hi is not None:
         out.append(f"some in the box{goal('attained', claims.eps_hi)}{some}")
     elif (point := claims.point) is not None:
+        if point.factor is not None:
+            times = (
+                ""
+                if point.factor == 1
+                else f" with {bracket_text(point.factor, point.factor)[0]} times the half-widths"
+            )
+            some = f", for ALL readings{times}"
         eps = None if accepted.objective is None else point.at[accepted.objective]
         out.append(
             f"the point given{goal('attained', eps)}{some}"

@@ -20,7 +20,17 @@ from markupsafe import Markup
 
 from cpcal.common.errors import InputError, PluginError, printable, unusable
 from cpcal.common.files import write_file
-from cpcal.common.numbers import about, at_most, bracket_text, nearest, plain_gap, rounded_down, rounded_up, stated
+from cpcal.common.numbers import (
+    about,
+    at_least,
+    at_most,
+    bracket_text,
+    nearest,
+    plain_gap,
+    rounded_down,
+    rounded_up,
+    stated,
+)
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
@@ -38,6 +48,7 @@ from cpcal.report.words import (
     badge,
     center_sentence,
     claim,
+    claimed_by,
     fitted,
     leg_lines,
     leg_sentence,
@@ -57,10 +68,10 @@ _DECIMALS, _MORE = 4, 9  # of parameters in mm, of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
 _UNKNOWN = "—"
 _DRAWN = (
-    "Dots: errors of the recommended parameters at the readings; bars: within the reading sets. A leg passes where every "
-    "bar lies within the band, ± the tolerance (without one, ± their largest error). Diamonds: measure again."
+    "Dots: errors of the recommended parameters at the readings; bars: within the reading sets. A leg passes where "
+    "every bar lies within the band, ± the tolerance (without one, ± their largest error). Diamonds: measure again."
 )
-_LONGEST = 160  # characters of a line of the provenance
+_LONGEST = 100  # characters; longer values of the provenance stand in campaign.json only
 
 
 def write_report(
@@ -251,7 +262,6 @@ def _bounds(result: Result) -> Iterator[Section]:
 
 def _origin(campaign: Campaign, result: Result) -> Section:
     options = result.options
-    certificates = list(filter(None, (leg.bracket.certificate for leg in result.legs)))
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (
@@ -259,17 +269,16 @@ def _origin(campaign: Campaign, result: Result) -> Section:
             Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
         ),
     }
-    if certificates:
+    if any(leg.certified for leg in result.legs):
         data["To check the proofs again"] = (
             Mark("cpcal verify RUN --campaign CAMPAIGN", "command"),
-            Mark(f"Exact rational arithmetic, no solver: {', '.join(certificates)}.", "small"),
+            Mark("Exact rational arithmetic, no solver.", "small"),
         )
     box = claim(str(options.delta), "box", value=options.delta)
     data["Asked"] = (f"relative gap {options.gap}, box ±", box, f" mm, center “{options.center}”")
     for name, words in campaign.provenance.items():
-        if name not in _HEAD:
-            short = words if len(words) <= _LONGEST else f"{words[:_LONGEST]} ... (all of it in campaign.json)"
-            data[name.replace("_", " ")] = Mark(short, "free")
+        if name not in _HEAD and len(words) <= _LONGEST:
+            data[name.replace("_", " ")] = Mark(words, "free")
     return origin(data, f"Certified by cpcal {result.version}.")
 
 
@@ -325,24 +334,24 @@ def _parameters(campaign: Campaign, result: Result, fits: Mapping[int, Fitted]) 
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
     of, box, held = _range(result, leg)
-    best, eps = leg.recommended, result.options.eps
-    said: list[Words] = []
+    best, marked, said = leg.recommended, "", list[Words]()
     if best is not None:
-        word = {"fail": " Not recommended: fails.", "pass": ""}.get(verdict_of(result, leg).word, " Not shown to pass.")
-        known = claim(at_most(best.largest), "recommended.largest", leg, best.largest)
-        off: Words = (", off by ", known, " mm at most for all readings") if math.isfinite(best.largest) else ""
-        said.append((best.why[0].upper(), best.why[1:], off, ".", word * (eps is None)))
+        why = {"fail": ", not recommended: fails", "pass": ""}.get(verdict_of(result, leg).word, ", not shown to pass")
+        marked = f": {best.why}{why}"
+        if math.isfinite(best.largest):
+            known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
+            said = ["Off by ", known, " mm at most for all readings. "]
     rows = []
     for k, name in enumerate(result.model.parameters):
         decimals, cells = _row(result, name)
-        load = (
-            _UNKNOWN
-            if best is None
-            else claim(nearest(best.point[k], decimals), "recommended", leg, best.point[k], name)
-        )
+        load: Words = _UNKNOWN
+        if best is not None:
+            x = best.point[k]
+            load = claimed_by(best.certificate, nearest(x, decimals), "recommended", leg, x, name)
         rows.append((*cells, load, *_sides(of, box, leg, k, name, decimals)[:2]))
     head = ("parameter", "load", "at least", "at most")
-    return Section((f"Leg {leg.leg}: ranges ", *held), said, tables=[Table(head, rows, ("", "main"))], style="card")
+    title = f"Leg {leg.leg}{marked}"
+    return Section(title, [(*said, *held)], tables=[Table(head, rows, ("", "main"))])
 
 
 def _row(result: Result, name: str) -> tuple[int, list[Words]]:
@@ -357,13 +366,14 @@ def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words
     if leg.ranges is not None:
         within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
         open_ = " (no certificate holds it)" * (leg.ranges.certificate is None)
-        return "ranges", leg.ranges.box, ("if the model holds to within ", within, f" mm{open_}")
+        return "ranges", leg.ranges.box, ("Ranges if the model holds to within ", within, f" mm{open_}.")
     if enclosure.is_empty:
-        return "", None, ("are empty: no parameters in the box satisfy the equations, so there is nothing to enclose",)
+        return "", None, ("No parameters in the box satisfy the equations, so there is nothing to enclose.",)
+    where = "eps_hi" if eps is None else f"eps = {stated(eps)} mm"
     return (
         "enclosure",
         enclosure,
-        (f"of the best point only (at {'eps_hi' if eps is None else f'eps = {stated(eps)} mm'})",),
+        (f"No ranges were computed: the best parameters, if the model holds to within {where}.",),
     )
 
 
@@ -385,7 +395,7 @@ def outward(lo: float, hi: float, decimals: int) -> tuple[str, str, str]:
 def eps_text(result: Result, eps: float) -> str:
     """An eps that the user gave as it was given; another one rounded down: what holds to within eps, holds to within
     less."""
-    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else bracket_text(eps, eps)[0]
+    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else at_least(eps)
 
 
 def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
@@ -411,7 +421,7 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
     work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
     (of, box, _), point = _range(result, leg), leg.bracket.point
     said: list[Words] = [
-        leg_sentence(result, leg),
+        f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
         f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
     ]
     if center := center_sentence(result, leg):
@@ -428,10 +438,10 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
         least = math.nan if fit is None else float(fit.x[k])
         width = _sides(of, box, leg, k, name, decimals)[2]
         rows.append((*cells, at, nearest(least, decimals), nearest(nominal[k], decimals), width))
-    witness = Table(("parameter", "witness of eps_hi", "fit", "nominal", "width of range"), rows)
+    witness = Table(("parameter", "witness", "fit", "nominal", "width"), rows)
     head = ("eps asked [mm]", "delay [s]", "answer", "eps_lo then", "eps_hi then", "nodes")
     return Section(
-        f"For experts: leg {leg.leg}, the witness of eps_hi, support, the search",
+        f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
         figures=[] if leg.ranges is None or not leg.ranges.projections else [_pairs(campaign, result, leg, leg.ranges)],

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +84,11 @@ def claim(
     return Mark(words, data=data)
 
 
+def claimed_by(certificate: str | None, words: str, *what: Any) -> Words:
+    """The words as a claim where a certificate holds it, else plain."""
+    return words if certificate is None else claim(words, *what)
+
+
 def badge(result: Result, leg: LegResult) -> Mark:
     found, asked = verdict_of(result, leg), result.options.tolerance
     return verdict(
@@ -108,26 +114,27 @@ def thresholds(result: Result, leg: LegResult) -> Words:
         fails = ("Fails below ", claim(plain(at_least, lo), "eps_lo", leg, lo), " mm")
     if passes is None:
         return (fails, ", not shown to pass")
-    return (fails, ", passes from ", claim(plain(at_most, passes.eps), "passes.eps", leg, passes.eps), " mm")
+    return (
+        fails,
+        ", passes from ",
+        claimed_by(passes.certificate, plain(at_most, passes.eps), "passes.eps", leg, passes.eps),
+        " mm",
+    )
 
 
 def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
     """A leg on the first screen: one line where it passes, else the culprit and the next step, and a second line."""
     reduced, left_out = leg.reduced, leg.bracket.left_out
     asked = result.options.tolerance is not None or result.options.eps is not None or verdict_of(result, leg).names
-    head: Words = (
-        Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"),
-        ": ",
-        *((badge(result, leg), " ") if asked else ()),
-    )
-    if left_out:
-        head = (head, f"without measurement {', '.join(left_out)} ")
+    head: list[Words] = [Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), ": "]
+    head += [badge(result, leg)] if asked else []
+    head += [f" without measurement {', '.join(left_out)}"] if left_out else []
     limits = thresholds(result, leg)
     if not found.short:
-        return (head, limits, ".")
+        return (head, ". " if len(head) > 2 else "", limits, ".")
     second: Words = (limits, ". ", found.more)
     if reduced is not None and reduced.factor > 0.0:
-        factor = claim(at_least(reduced.factor), "reduced.factor", leg, reduced.factor)
+        factor = claimed_by(reduced.certificate, at_least(reduced.factor), "reduced.factor", leg, reduced.factor)
         second = (second, "Pass with ", factor, " times the stated uncertainty.")
     elif reduced is not None:
         second = (second, " The best of sensors would not help.")
@@ -293,7 +300,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     if model is None or found is None:
         return Advice("")
     used = np.isin(campaign.measurement_ids, left_out, invert=True)
-    wrong = _misread(found, used)
+    wrong = misread(found, used)
     if wrong:
         again = ", ".join(str(k + 1) for k in wrong)
         it, plural = ("it", "") if len(wrong) == 1 else ("them", "s")
@@ -309,7 +316,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     )
 
 
-def _misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
     """Measurements that the others contradict: studentised residuals from a fit without them, beyond chance in all.
 
     The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.
