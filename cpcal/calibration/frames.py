@@ -48,7 +48,7 @@ from cpcal.robot import (
 from cpcal.robot.campaign import Given
 from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
 from cpcal.robot.mistakes import SHARE
-from cpcal.robot.units import ANGLES, SEQUENCES
+from cpcal.robot.units import SEQUENCES
 
 # ------------------------------------------------------------------------------------------------------------------
 # Pairs of poses: checked, and with enough rotation.
@@ -508,7 +508,9 @@ def in_base_frame(campaign: Campaign) -> TrackedFrames:
 
 
 Frames = Literal["base", "tracker"]
-_FORMS = [f"{form}-{unit}" for unit in ANGLES for form in ("vector", *(f"euler-{order}" for order in SEQUENCES))]
+_FORMS = [
+    f"{form}-{unit}" for unit in ("deg", "rad") for form in ("vector", *(f"euler-{order}" for order in SEQUENCES))
+]
 
 
 def _rotation(

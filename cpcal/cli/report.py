@@ -38,6 +38,7 @@ from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
+from cpcal.simulate import true_robot
 
 T = TypeVar("T")
 
@@ -84,6 +85,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
         result=load_result(folder / RUN),
         timeout=load_result(folder / TIMEOUT),
         checked=said,
+        truth=true_robot(load_campaign(folder / CAMPAIGN)),
     )
 
 
