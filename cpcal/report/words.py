@@ -125,9 +125,9 @@ def thresholds(result: Result, leg: LegResult) -> Words:
 def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
     """A leg on the first screen: one line where it passes, else the culprit and the next step, and a second line."""
     reduced, left_out = leg.reduced, leg.bracket.left_out
-    asked = result.options.tolerance is not None or result.options.eps is not None or verdict_of(result, leg).names
+    plain = result.options.tolerance is None and verdict_of(result, leg).kind in ("bounded", "explained")
     head: list[Words] = [Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), ": "]
-    head += [badge(result, leg)] if asked else []
+    head += [] if plain else [badge(result, leg)]
     head += [f" without measurement {', '.join(left_out)}"] if left_out else []
     limits = thresholds(result, leg)
     if not found.short:
@@ -138,7 +138,8 @@ def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
         second = (second, "Pass with ", factor, " times the stated uncertainty.")
     elif reduced is not None:
         second = (second, " The best of sensors would not help.")
-    return (head, " ", found.short, ".", Mark(second, "second"))
+    first = found.short.removeprefix("because of ") if plain else f" {found.short}"
+    return (head, first, ".", Mark(second, "second"))
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:

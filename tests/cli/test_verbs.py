@@ -128,7 +128,7 @@ def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campai
 
 def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9", status=1)
-    assert "Leg 1: Fits within the stated reading uncertainty" in said
+    assert "Leg 1: undecided because a limit came first" in said
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.UNKNOWN
 
 
