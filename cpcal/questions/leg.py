@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.models import PARAMETERS, built_in, exactly_read, fit_model, leg_box, model_jacobian, model_statement
+from cpcal.models import PARAMETERS, built_in, exactly_read, leg_box, model_jacobian, model_statement
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
@@ -29,13 +29,13 @@ from cpcal.questions.bracket import (
 )
 from cpcal.questions.data_check import determination
 from cpcal.questions.question import Question
+from cpcal.questions.recommended import conformity
 from cpcal.questions.result import (
     LegBracket,
     LegResult,
     Options,
     Projection,
     Ranges,
-    Recommended,
     Support,
     SupportProof,
     Uncertified,
@@ -78,7 +78,8 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
         try:
-            drawn = () if stopped or ranges is None else projections_of(prepared, ranges)
+            asks = question.options.projections and not stopped and ranges is not None
+            drawn = projections_of(prepared, ranges) if asks and ranges is not None else ()
         except KeyboardInterrupt:
             drawn, stopped = (), True
         result = replace(result, ranges=None if ranges is None else replace(ranges, projections=drawn))
@@ -124,9 +125,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
             enclosure=_of_parameters(question, found.enclosure),
             certificate=answer.certificate,
         ),
-        recommended=Recommended(
-            tuple(map(float, fit_model(question.campaign, leg.leg, question.model))), "least squares", math.inf
-        ),
+        **conformity(question, leg.leg, leg.problem.network, lo),
         support=support,
         not_certified=_not_certified(question, leg.leg, answer),
         verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
@@ -355,6 +354,8 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     at_point = None if best.witness is None else _point_certificate(question, leg, center, without, best)
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
+    only = _others(question, without)
+    whole = network_of(question, leg, center)
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
     lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
     return LegResult(
@@ -369,6 +370,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             point_certificate=at_point,
             left_out=() if best.witness is None else tuple(ids[k] for k in sorted(without)),
         ),
+        **conformity(question, leg, whole if only is None else of_measurements(whole, only), float(lo), only),
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
         extra=tuple(map(float, center[7:])),
         work=Work(nodes=searches, seconds=time.monotonic() - began),

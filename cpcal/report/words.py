@@ -68,16 +68,11 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
 
 def short_fit(verdict: LegVerdict) -> str:
     """The verdict in a few words, for a line of a terminal."""
-    if verdict.kind in ("uncompared", "undecided"):
-        return f"{verdict.word}, {verdict.range}"
     if verdict.kind == "undetermined":
         return f"undetermined: {', '.join(verdict.names) or 'too few measurements'}"
-    if verdict.kind != "unexplained":
-        return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
-    word = "does not fit" if verdict.tolerance is None else "fail"
     if verdict.beyond is not None:
-        return f"{word} {verdict.error}"
-    return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
+        return verdict.word
+    return verdict.thresholds if verdict.tolerance is None else f"{verdict.word}, {verdict.thresholds}"
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:
