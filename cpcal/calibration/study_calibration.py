@@ -25,8 +25,8 @@ from cpcal.calibration.frames import (
     FittedFrame,
     FrameCalibration,
     SharedError,
-    calibrate_frames,
-    fitted_frame,
+    first_frames,
+    fitted_frames,
     on_drawing,
     on_drawing_errors,
     redefined,
@@ -51,7 +51,7 @@ from cpcal.calibration.validation import Validation, validate
 from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
-from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, inverse
+from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, inverse
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -225,7 +225,7 @@ class FittedFrames:
     def sentence(self) -> str:
         """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
         said = (
-            f"Frames by Shah's method, refined, to start with: the two ways to the target differ by "
+            f"Frames by Shah's closed form, to start with: the two ways to the target differ by "
             f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
             "component (rms), which holds the drawing's errors and the legs' imperfections too."
         )
@@ -392,8 +392,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     tables, told = (study.calibration, study.validation), _provenance(study)
     rows, check_rows = (study_rows(table, drawing, told) for table in tables)
     centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
-    drawn = forward_kinematics(drawing, centres.length, central_pose(drawing, centres.length.mean(axis=0)))
-    frames = calibrate_frames(drawn, Pose(centres.position, centres.quaternion))
+    frames = first_frames(drawing, centres.length, Pose(centres.position, centres.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
@@ -409,7 +408,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     x_c, x_c_sigma = fit(campaign, noise=noise), fit(campaign, weighted=True, noise=noise)
     repeat_record = _repeats(rows, of_rows, repeats)
     shared, outliers = repeat_record.shared, check_rows.screening
-    of_frames = (np.zeros(6), np.zeros(6)) if shared is None else shared.of_frames()
+    of_frames = () if shared is None else shared.of_frames()
     with_outliers = None
     if outliers is not None and not outliers.keep.all():
         every = averaged(check_rows.all, of="mean", sigma=repeats.noise_sigma)
@@ -422,8 +421,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         sets=ReadingSets(factor, of, shared is not None),
         repeats=repeat_record,
         frames=FittedFrames(
-            _frame(x_c_sigma, 0, drawing.base, of_frames[0]),
-            _frame(x_c_sigma, 3, drawing.mobile, of_frames[1]),
+            *fitted_frames(x_c_sigma, drawing, *of_frames),
             float(np.sqrt(np.mean(frames.position_residual**2))),
             float(np.sqrt(np.mean(frames.rotation_residual**2))),
             frames.remarks,
@@ -453,14 +451,6 @@ def _provenance(study: Study) -> Mapping[str, str]:
         true = redefined(truth.robot, inverse(truth.camera), truth.target)
         told["true_parameters"] = json.dumps(true.parameters.tolist())
     return told
-
-
-def _frame(fit: Fit, first: int, drawn: Floats, shared: Floats) -> FittedFrame:
-    """The frame of the drawing's joint centres, from the fitted ones that begin with that parameter."""
-    x, covariance = fit.parameters, fit.covariance
-    blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
-    part = slice(first, first + 3)
-    return fitted_frame(x[:, part], drawn, blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x)), shared)
 
 
 def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> RepeatRecord:

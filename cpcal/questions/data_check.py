@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import LegEquations, fit
+from cpcal.calibration import LegEquations
+from cpcal.calibration.fit import robust_parameters, robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
-from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
+from cpcal.robot.campaign import Given, copied_rows, single_pose
 from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
-from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
@@ -115,40 +115,6 @@ _FAR = 10.0  # robust standard deviations; the largest of 10,000 normal numbers 
 _LEAST = 12  # measurements: fewer can be fitted one and all
 _ROUNDING = 1e-9  # of the leg length: residuals below it are none
 _NAMED = 5  # measurements in a list
-_TOLERANCE = 1e-8
-
-
-def robust_parameters(campaign: Campaign) -> Floats:
-    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
-    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
-    plain = fit(campaign, tolerance=_TOLERANCE).parameters
-    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
-
-
-def _robust(equations: LegEquations, start: Floats) -> Floats:
-    """Of one leg, (7,)."""
-    scale = robust_scale(equations.values(start[None])) or 1.0
-
-    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
-        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
-        r = equations.values(x[None])[:, 0]
-        size = np.sqrt(1.0 + (r / scale) ** 2)
-        return r, size, np.sqrt(2.0 / (1.0 + size))
-
-    def residual(x: Floats) -> Floats:
-        r, _, share = counted(x)
-        return r * share
-
-    def jacobian(x: Floats) -> Floats:
-        _, size, share = counted(x)
-        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
-
-    return least_squares(residual, jacobian, start, tolerance=_TOLERANCE).at
-
-
-def robust_scale(residuals: Floats) -> float:
-    """1.4826 times the median of |r|: the standard deviation of normal residuals, whatever a minority of them does."""
-    return 1.482602218505602 * float(np.median(np.abs(residuals)))
 
 
 def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
@@ -227,20 +193,11 @@ def check_data(campaign: Campaign) -> DataCheck:
     nominal = np.median(given.share * given.nominal, axis=0)
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
-    sample = _spread(campaign, _FITTED)
+    sample = campaign.sampled(_FITTED)
     x = robust_parameters(sample)
     legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
     findings += [*odd_rows(campaign, x), *_open(legs)]
     return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
-
-
-def _spread(campaign: Campaign, most: int) -> Campaign:
-    """At most so many of its measurements, spread evenly."""
-    if len(campaign) <= most:
-        return campaign
-    rows = np.linspace(0, len(campaign) - 1, most).astype(np.intp)
-    pose, run = (tuple(names[k] for k in rows.tolist()) for names in (campaign.pose, campaign.run))
-    return replace(campaign, pose=pose, run=run, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
 
 
 def mistake_in(given: Given, typical: float) -> str | None:

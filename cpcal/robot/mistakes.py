@@ -40,6 +40,10 @@ from cpcal.robot.units import LENGTHS, NAMES, TAIT_BRYAN, quaternion_from_euler
 # ------------------------------------------------------------------------------------------------------------------
 # Poses of other frames than the mobile one in that of the base.
 
+TRACKER = (
+    "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame: "
+    "`cpcal import --frames tracker` finds both"
+)
 _TRIED_FRAMES = 40  # rows are enough to tell frames
 _LEAST = 5  # rows, of which twelve numbers can be told
 
@@ -91,8 +95,7 @@ def other_frames(given: Given) -> Variants:
     part = few.rows(rows)
     tracker, target = world_hand_eye(found.rows(rows), part.pose)
     moved = compose(compose(tracker, part.pose), inverse(target))
-    name = "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame"
-    yield f"{name}: `cpcal calibrate` finds both", part.posed(moved.position, moved.quaternion)
+    yield TRACKER, part.posed(moved.position, moved.quaternion)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ def test_a_point_of_a_set_is_refused_for_it_may_need_a_larger_error(run, tmp_pat
         header, claims, *rest = path.read_text().splitlines(keepends=True)
         stated = json.loads(claims)
         at = [*stated["enclosure"]["lo"][:7], "0x1p-2", *stated["enclosure"]["lo"][8:]]
-        stated["point"] = {"at": at, "holds": [], "readings": None, "fails": []}
+        stated["point"] = {"at": at, "holds": [], "readings": None, "factor": None, "fails": []}
         path.write_text(header + json.dumps(stated) + "\n" + "".join(rest))
 
     assert "another claim" in forged(run, tmp_path, change)
