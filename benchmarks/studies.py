@@ -15,11 +15,11 @@ outliers: campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the pap
 deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly these are
 left out, as proved when the bracket is closed and the checker accepts the claim.
 
-tolerance: one leg each of robots drawn at random (kinematics of this file, not cpcal's), 64 poses, sets of three standard
-deviations (0.03 mm, 0.1 mrad, 0.02 mm; noise cut off there), a model error of 0 to 1 mm of each kind. T is a quarter, a
-half and three quarters of the way from the least E that was found to least squares' own. The ratio is the largest error
-at 400 unseen poses over that of least squares. `false`: a pass though the recommended parameters err by more than T at a
-true pose that was measured, or a fail though the true parameters do not.
+tolerance: one leg each of robots drawn at random (kinematics of this file, not cpcal's), 64 poses, sets of three
+standard deviations (0.03 mm, 0.1 mrad, 0.02 mm; noise cut off there), a model error of 0 to 1 mm of each kind. T is a
+quarter, a half and three quarters of the way from the least E that was found to least squares' own. The ratio is the
+largest error at 400 unseen poses over that of least squares. False: a pass though the recommended parameters err by
+more than T at a true pose that was measured, or a fail though the true parameters do not; there T is drawn besides.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from cpcal.questions.points import verified_rows
 from cpcal.robot import (
     Pose,
     Robot,
+    Uncertainty,
     forward_kinematics,
     quaternion_from_rotation_vector,
     quaternion_product,
@@ -196,16 +197,19 @@ def _recommended(seed: int) -> tuple[float, ...]:
     noise = sigmas * np.clip(rng.standard_normal((64, 7)), -3.0, 3.0)
     seen = quaternion_product(small_rotation(noise[:, 3:6]), turn[:64])
     robot = Robot.from_parameters("drawn", np.array([[*a, *b, offset]]) + rng.standard_normal((1, 7)))
-    stated = cpcal.Uncertainty(sigmas[:3], sigmas[3:6], sigmas[6:], 3.0)
+    stated = Uncertainty(sigmas[:3], sigmas[3:6], sigmas[6:], 3.0)
     length = (read[:64] + noise[:, 6])[:, None]
     campaign = cpcal.Campaign.of(robot, place[:64] + noise[:, :3], seen, length, uncertainty=stated)
 
     def errors(x: Sequence[float]) -> Floats:
         at = np.array(x)
-        return np.abs(np.linalg.norm(place + rotation_matrix(turn) @ at[3:6] - at[:3], axis=1) - read - at[6])
+        return np.asarray(
+            np.abs(np.linalg.norm(place + rotation_matrix(turn) @ at[3:6] - at[:3], axis=1) - read - at[6])
+        )
 
     (free,) = cpcal.certify(campaign, support="none").legs
-    assert free.recommended is not None and free.passes_from is not None
+    assert free.recommended is not None
+    assert free.passes_from is not None
     least, own = free.passes_from.eps, free.recommended.largest
     unseen, ratios, counts = errors(free.recommended.point)[64:].max(), list[float](), np.zeros(3)
     for share in (0.25, 0.5, 0.75, -0.5):

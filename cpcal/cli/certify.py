@@ -366,7 +366,9 @@ _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_widt
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
 
-    tolerance: float | None = option(None, "The error that a leg may have, whatever the readings are: does it pass?", "MM")
+    tolerance: float | None = option(
+        None, "The error that a leg may have, whatever the readings are: does it pass?", "MM"
+    )
     outliers: int = option(0, "Measurements of a leg that may be wrong, at most, nobody knows which.", "Q", min=0)
     model: str | None = option(
         None, "Leg model, such as plain or gain; several are compared.", "A,B", show_default="the campaign's"

@@ -31,6 +31,7 @@ from cpcal.questions.data_check import determination
 from cpcal.questions.question import Question
 from cpcal.questions.recommended import conformity
 from cpcal.questions.result import (
+    Determination,
     LegBracket,
     LegResult,
     Options,
@@ -107,10 +108,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
     if options.eps is not None:  # of that one alone something is said
         lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
     verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
-    determined, beyond = None, None
-    if options.delta > 0.0:  # at the proved point, or the center of the box
-        at = center if found.witness is None else found.witness.point[:-1]
-        determined = determination(question.campaign, leg.leg, at, question.model)
+    at, beyond = center if found.witness is None else found.witness.point[:-1], None
     if found.found is not None:
         beyond = Found(
             found.found.lo if found.found.lo > found.lo else lo, _of_parameters(question, found.found.enclosure)
@@ -130,7 +128,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
         not_certified=_not_certified(question, leg.leg, answer),
         verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
         extra=tuple(map(float, center[7:])),
-        determination=determined,
+        determination=_determination(question, leg.leg, at),
         found=beyond,
         work=Work(
             nodes=found.nodes,
@@ -142,6 +140,16 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
             contractors_used=found.contractors_used,
         ),
     )
+
+
+def _determination(
+    question: Question, leg: int, x: Floats, only: tuple[int, ...] | None = None
+) -> Determination | None:
+    """At the proved point, or the center of the box; None where nothing is to be determined."""
+    if question.options.delta == 0.0:
+        return None
+    campaign = question.campaign if only is None else question.campaign.rows(only)
+    return determination(campaign, leg, x, question.model)
 
 
 def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
@@ -371,6 +379,7 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             left_out=() if best.witness is None else tuple(ids[k] for k in sorted(without)),
         ),
         **conformity(question, leg, whole if only is None else of_measurements(whole, only), float(lo), only),
+        determination=_determination(question, leg, center if best.witness is None else best.witness.point[:-1], only),
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
         extra=tuple(map(float, center[7:])),
         work=Work(nodes=searches, seconds=time.monotonic() - began),

@@ -10,15 +10,20 @@ point that was found. Where no point meets T, or none is given, the point is lea
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import ModelResiduals, ReadingRange, fit_model, leg_box
+from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_box, leg_statement
+from cpcal.questions.bracket import written
 from cpcal.questions.question import Question
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
+from cpcal.solver.certificate.exact_network import Statement
+from cpcal.solver.certificate.float_rows import AllReadings
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
@@ -41,16 +46,20 @@ def conformity(
     """
     of, tolerance = _Leg(question, leg, network, only), question.options.tolerance
     x, why, reduced = of.plain, LEAST_SQUARES, None
-    eps = of.largest(of.tightest)
-    passes = PassesFrom(eps, _tuple(of.tightest)) if math.isfinite(eps) else None
+    eps = of.stated(of.tightest)
     if tolerance is not None and lo <= tolerance:
-        if of.largest(of.weighted) <= tolerance:
+        if of.largest(of.weighted) <= tolerance and of.stated(of.weighted) <= tolerance:
             x = of.weighted
         elif eps <= tolerance:
             x, why = of.within(tolerance), CONSTRAINED
         else:
-            reduced = Reduced(of.factor(x, tolerance))
-    recommended = Recommended(_tuple(x), why, of.largest(x))
+            factor = of.factor(x, tolerance)
+            reduced = Reduced(factor, of.certificate("reduced", x, tolerance, factor) if factor else None)
+    passes = None
+    if math.isfinite(eps):
+        passes = PassesFrom(eps, _tuple(of.tightest), of.certificate("passes", of.tightest, eps))
+    largest = of.stated(x)
+    recommended = Recommended(_tuple(x), why, largest, of.certificate("recommended", x, largest))
     return {"recommended": recommended, "passes_from": passes, "reduced": reduced}
 
 
@@ -67,6 +76,7 @@ class _Leg:
         self._range = ReadingRange(campaign, leg, model, question.engine)
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
+        self._known: dict[bytes, AllReadings] = {}
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
 
     @cached_property
@@ -93,6 +103,34 @@ class _Leg:
         found = self._range.of(x, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
 
+    def stated(self, x: Floats) -> float:
+        """The same, as the exact proof of a certificate reaches it, if there is going to be one."""
+        exact = self._exact(x)
+        return self.largest(x) if exact is None else exact.least_eps()
+
+    def _exact(self, x: Floats) -> AllReadings | None:
+        if self._statement is None:
+            return None
+        if x.tobytes() not in self._known:
+            self._known[x.tobytes()] = AllReadings(self._statement.problem, x.tolist(), self._mine.tolist())
+        return self._known[x.tobytes()]
+
+    @cached_property
+    def _statement(self) -> Statement | None:
+        question = self._question
+        if question.certificates is None or not built_in(question.model):
+            return None
+        return leg_statement(question.campaign, self._leg, self._only, question.model.name)
+
+    def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
+        """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""
+        if self._statement is None or not math.isfinite(eps):
+            return None
+        at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
+        with Recording(self._statement, Box(names, at, at)) as recording:
+            write = partial(recording.write, claims=claims(eps, point=at, factor=factor))
+            return written(self._question, self._leg, f".{name}", write)[0]
+
     @cached_property
     def _rows(self) -> Rows:
         return Rows(self._network, every=True)
@@ -111,13 +149,13 @@ class _Leg:
         x, slack = self.tightest, _BELOW * tolerance
         for _ in range(_FITS):
             x = self._constrained(tolerance - slack)
-            beyond = self.largest(x) - tolerance
+            beyond = max(self.largest(x), self.stated(x)) - tolerance
             if beyond <= 0.0:
                 return x
             slack += 1.01 * beyond
         way, share = x - self.tightest, 0.0
         for step in 0.5 ** np.arange(1, 11):
-            share += step * (self.largest(self.tightest + (share + step) * way) <= tolerance)
+            share += step * (self.stated(self.tightest + (share + step) * way) <= tolerance)
         return np.asarray(self.tightest + share * way)
 
     def _constrained(self, tolerance: float) -> Floats:
@@ -137,6 +175,8 @@ class _Leg:
 
     def factor(self, x: Floats, tolerance: float) -> float:
         """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
+        if (exact := self._exact(x)) is not None:
+            return exact.largest_factor(tolerance)
         low, high = 0, _PARTS
         while high - low > 1:
             middle = (low + high) // 2

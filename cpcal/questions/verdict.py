@@ -102,7 +102,8 @@ class LegVerdict:
             fits = "" if math.isinf(self.hi) else f" Some parameters fit {self.within}, {but}."
             return self.reason + fits
         if self.beyond is not None:
-            return f"No parameters fit {self._within(self.beyond)}."
+            asked = f"to within {stated(self.beyond)} mm" if self.beyond else self._within(0.0)
+            return f"No parameters fit {asked}."
         if self.tolerance is None:
             fits = "" if math.isinf(self.hi) else f"; some parameters fit {self.within}"
             return f"The leg {self.thresholds}{fits}."
@@ -181,10 +182,11 @@ def recommendation(result: Result, leg: LegResult) -> str:
 def _wide(options: Options, leg: LegResult) -> Wide:
     """Of the parameters as good as the proved point; of no search that a limit ended, nor of one at a larger error.
 
-    The timeout method encloses nothing: what is proved of the parameters are the ranges alone, if they were asked for.
+    The timeout method, and a search with outliers, enclose nothing: what is proved of the parameters are the ranges
+    alone, if they were asked for.
     """
     box = leg.bracket.enclosure
-    if options.method == "timeout":
+    if options.method == "timeout" or options.outliers:
         box = Box.empty(box.names) if leg.ranges is None else leg.ranges.box
     elif leg.bracket.verdict is not Verdict.PROVED and leg.work.pending:
         return ()

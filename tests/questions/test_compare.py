@@ -162,7 +162,7 @@ def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(found_uncertain, lo
 
 
 def test_a_result_with_a_model_comes_back_from_its_file(exact, tmp_path):
-    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, certificates=tmp_path)
+    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, projections=True, certificates=tmp_path)
     cpcal.save_result(result, tmp_path)
     assert cpcal.load_result(tmp_path) == result
     assert result.legs[0].ranges.projections
@@ -183,7 +183,7 @@ def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
 
 def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True)
+    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True, projections=True)
     assert drawn.legs[0].ranges.projections
     page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
     assert "of the proved point are not drawn" not in page
