@@ -71,8 +71,12 @@ def short_fit(verdict: LegVerdict) -> str:
     if verdict.kind == "undetermined":
         return f"undetermined: {', '.join(verdict.names) or 'too few measurements'}"
     if verdict.beyond is not None:
-        return verdict.word
-    return verdict.thresholds if verdict.tolerance is None else f"{verdict.word}, {verdict.thresholds}"
+        return f"{verdict.word} to within {stated(verdict.beyond)} mm"
+    return (
+        verdict.thresholds
+        if verdict.tolerance is None and verdict.kind != "undecided"
+        else f"{verdict.word}, {verdict.thresholds}"
+    )
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:

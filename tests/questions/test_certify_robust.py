@@ -67,7 +67,8 @@ def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path,
     leg = asked_of(tmp_path, time_limit=2.5)
     assert leg.work.nodes == 3
     assert (leg.bracket.lo, leg.bracket.proofs, leg.bracket.verdict) == (0.0, (), cpcal.Verdict.UNKNOWN)
-    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.bracket.point_certificate]
+    others = {leg.recommended.certificate, leg.passes_from.certificate}
+    assert {path.name for path in tmp_path.glob("*.cert.jsonl")} == {leg.bracket.point_certificate, *others}
     (checked,) = check_run(tmp_path)
     assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
 
@@ -90,7 +91,8 @@ def test_a_proof_that_cannot_be_written_takes_the_others_with_it(tmp_path, monke
     monkeypatch.setattr(ask, "write_file", full)
     leg = asked_of(tmp_path, delta=2.0)
     assert (leg.bracket.proofs, leg.not_certified) == ((), "")
-    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.bracket.point_certificate]
+    others = {leg.recommended.certificate, leg.passes_from.certificate}
+    assert {path.name for path in tmp_path.glob("*.cert.jsonl")} == {leg.bracket.point_certificate, *others}
     (checked,) = check_run(tmp_path)
     assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
 

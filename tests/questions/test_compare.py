@@ -139,7 +139,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert leg.bracket.certificate is None
     assert leg.not_certified == "with uncertain readings a user-defined model has no certificate"
     certificates = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.jsonl"))
-    assert certificates == ["plain/leg1.cert.jsonl"]
+    assert certificates == [f"plain/leg1{kind}.cert.jsonl" for kind in ("", ".passes", ".recommended")]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))
     assert [row[5] for row in comparison_table(comparison).rows] == ["leg1.cert.jsonl", "none"]
     assert "which were not compared with the campaign" in write_comparison(comparison, tmp_path).read_text("utf-8")
@@ -241,7 +241,8 @@ def test_the_command(exact, tmp_path):
         assert all((cell if isinstance(cell, str) else cell.words) in page for cell in row)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"plain", "gain", "compare.html"}
     names = {path.name for path in (tmp_path / "run" / "gain").iterdir()}
-    assert names == {"campaign.json", "result.json", "report.html", "leg1.cert.jsonl"}
+    files = {f"leg1{kind}.cert.jsonl" for kind in ("", ".passes", ".recommended")}
+    assert names == {"campaign.json", "result.json", "report.html", *files}
     assert main([str(tmp_path / "run")]) == PROVED
     verified = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(tmp_path / "campaign")])
     assert verified.exit_code == 0

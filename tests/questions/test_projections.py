@@ -133,6 +133,14 @@ def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
 
     campaign, result = exact
     monkeypatch.setattr(one_leg, "projections_of", stop)
-    found = cpcal.certify(campaign, legs=[2], ranges=True, support="none")
+    found = cpcal.certify(campaign, legs=[2], ranges=True, projections=True, support="none")
     assert found.interrupted
     assert found.legs[0].ranges == dataclasses.replace(result.legs[0].ranges, projections=())
+
+
+def test_none_is_made_unless_it_is_asked_for(exact):
+    campaign, result = exact
+    plain = cpcal.certify(campaign, legs=[2], ranges=True).legs[0].ranges
+    assert plain == dataclasses.replace(result.legs[0].ranges, projections=())
+    with pytest.raises(cpcal.InputError, match="ask for ranges too"):
+        cpcal.certify(campaign, legs=[2], projections=True)
