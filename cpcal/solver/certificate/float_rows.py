@@ -61,11 +61,10 @@ def _cheapest(low: float, high: float) -> str:
     return min(choices, key=lambda choice: choice[0])[1]
 
 
-def linear_parts(legs: Sequence[LegConstraint], name: str) -> tuple[Floats, Floats]:
+def linear_parts(plan: _Plan, given: Floats) -> tuple[Floats, Floats]:
     """Of a part of the constraints the values (B,) at the centres of the sets, and the derivatives (B, 7) by each
     reading there; they have one program."""
-    plan = _plan(legs[0], name)
-    values, slopes = plan.swept(_given(legs))[0], np.zeros((len(legs), READINGS))
+    values, slopes = plan.swept(given)[0], np.zeros((len(given), READINGS))
     alone = np.flatnonzero((plan.linear >= 0) & plan.alone)
     slopes[:, plan.linear[alone]] = values[:, alone]
     return values[:, plan.kept == 0].sum(axis=1), slopes
@@ -112,8 +111,8 @@ def _ends(legs: Sequence[LegConstraint]) -> Bools:
 
 
 def _measured(leg: LegConstraint) -> list[float]:
-    m = leg.m
-    return [*map(float, m.given), float(m.shortest) if m.uncertain else float(m.given[-1])]
+    m = leg.m  # of one kind of numbers, so that the difference is rounded once
+    return [*map(float, m.given), float(m.given[-1] - m.radii[-1])]
 
 
 def _reading(leg: LegConstraint) -> list[float]:
@@ -415,8 +414,10 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
     if mine:
         legs = [_leg(problem, x, numbers[n]) for n in mine]
-        (body, of_body), (factor, of_factor) = (linear_parts(legs, name) for name in ("under_root", "factor"))
-        of_bounds = linear_parts(legs, "at_least")[1] + linear_parts(legs, "at_most")[1]
+        names, given = ("under_root", "factor", "at_least", "at_most"), _given(legs)
+        parts = [linear_parts(_plan(legs[0], name), given) for name in names]
+        (body, of_body), (factor, of_factor), (_, of_least), (_, of_most) = parts
+        of_bounds = of_least + of_most
         square = (body / factor)[:, None]
         slopes = (of_body - square * of_factor) / factor[:, None] - np.sqrt(np.maximum(square, 0.0)) * of_bounds
         for n, row in zip(mine, slopes.tolist(), strict=True):
