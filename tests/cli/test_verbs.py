@@ -111,8 +111,8 @@ def test_a_campaign_is_called_good_or_each_finding_is_a_line_and_status_1(tmp_pa
 
 def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")  # "refuted" is an answer
-    assert "cannot explain the data to within 0.1 mm" in said
-    assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "No parameters fit to within 0.1 mm" in said
+    assert "No parameters fit" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1")
