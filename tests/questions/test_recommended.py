@@ -27,9 +27,9 @@ def campaign(scale: float = 1.0) -> Campaign:
     found = cpcal.simulate(seed=1, joint_error=1.0, factor=3.0, truncate=3.0)
     known = found.uncertainty
     assert known is not None
-    sigmas = (scale * s for s in (known.position, known.rotation, known.length))
+    sigmas = Uncertainty(scale * known.position, scale * known.rotation, scale * known.length, 3.0)
     arrays = (found.robot, found.position, found.quaternion, found.length)
-    return Campaign.of(*arrays, pose=found.pose, run=found.run, uncertainty=Uncertainty(*sigmas, 3.0))
+    return Campaign.of(*arrays, pose=found.pose, run=found.run, uncertainty=sigmas)
 
 
 def certified(of: Campaign, **options: object) -> tuple[Result, LegResult]:
