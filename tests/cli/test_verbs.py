@@ -117,10 +117,11 @@ def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campai
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1")
     assert (outcome.exit_code, outcome.stderr) == (0, "")  # no progress where no terminal is
-    names = ["campaign.json", "leg1.cert.jsonl", "notes.txt", "ranges-leg1.cert.jsonl", "report.html", "result.json"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == names
+    certificates = {f"{name}.cert.jsonl" for name in ("leg1", "leg1.passes", "leg1.recommended", "ranges-leg1")}
+    names = {"campaign.json", "notes.txt", "report.html", "result.json", *certificates}
+    assert {p.name for p in tmp_path.iterdir()} == names
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.PROVED
-    pieces = ("64 measurements", "Leg 1: fits to within ", "look at ", "next: state a tolerance")
+    pieces = ("64 measurements", "Leg 1: fails below 0.50 mm, passes from ", "look at ", "next: state a tolerance")
     text = " ".join(outcome.stdout.split())
     for piece in (*pieces, "for every measurement some reading in its set", str(tmp_path / "report.html")):
         assert piece in text
