@@ -16,7 +16,7 @@ from cpcal.common.values import Floats
 from cpcal.models import ReadingRange, leg_model
 from cpcal.questions import LegResult, Result, recommendation, save_result, verdict_of
 from cpcal.questions.recommended import nearest_within
-from cpcal.robot import Campaign, Uncertainty, rotation_matrix
+from cpcal.robot import Campaign, Robot, Uncertainty, rotation_matrix
 from cpcal.solver.interval import get_arithmetic
 
 LEG = 2
@@ -27,9 +27,11 @@ def campaign(scale: float = 1.0) -> Campaign:
     found = cpcal.simulate(seed=1, joint_error=1.0, factor=3.0, truncate=3.0)
     known = found.uncertainty
     assert known is not None
-    sigmas = Uncertainty(scale * known.position, scale * known.rotation, scale * known.length, 3.0)
+    position, rotation, length = (scale * s for s in (known.position, known.rotation, known.length))
     arrays = (found.robot, found.position, found.quaternion, found.length)
-    return Campaign.of(*arrays, pose=found.pose, run=found.run, uncertainty=sigmas)
+    return Campaign.of(
+        *arrays, pose=found.pose, run=found.run, uncertainty=Uncertainty(position, rotation, length, 3.0)
+    )
 
 
 def certified(of: Campaign, **options: object) -> tuple[Result, LegResult]:
@@ -72,6 +74,17 @@ def test_it_bounds_a_centre_and_grows_with_the_half_widths_in_every_model(model:
         assert (outer.lo < inner.lo).all()
         assert (inner.hi < outer.hi).all()
     assert leg.recommended.largest == max(-ranges[-1].lo.min(), ranges[-1].hi.max())
+
+
+def test_readings_in_which_the_error_is_not_monotone_count_too() -> None:
+    """A vertical leg: moved sideways, either way, it gets longer."""
+    identity, up = np.array([[1.0, 0.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 100.0]])
+    robot = Robot.from_parameters("one", np.zeros((1, 7)))
+    sideways = Uncertainty(np.array([10.0, 0.0, 0.0]), np.zeros(3), np.zeros(1))
+    of = Campaign.of(robot, up, identity, np.array([[100.0]]), uncertainty=sideways)
+    found = ReadingRange(of, 1, leg_model("plain"), get_arithmetic("float64")).of(np.zeros(7))
+    assert found.lo[0] <= 0.0
+    assert found.hi[0] >= np.hypot(100.0, 10.0) - 100.0
 
 
 def test_worse_sensors_never_turn_a_fail_into_a_pass(free: LegResult) -> None:

@@ -37,8 +37,8 @@ def test_a_table_of_the_legs():
     rows = re.findall(r"<tr>(.*?)</tr>", text)
     assert rows[1] == (
         "<td>1</td><td>fits to within 1.626217 mm</td><td>1.626216</td><td>1.626217</td><td>least squares</td>"
-        "<td>1.63</td><td>no</td><td>The leg fails below 1.6 mm, passes from 1.7 mm; some parameters fit to within "
-        "1.626217 mm.</td>"
+        "<td>1.63</td><td>no</td><td>The leg fails below 1.6 mm, passes from 1.7 mm; "
+        "some parameters fit to within 1.626217 mm.</td>"
     )
     assert "<td>undecided</td><td>0</td><td>∞</td>" in rows[2]
     assert "R: 64 measurements" in text
