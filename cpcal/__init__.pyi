@@ -1,3 +1,4 @@
+from .calibration import load_log
 from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
@@ -102,6 +103,7 @@ __all__ = [
     "floor",
     "hypot",
     "load_campaign",
+    "load_log",
     "load_result",
     "log",
     "log1p",

@@ -576,3 +576,42 @@ def least_squares(campaign: Campaign, leg: int) -> Floats:
     """
     # a box of X0 is centred here, so closer than 1e-8 adds nothing
     return np.asarray(fit(campaign, legs=[leg], tolerance=1e-8).parameters[0])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A fit that a few gross errors do not move.
+
+_ROUGH = 1e-8  # relative tolerance: residuals are looked at, no more
+
+
+def robust_parameters(campaign: Campaign, start: npt.ArrayLike | None = None) -> Floats:
+    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
+    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
+    plain = fit(campaign, start=start, tolerance=_ROUGH).parameters
+    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
+
+
+def _robust(equations: LegEquations, start: Floats) -> Floats:
+    """Of one leg, (7,)."""
+    scale = robust_scale(equations.values(start[None])) or 1.0
+
+    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
+        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
+        r = equations.values(x[None])[:, 0]
+        size = np.sqrt(1.0 + (r / scale) ** 2)
+        return r, size, np.sqrt(2.0 / (1.0 + size))
+
+    def residual(x: Floats) -> Floats:
+        r, _, share = counted(x)
+        return r * share
+
+    def jacobian(x: Floats) -> Floats:
+        _, size, share = counted(x)
+        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
+
+    return minimised(residual, jacobian, start, tolerance=_ROUGH).at
+
+
+def robust_scale(residuals: Floats) -> float:
+    """1.4826 times the median of |r|: the standard deviation of normal residuals, whatever a minority of them does."""
+    return 1.482602218505602 * float(np.median(np.abs(residuals)))

@@ -6,36 +6,50 @@ frame in the mobile frame. Both ways from the target to the base are the same:
 
     X B_i = A_i Z                                                   (robot-world and hand-eye calibration)
 
-Shah's closed form begins, least squares end. All of this is ordinary estimation: nothing here is proved.
+Shah's closed form begins; least squares on the legs' lengths end, for a study and for a log alike. All of this is
+ordinary estimation: nothing here is proved.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.numbers import about
+from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_parameters, robust_scale
+from cpcal.common.errors import CpcalError, InputError, Problem, unusable
+from cpcal.common.files import listed
+from cpcal.common.numbers import about, nearest
 from cpcal.common.values import Floats
+from cpcal.files.log import campaign_of_log, log_settings, read_log, unstated
 from cpcal.robot import (
+    Campaign,
+    KinematicsError,
     Pose,
     Robot,
+    Uncertainty,
+    central_pose,
     compose,
     inverse,
+    inverse_kinematics,
     normalised,
     quaternion_from_matrix,
     rotation_vector,
     transformed,
 )
-from cpcal.robot.kinematics import nearest_rotation, world_hand_eye
-from cpcal.solver.optimize.least_squares import least_squares
+from cpcal.robot.campaign import Given
+from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
+from cpcal.robot.mistakes import SHARE
 
 # ------------------------------------------------------------------------------------------------------------------
 # Pairs of poses: checked, and with enough rotation.
-#
-# Lengths are divided by a length of the data before anything is solved, so that no result depends on the unit.
 #
 # How much rotation there is has one figure, the `spread` in rad of the direction that moves least: for poses the
 # smallest over unit vectors v of sqrt(2 (1 - |mean_i R_i v|)), about the rms angle between the R_i v and their mean
@@ -110,88 +124,10 @@ def _remarks(spread: tuple[float, str, str], turn: Floats) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# Least squares on rigid motions for `X B_i = A_i Z`.
-#
-# The residuals of a pair compare B with what A tells of it, C = X^-1 A Z, in B's reference frame,
-#
-#     position   t_B - t_C          rotation   log(R_B R_C^T), a rotation vector in rad
-#
-# because that is where a camera's errors have their axes (it sees depth worse than the rest). A motion is varied as
-# (P + p, exp(w) R) with w a rotation vector in the motion's reference frame. The order of the unknowns is
-# (p_X, w_X, p_Z, w_Z).
-
-_TELL_AXES = 10  # pairs from which on the axes have standard deviations of their own
-_FLOOR = 1e-13  # of standard deviations, for data without noise
-_ROUNDS = 30  # of weights from residuals and residuals from weights
-_STEPS = 100  # of Levenberg and Marquardt, in each round
-_END = 1e-13  # its relative tolerance
-_SETTLED = 1e-4  # the relative change of the weights that ends them
-
-Motions = tuple[Pose, Pose]  # X and Z; and A and B
-
-
-def _residuals(pairs: Motions, motions: Motions) -> Floats:
-    """(N, 6): position and rotation (rad) of the text above."""
-    (a, b), (x, z) = pairs, motions
-    told = compose(inverse(x), compose(a, z))
-    turn = rotation_vector(compose(b, inverse(told)).quaternion)
-    return np.concatenate([b.position - told.position, turn], axis=1)
-
-
-def _refined(pairs: Motions, motions: Motions) -> tuple[Motions, Floats, Floats]:
-    """The motions near those with the smallest weighted sum of squares; the standard deviations (6,) that weighted it;
-    and the covariance (12, 12) of linearised least squares, scaled by the mean square of the residuals in these.
-
-    Standard deviations are estimated together with the motions, axis by axis where pairs are enough to tell them apart.
-    """
-    count = len(pairs[0].position)
-    rms = np.sqrt(np.mean(_residuals(pairs, motions) ** 2, axis=0))
-    sigma = np.maximum(_FLOOR, np.repeat(rms.reshape(2, 3).max(axis=1), 3))
-
-    def fitted(start: Motions, sigma: Floats) -> Motions:
-        def values(at: Motions) -> Floats:
-            return _residuals(pairs, at) / sigma
-
-        def jacobian(at: Motions) -> Floats:
-            return _jacobian(pairs, at, sigma)
-
-        return least_squares(values, jacobian, start, tolerance=_END, moved=_moved, steps=_STEPS).at
-
-    for _ in range(_ROUNDS):
-        used, motions = sigma, fitted(motions, sigma)
-        values, jacobian = (_residuals(pairs, motions) / used).ravel(), _jacobian(pairs, motions, used)
-        cofactor = np.linalg.inv(jacobian.T @ jacobian)
-        # residuals are smaller than errors because they were minimised: element i by its leverage, its share of the
-        # fit; this is the restricted maximum likelihood estimate of variance components, by its fixed point
-        leverage = np.einsum("ij,jk,ik->i", jacobian, cofactor, jacobian).reshape(-1, 6)
-        freedom, square = np.sum(1.0 - leverage, axis=0), np.sum(values.reshape(-1, 6) ** 2, axis=0)
-        if count < _TELL_AXES:
-            freedom, square = (np.repeat(sums.reshape(2, 3).sum(axis=1), 3) for sums in (freedom, square))
-        sigma = np.maximum(used * np.sqrt(square / np.maximum(freedom, 1e-3)), _FLOOR)
-        if np.allclose(sigma, used, rtol=_SETTLED, atol=0.0):
-            break
-    return motions, used, np.asarray(values @ values / (len(values) - 12) * cofactor)
-
-
-def _moved(at: Motions, step: Floats) -> Motions:
-    return at[0].moved(step[:6]), at[1].moved(step[6:])
-
-
-def _jacobian(pairs: Motions, motions: Motions, sigma: Floats) -> Floats:
-    """Derivative (6 N, 12) of `_residuals`, over their standard deviations (6,), by the unknowns."""
-    a, (x, z) = pairs[0], motions
-    error = _residuals(pairs, motions)[:, 3:]
-    back, turned = x.rotation.T, x.rotation.T @ a.rotation
-    target = compose(a, z).position  # in A's reference frame
-    log = np.linalg.inv(left_jacobian(-error))  # of log(E exp(v)) by v: the right Jacobian is the left one at -e
-    jacobian = np.zeros((len(error), 6, 12))
-    jacobian[:, :3, :3] = back
-    jacobian[:, :3, 3:6] = -back @ cross_matrix(target - x.position)
-    jacobian[:, :3, 6:9] = -turned
-    jacobian[:, 3:, 3:6] = log @ back
-    jacobian[:, 3:, 9:] = -log @ turned
-    return np.asarray((jacobian / sigma[:, None]).reshape(-1, 12))
+def _residuals(robot_poses: Pose, camera_poses: Pose, x: Pose, z: Pose) -> tuple[Floats, Floats]:
+    """(N, 3) mm and (N, 3) rad, in B's frame: what B_i differs from what A_i tells of it, X^-1 A_i Z."""
+    told = compose(inverse(x), compose(robot_poses, z))
+    return camera_poses.position - told.position, rotation_vector(compose(camera_poses, inverse(told)).quaternion)
 
 
 def cross_matrix(vector: npt.ArrayLike) -> Floats:
@@ -200,32 +136,13 @@ def cross_matrix(vector: npt.ArrayLike) -> Floats:
     return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
 
 
-def left_jacobian(vector: npt.ArrayLike) -> Floats:
-    """J with exp(v + dv) = exp(J dv) exp(v) to first order, (..., 3) rad -> (..., 3, 3): the closed form
-
-    J = I + (1 - cos t) / t^2 [v] + (t - sin t) / t^3 [v]^2 for t = |v|.
-    """
-    v = np.asarray(vector, dtype=np.float64)
-    square = np.sum(v**2, axis=-1)[..., None, None]
-    t = np.sqrt(square)
-    once = 0.5 * np.sinc(0.5 * t / np.pi) ** 2
-    small = t < 1e-2  # there t - sin t cancels; two terms of its series are exact to rounding
-    safe = np.where(small, 1.0, t)
-    twice = np.where(small, (1.0 - square / 20.0) / 6.0, (safe - np.sin(safe)) / safe**3)
-    matrix = cross_matrix(v)
-    return np.asarray(np.eye(3) + once * matrix + twice * (matrix @ matrix))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class FrameCalibration:
     """The camera in the base frame, the target in the mobile frame, and how well they are known.
 
     camera_in_base     X; target_in_mobile Z; positions in mm
     position_residual  (N, 3) mm, the target's origin as B_i has it less that of X^-1 A_i Z, in the camera frame
     rotation_residual  (N, 3) rad, the rotation vector from X^-1 A_i Z to B_i, in the camera frame
-    sigma              (6,) mm and rad: standard deviations that weighted the two, by axis
-    covariance         (12, 12) by linearised least squares for independent errors, of X's position (mm) and rotation
-                       vector (rad, base frame), then of Z's position and rotation vector (mobile frame)
     spread             rad, how far the direction moves that the rotations move least (see above)
     remarks            sentences on what makes the result doubtful; empty when nothing does
     """
@@ -234,46 +151,28 @@ class FrameCalibration:
     target_in_mobile: Pose
     position_residual: Floats
     rotation_residual: Floats
-    sigma: Floats
-    covariance: Floats
     spread: float
     remarks: tuple[str, ...]
 
 
 def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
-    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera.
+    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
 
     robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
     camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
 
-    Non-linear least squares on positions and rotations, from Shah's closed form (2013). The standard deviations of B_i
-    against X^-1 A_i Z are estimated from the residuals, for each axis of the camera from 10 pairs on. Lengths are
-    scaled before anything is solved: the result does not depend on their unit. InputError for unusable arrays, for
-    fewer than three pairs, and where the orientations do not determine the frames: all (nearly) the same, or turned
-    about one axis only (planar motion), or by no more than their own errors.
+    InputError for unusable arrays, for fewer than three pairs, and where the orientations do not determine the frames:
+    all (nearly) the same, or turned about one axis only (planar motion), or by no more than their own errors.
     """
     _check_pairs(robot_poses, camera_poses)
     lengths = np.concatenate([robot_poses.position, camera_poses.position])
-    largest = float(np.max(np.abs(lengths))) or 1.0  # squares of lengths may overflow, those of shares do not
-    unit = largest * (float(np.sqrt(np.mean(np.sum((lengths / largest) ** 2, axis=1)))) or 1.0)
+    unit = float(np.max(np.abs(lengths))) or 1.0  # no result depends on the unit of lengths
     a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in (robot_poses, camera_poses))
     spread = min(_spread(name, pose.rotation) for name, pose in zip(_NAMES, (a, b), strict=True))
-    start = world_hand_eye(a, b)
-    _remarks(spread, _residuals((a, b), start)[:, 3:])  # refuses what no refinement can mend
-    motions, sigma, covariance = _refined((a, b), start)
-    units = np.repeat([unit, 1.0], 3)
-    off = _residuals((a, b), motions) * units
-    x, z = (Pose(pose.position * unit, pose.quaternion) for pose in motions)
-    return FrameCalibration(
-        camera_in_base=x,
-        target_in_mobile=z,
-        position_residual=off[:, :3],
-        rotation_residual=off[:, 3:],
-        sigma=sigma * units,
-        covariance=covariance * np.outer(np.tile(units, 2), np.tile(units, 2)),
-        spread=spread[0],
-        remarks=_remarks(spread, off[:, 3:]),
-    )
+    x, z = world_hand_eye(a, b)
+    off, turn = _residuals(a, b, x, z)
+    x, z = (Pose(pose.position * unit, pose.quaternion) for pose in (x, z))
+    return FrameCalibration(x, z, off * unit, turn, spread[0], _remarks(spread, turn))
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:
@@ -359,6 +258,18 @@ def fitted_frame(measured: Floats, drawing: Floats, covariance: Floats, shared: 
     return FittedFrame(position, quaternion, sigma, drawing_sigma, error, k)
 
 
+def fitted_frames(fit: Fit, drawing: Robot, *shared: Floats) -> tuple[FittedFrame, FittedFrame]:
+    """Of base and mobile centres of a fit of all legs, each with its `fitted_frame`; `shared` (6,) of both, or none."""
+    x, covariance = fit.parameters, fit.covariance
+    blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
+    found = []
+    for k, drawn in enumerate((drawing.base, drawing.mobile)):
+        part = slice(3 * k, 3 * k + 3)
+        own = blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x))
+        found.append(fitted_frame(x[:, part], drawn, own, shared[k] if shared else np.zeros(6)))
+    return found[0], found[1]
+
+
 # Parameters laid on the drawing, so that those of two fits can be compared: base and mobile centres each by the rigid
 # motion that brings them nearest to the drawing's.
 
@@ -432,3 +343,213 @@ class SharedError:
             "deviations) of a pose. No repeat shows them and no mean makes them smaller: reading sets and the frames' "
             "U hold them in full; the table of repeats, standard errors of the fits and what validation expects do not."
         )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Poses of a target in a tracker's frame, from a log in which each was read once.
+#
+# The drawing and the readings of the legs give poses of the mobile frame, from above the base or from below, and these
+# the frames by Shah's closed form, wherever the tracker stands. The legs are then fitted in the frames of tracker and
+# target, by least squares with the stated deviations. In which base frame, no reading tells: a turn or shift of it is
+# one of all base centres. So the frames stand where the centres are nearest to the drawing's.
+
+_FAR = 5.0  # times the median of the rows' residuals, or robust standard deviations of a leg's: left out of the frames
+_TRIMS = 4
+_ROWS = 2_000  # of a log, spread evenly, are enough for frames
+_TRIED = 60  # rows tell frames
+_EXPLAINED = 0.01  # of a leg's length: what manufacturing errors may leave
+_ROUNDING = 1e-6  # mm: residuals below it are none
+_TOLD = 6  # rows that a sentence names
+FRAME_NOTES = ("frames", "tracker_in_base", "target_in_mobile", "residuals", "left_out")  # of a provenance
+
+
+def first_frames(robot: Robot, length: Floats, seen: Pose) -> FrameCalibration:
+    """Frames by the poses that the drawing gives for readings (N, n) mm, against those that camera or tracker saw (N).
+
+    Rows that are far off the others are left out, so that a wrong reading moves no frame. Raises InputError as
+    `calibrate_frames` does, KinematicsError for fewer than six legs and where the drawing cannot reach the readings.
+    """
+    found: list[tuple[float, FrameCalibration]] = []
+    failed: list[CpcalError] = []
+    for side in (1.0, -1.0):
+        try:
+            reached, good = forward_poses(robot, length, central_pose(robot, np.median(length, axis=0), side))
+            rows = keep = np.flatnonzero(good)
+            for _ in range(_TRIMS):
+                frames = calibrate_frames(reached.rows(keep), seen.rows(keep))
+                told = inverse_kinematics(redefined(robot, frames.camera_in_base, frames.target_in_mobile), seen)
+                off = np.max(np.abs(told - length), axis=1)
+                keep = rows[off[rows] <= _FAR * np.median(off)]
+            found.append((float(np.median(off)), frames))
+        except (InputError, KinematicsError) as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return min(found, key=lambda one: one[0])[1]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrames:
+    """The frames of a log, and its campaign in the base frame.
+
+    campaign          every measurement, wrong ones too, as poses of the mobile frame in the base frame
+    tracker_in_base   x_base = P + R x_tracker; target_in_mobile: x_mobile = P + R x_target; mm
+    fit               of all legs in the frames of tracker and target, without the measurements `left_out`
+    """
+
+    campaign: Campaign
+    tracker_in_base: FittedFrame
+    target_in_mobile: FittedFrame
+    fit: Fit
+    left_out: tuple[str, ...]
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """What was estimated, and how well it is known: sentences by `FRAME_NOTES`, and the poses in full."""
+        return dict(zip(FRAME_NOTES, self._sentences(), strict=False)) | {
+            f"{name}_pose": json.dumps({"position": one.position, "quaternion": one.quaternion})
+            for name, one in zip(FRAME_NOTES[1:], (self.tracker_in_base, self.target_in_mobile), strict=False)
+        }
+
+    def _sentences(self) -> Iterator[str]:
+        many = len(self.fit.residuals)
+        yield (
+            "The poses are of a target in a tracker's frame. Both frames and all legs are fitted together to "
+            f"{many:,} measurements, by least squares with the stated deviations. No reading tells the base frame: it "
+            "is taken where the joint centres are nearest to the drawing's."
+        )
+        for frame, name in ((self.tracker_in_base, "Tracker in base"), (self.target_in_mobile, "Target in mobile")):
+            unit = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
+            turn = np.degrees(rotation_vector(np.array(frame.quaternion)))
+            parts = zip((frame.position, turn.tolist()), unit, ("mm", "degrees"), strict=True)
+            at = "; rotation vector ".join(f"({', '.join(_known(v, u) for v in part)}) {w}" for part, u, w in parts)
+            yield f"{name}: {at}. {frame.sentence('There')}"
+        spread = ", ".join(about(robust_scale(leg), 2) for leg in self.fit.residuals.T)
+        yield f"The legs of the fit are {spread} mm off (robust standard deviation). {self.fit.sentence}"
+        if self.left_out:
+            names = listed(self.left_out, _TOLD)
+            yield f"Left out of the frames, as far off the others, and kept in the campaign: {names}."
+
+
+def _known(value: float, sigma: float) -> str:
+    """With the digits that its standard deviation leaves it."""
+    return nearest(value, min(9, max(0, -math.floor(math.log10(sigma)))) if sigma > 0.0 else 9)
+
+
+def in_base_frame(campaign: Campaign) -> TrackedFrames:
+    """Frames, legs and the campaign in the base frame, of one whose poses are of a target in a tracker's frame.
+
+    Standard deviations of a pose are carried to the mobile frame (its origin is off the target's by a lever, which a
+    turn moves), declared half-widths as sums of absolute values. Raises InputError where the poses do not determine the
+    frames, KinematicsError where the drawing cannot reach the readings.
+    """
+    if campaign.legs < 6:
+        what = f"has {campaign.legs} legs, and fewer than six give no pose to find a tracker's frame by"
+        raise unusable(campaign.robot.name, what, "measure in the base frame, and say --frames base")
+    drawing, sample = campaign.robot, campaign.sampled(_ROWS)
+    first = first_frames(drawing, sample.length, Pose(sample.position, sample.quaternion))
+    tracked = replace(sample, robot=redefined(drawing, first.camera_in_base, first.target_in_mobile))
+    start = robust_parameters(tracked)
+    off = np.abs(LegEquations.of(tracked).values(start))
+    far = (off > np.maximum(_FAR * np.array([robust_scale(leg) for leg in off.T]), _ROUNDING)).any(axis=1)
+    good = tracked.rows(~far)
+    factor = None if campaign.uncertainty is None else campaign.uncertainty.factor
+    noise = None if good.exact else Noise.of(good, factor or 1.0)
+    best = fit(good, weighted=noise is not None, noise=noise, start=start)
+    base, mobile = fitted_frames(best, drawing)
+    tracker, target = (Pose(np.array(one.position), np.array(one.quaternion)) for one in (base, mobile))
+    seen = compose(tracker, Pose(campaign.position, campaign.quaternion))
+    pose, lever = compose(seen, inverse(target)), seen.rotation @ inverse(target).position
+    parts = tracker.rotation, cross_matrix(-lever) @ tracker.rotation
+    power = 1.0 if factor is None else 2.0  # bounds add up, independent standard deviations in quadrature
+
+    def carried(matrix: Floats, radius: Floats) -> Floats:
+        return np.asarray(np.einsum("...ij,...j->...i", np.abs(matrix) ** power, radius**power))
+
+    position = carried(parts[0], campaign.position_radius) + carried(parts[1], campaign.rotation_radius)
+    radii = [total ** (1.0 / power) for total in (position, carried(parts[0], campaign.rotation_radius))]
+    declared = campaign.uncertainty
+    if declared is not None:
+        widest = [radius.max(axis=0) / (factor or 1.0) for radius in radii]
+        declared = Uncertainty(widest[0], widest[1], declared.length, factor)
+    told = {key: text for key, text in campaign.provenance.items() if key not in ("true_parameters", "options")}
+    moved = replace(
+        campaign,
+        position=pose.position,
+        quaternion=pose.quaternion,
+        position_radius=radii[0],
+        rotation_radius=radii[1],
+        uncertainty=declared,
+        provenance=told,
+    )
+    found = TrackedFrames(moved, base, mobile, best, tuple(np.array(sample.measurement_ids)[far].tolist()))
+    return replace(found, campaign=replace(moved, provenance={**told, **found.notes}))
+
+
+Frames = Literal["base", "tracker"]
+
+
+def _tracked(campaign: Campaign) -> bool:
+    """Whether frames of a tracker, fitted with the drawing's joints, explain what is not explained without."""
+    few = campaign.sampled(_TRIED)
+    typical = Given.of(few).typical
+    if typical <= SHARE or few.legs < 6:
+        return False
+    try:
+        first = first_frames(few.robot, few.length, Pose(few.position, few.quaternion))
+    except (InputError, KinematicsError):
+        return False
+    robot = redefined(few.robot, first.camera_in_base, first.target_in_mobile)
+    return Given.of(replace(few, robot=robot)).typical <= min(_EXPLAINED, 0.1 * typical)
+
+
+def _placed(campaign: Campaign, frames: Frames | None) -> Campaign:
+    """The campaign in the base frame; its provenance says what was estimated for that.
+
+    Where `frames` are not stated, the drawing tells: it explains the readings as they are, or frames of a tracker make
+    it explain them, and much better. Otherwise it is another mistake, which is not hidden in frames. Raises InputError
+    and KinematicsError as `in_base_frame`.
+    """
+    if frames is None:
+        frames = "tracker" if _tracked(campaign) else "base"
+    return campaign if frames == "base" else in_base_frame(campaign).campaign
+
+
+def load_log(
+    path: str | os.PathLike[str],
+    *,
+    robot: Robot | str,
+    columns: str | Mapping[str, str] = "",
+    rotation: str | None = None,
+    frames: Frames | None = None,
+    position_sigma: npt.ArrayLike | None = None,
+    rotation_sigma: npt.ArrayLike | None = None,
+    length_sigma: npt.ArrayLike | None = None,
+    factor: float = 3.0,
+    exact: bool = False,
+    separator: str | None = None,
+    decimal: str | None = None,
+    header: int | None = None,
+) -> Campaign:
+    """The campaign, in the base frame, of a log of poses and leg readings, each read once or several times.
+
+    robot      a Robot, the name of one in the catalogue, or a campaign.toml, which may state the uncertainty too
+    columns    which columns are which, as `cpcal import --map` has it; left out: told by their names and units
+    rotation   see `Campaign.from_arrays`; left out: told by the columns, for quaternions and matrices
+    frames     "base": poses are of the mobile frame in the base frame. "tracker": of a target in a tracker's frame, and
+               both frames are fitted. Left out: the drawing tells
+    ..._sigma  standard deviations: position mm, rotation rad, lengths mm; one number, or one an axis or leg
+
+    `campaign.provenance` says what was estimated. Raises InputError with everything that is wrong, KinematicsError
+    where the drawing cannot reach the readings.
+    """
+    sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
+    settings, stated = log_settings(robot, sigmas, factor, exact)
+    log = read_log(Path(path), separator=separator, decimal=decimal, header=header)
+    older = {k: v for k, v in settings.provenance.items() if k.removesuffix("_pose") not in FRAME_NOTES}
+    settings = replace(settings, provenance=older)
+    campaign = _placed(campaign_of_log(log, settings, columns, rotation), frames)
+    if not stated:
+        residuals = LegEquations.of(campaign).values(robust_parameters(campaign.sampled(_ROWS)))
+        raise unstated(f"{about(float(np.median([robust_scale(leg) for leg in residuals.T])), 2)} mm")
+    return campaign

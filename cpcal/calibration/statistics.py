@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -21,6 +21,7 @@ from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot.campaign import ARRAYS
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 
@@ -200,16 +201,9 @@ def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Flo
 
 def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
     """The measurements with a true value in `keep` (N,), declared exact: half-widths come from the scatter."""
-    rows = np.flatnonzero(np.asarray(keep)).tolist()
-    return Campaign.of(
-        campaign.robot,
-        campaign.position[rows],
-        campaign.quaternion[rows],
-        campaign.length[rows],
-        pose=[campaign.pose[k] for k in rows],
-        run=[campaign.run[k] for k in rows],
-        exact=True,
-    )
+    rows = campaign.rows(keep)
+    radii = {name: np.zeros_like(getattr(rows, name)) for name in ARRAYS[3:]}
+    return replace(rows, uncertainty=None, **radii)
 
 
 # ------------------------------------------------------------------------------------------------------------------

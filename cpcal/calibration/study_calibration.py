@@ -8,9 +8,10 @@ was measured stays as the camera gave it, and so does the shape of its reading s
 
 from __future__ import annotations
 
+import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,8 +25,8 @@ from cpcal.calibration.frames import (
     FittedFrame,
     FrameCalibration,
     SharedError,
-    calibrate_frames,
-    fitted_frame,
+    first_frames,
+    fitted_frames,
     on_drawing,
     on_drawing_errors,
     redefined,
@@ -50,7 +51,7 @@ from cpcal.calibration.validation import Validation, validate
 from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
-from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics
+from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, inverse
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -88,9 +89,9 @@ class StudyRows:
         return replace(self, **parts)
 
 
-def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
+def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> StudyRows:
     """The rows of a table, screened for outliers where poses are repeated."""
-    rows = as_campaign(table, robot)
+    rows = as_campaign(table, robot, provenance)
     has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
     runs = np.array(table.run if has_runs else rows.run)
     every, _ = _run_means(rows, runs)
@@ -111,12 +112,10 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
     return StudyRows(rows, screening, good, averages, every if not keep.all() else averages, names, shared)
 
 
-def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
+def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
-    return Campaign.of(
-        robot, table.position, table.quaternion, table.length, pose=list(table.pose), run=list(runs), exact=True
-    )
+    return Campaign.of(robot, *table.readings, pose=table.pose, run=runs, exact=True, provenance=provenance)
 
 
 def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
@@ -131,7 +130,8 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
     if len(first) == len(rows):
         return rows, names
     pose = [rows.pose[k] for k in first]
-    return Campaign.of(rows.robot, *means(rows, group, len(first)), pose=pose, run=names, exact=True), names
+    of_means = means(rows, group, len(first))
+    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance), names
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -225,7 +225,7 @@ class FittedFrames:
     def sentence(self) -> str:
         """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
         said = (
-            f"Frames by Shah's method, refined, to start with: the two ways to the target differ by "
+            f"Frames by Shah's closed form, to start with: the two ways to the target differ by "
             f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
             "component (rms), which holds the drawing's errors and the legs' imperfections too."
         )
@@ -389,10 +389,10 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     leg readings.
     """
     drawing = study.robot
-    rows, check_rows = study_rows(study.calibration, drawing), study_rows(study.validation, drawing)
+    tables, told = (study.calibration, study.validation), _provenance(study)
+    rows, check_rows = (study_rows(table, drawing, told) for table in tables)
     centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
-    drawn = forward_kinematics(drawing, centres.length, central_pose(drawing, centres.length.mean(axis=0)))
-    frames = calibrate_frames(drawn, Pose(centres.position, centres.quaternion))
+    frames = first_frames(drawing, centres.length, Pose(centres.position, centres.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
     rows, check_rows = rows.of(robot), check_rows.of(robot)
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
@@ -408,7 +408,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     x_c, x_c_sigma = fit(campaign, noise=noise), fit(campaign, weighted=True, noise=noise)
     repeat_record = _repeats(rows, of_rows, repeats)
     shared, outliers = repeat_record.shared, check_rows.screening
-    of_frames = (np.zeros(6), np.zeros(6)) if shared is None else shared.of_frames()
+    of_frames = () if shared is None else shared.of_frames()
     with_outliers = None
     if outliers is not None and not outliers.keep.all():
         every = averaged(check_rows.all, of="mean", sigma=repeats.noise_sigma)
@@ -421,8 +421,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         sets=ReadingSets(factor, of, shared is not None),
         repeats=repeat_record,
         frames=FittedFrames(
-            _frame(x_c_sigma, 0, drawing.base, of_frames[0]),
-            _frame(x_c_sigma, 3, drawing.mobile, of_frames[1]),
+            *fitted_frames(x_c_sigma, drawing, *of_frames),
             float(np.sqrt(np.mean(frames.position_residual**2))),
             float(np.sqrt(np.mean(frames.rotation_residual**2))),
             frames.remarks,
@@ -444,12 +443,14 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     return StudyCalibration(drawing, campaign, check, repeats, frames, x_c, x_c_sigma, record)
 
 
-def _frame(fit: Fit, first: int, drawn: Floats, shared: Floats) -> FittedFrame:
-    """The frame of the drawing's joint centres, from the fitted ones that begin with that parameter."""
-    x, covariance = fit.parameters, fit.covariance
-    blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
-    part = slice(first, first + 3)
-    return fitted_frame(x[:, part], drawn, blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x)), shared)
+def _provenance(study: Study) -> Mapping[str, str]:
+    """The study's, for its campaigns: the true parameters of a simulated one are where those have the joints."""
+    truth = study.truth  # options of a study are not those of a simulated campaign
+    told = {"study" if key == "options" else key: text for key, text in study.provenance.items()}
+    if truth is not None:
+        true = redefined(truth.robot, inverse(truth.camera), truth.target)
+        told["true_parameters"] = json.dumps(true.parameters.tolist())
+    return told
 
 
 def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> RepeatRecord:

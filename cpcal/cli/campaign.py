@@ -4,33 +4,31 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from cpcal.calibration.frames import FRAME_NOTES, load_log
 from cpcal.cli.options import FORCE, Status, argument, check_new, option, options, output, refuse, refuse_options
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import Problem, Problems, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
 from cpcal.files import (
-    Settings,
-    campaign_of_log,
     load_campaign,
-    load_settings,
-    read_log,
     save_campaign,
     save_study,
     settings_template,
 )
 from cpcal.models import PLAIN
-from cpcal.questions.data_check import check_data, expected, mistake_in
-from cpcal.robot import ROBOTS, Campaign, KnownRobot, Uncertainty, known_robot, rotation_vector
-from cpcal.robot.campaign import Given, stated_uncertainty
-from cpcal.robot.robot import EXACT_OR_NOT, KINDS
+from cpcal.questions.data_check import check_data, expected
+from cpcal.robot import ROBOTS, Campaign, KnownRobot, known_robot, rotation_vector
+from cpcal.robot.campaign import Given
+from cpcal.robot.mistakes import Spread, mixed_up, spread_of
+from cpcal.robot.robot import KINDS
 from cpcal.robot.units import ANGLES, LENGTHS, column_map
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
@@ -78,12 +76,19 @@ class ImportFlags:
         "MAP",
         "--map",
     )
-    rotation: str = option(
-        "quaternion-wxyz",
+    rotation: str | None = option(
+        None,
         "quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, euler-xyz-deg (fixed axes), "
         "euler-ZYX-deg (turned axes), ... Columns: qw..qz, r11..r33, rx ry rz, or r1 r2 r3 in the order of the "
         "letters.",
         "FORM",
+        show_default="told by the columns of quaternions and matrices",
+    )
+    frames: Literal["base", "tracker"] | None = option(
+        None,
+        "base: poses are of the mobile frame in the base frame. tracker: of a target in a tracker's frame, and both "
+        "frames are fitted.",
+        show_default="told by the drawing",
     )
     sigma: str | None = option(
         None,
@@ -113,8 +118,19 @@ def import_log(
     nothing is written when they look mixed up.
     """
     check_new(folder, force=options.force or options.preview)
-    log = read_log(file, separator=options.separator, decimal=options.decimal, header=options.header)
-    campaign = campaign_of_log(log, _settings(options), options.columns, options.rotation)
+    campaign = load_log(
+        file,
+        robot=options.robot,
+        columns=options.columns,
+        rotation=options.rotation,
+        frames=options.frames,
+        factor=options.factor,
+        exact=options.exact,
+        separator=options.separator,
+        decimal=options.decimal,
+        header=options.header,
+        **_sigmas(options.sigma),
+    )
     talk = Talk()
     mistake = _preview(talk, campaign)
     if mistake is not None and not options.anyway:
@@ -128,47 +144,29 @@ def import_log(
     return Status.ANSWERED
 
 
-def _settings(options: ImportFlags) -> Settings:
-    """The robot, and how far readings may be off: what the options say counts before what a campaign.toml says."""
-    sigma, path = options.sigma is not None, Path(options.robot)
-    refuse(
-        (options.exact and sigma, "option --sigma", "is given, and readings are called exact", "give one of the two")
-    )
-    if path.exists():
-        base = load_settings(path)
-    else:
-        unknown, typed = options.robot.casefold() not in ROBOTS, "." in options.robot or "/" in options.robot
-        refuse((unknown and typed, options.robot, "does not exist", "make it with `cpcal robot init`"))
-        robot = known_robot(options.robot).robot
-        base = Settings(robot, robot.legs)
-        remedy = f"give --sigma or --exact; or a campaign.toml as --robot: {EXACT_OR_NOT}"
-        refuse((not (options.exact or sigma), "uncertainty", "is not stated", remedy))
-    if options.exact:
-        return replace(base, uncertainty=None)
-    return replace(base, uncertainty=_uncertainty(options, base.legs or 0)) if sigma else base
-
-
-def _uncertainty(options: ImportFlags, legs: int) -> Uncertainty | None:
-    """What --sigma says. Raises InputError."""
-    problems, sigmas = Problems(), dict[str, float | None].fromkeys(KINDS)
-    for kind, source in column_map(options.sigma or "", KINDS).items():
+def _sigmas(text: str | None) -> dict[str, Any]:
+    """What --sigma says, by the argument of `load_log`, in mm and rad. Raises InputError."""
+    problems, sigmas = Problems(), {}
+    for kind, source in column_map(text or "", KINDS).items():
         units = {unit: float(size) for unit, size in (ANGLES if kind == "rotation" else LENGTHS).items()}
         if kind == "rotation" and source.unit is None:  # 57 times too wide a set hides any error
             problems.add(Problem("option --sigma", "rotation has no unit", f"write {kind}={source.name}[deg] or [rad]"))
             continue
         try:
-            sigmas[kind] = float(source.name) * units[source.unit or next(iter(units))]
+            sigmas[f"{kind}_sigma"] = float(source.name) * units[source.unit or next(iter(units))]
         except (KeyError, ValueError):
             what = f"{kind} is {source.name!r:.40} in {source.unit}"
             problems.add(Problem("option --sigma", what, f"give a number and one of {', '.join(units)}"))
     problems.raise_any()
-    return stated_uncertainty(legs, sigmas, options.factor, None)
+    return sigmas
 
 
 def _preview(talk: Talk, campaign: Campaign) -> str | None:
-    """Show the first rows and the residuals at the nominal parameters; the sentence on what looks mixed up."""
+    """Show what was estimated, the first rows, the residuals at the nominal parameters; what looks mixed up."""
     given = Given.of(campaign)
-    talk.say(f"{campaign.robot.name}: {len(campaign):,} measurements, {campaign.legs} legs")
+    talk.say(f"{campaign.title}: {len(campaign):,} measurements, {campaign.legs} legs")
+    talk.say(f"Columns: {campaign.provenance['columns']} ({campaign.provenance['rotation_form']})")
+    talk.say(*(campaign.provenance[name] for name in FRAME_NOTES if name in campaign.provenance))
     talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
     shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
     off = (given.share[some] * given.nominal[some]).max(axis=1)
@@ -183,7 +181,7 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
     talk.table(head, rows, left=())
     talk.say(_off(np.median(given.share * given.nominal, axis=0).tolist()))
-    mistake = mistake_in(given, given.typical)
+    mistake = mixed_up(campaign, spread_of(campaign))
     if mistake is not None:
         talk.say(f"! {mistake}")
     return mistake
@@ -205,7 +203,10 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
     """
     loaded, talk = load_campaign(campaign), Talk()
     found = check_data(loaded)
-    talk.say(f"{loaded.robot.name}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
+    talk.say(f"{loaded.title}: {len(loaded):,} measurements, {loaded.legs} legs")
+    talk.say("Nothing looks wrong." if found.good else f"Look at this first ({len(found.findings)}):")
+    talk.say(*(f"! {finding}" for finding in found.findings))
+    talk.say(_off(found.nominal), _left(found.spread))
     if found.legs:
         rows = []
         for leg in found.legs:
@@ -219,11 +220,18 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
             else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
         )
         talk.say(f"Expected: {meaning}")
-    talk.say(*(f"! {finding}" for finding in found.findings))
     if not found.good:
         return Status.UNKNOWN
-    talk.say("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN")
+    talk.say("Next: cpcal certify CAMPAIGN -o RUN")
     return Status.ANSWERED
+
+
+def _left(seen: Spread) -> str:
+    """What fits leave, beside what is stated."""
+    left = f"Residuals of a fit: {', '.join(about(float(value), 2) for value in seen.left)} mm"
+    if seen.ratio is None:
+        return f"{left}."
+    return f"{left}, which is {', '.join(about(float(value), 2) for value in seen.ratio)} times what you state."
 
 
 # ------------------------------------------------------------------------------------------------------------------

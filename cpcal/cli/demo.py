@@ -200,7 +200,7 @@ def _pixel_campaign(
         length_radius=campaign.length_radius[proved],
         pose=[campaign.pose[k] for k in proved],
         run=runs,
-        provenance={"reading sets": said},
+        provenance={**campaign.provenance, "reading sets": said},
     )
     save_campaign(pixel, folder / PIXEL_CAMPAIGN)
     return pixel

@@ -15,18 +15,20 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, small_file
 from cpcal.common.values import Floats
+from cpcal.files.folders import load_settings
 from cpcal.files.settings import Settings
-from cpcal.robot import Campaign
-from cpcal.robot.campaign import mapped, table_arguments, unit_factor
+from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
+from cpcal.robot.campaign import mapped, stated_uncertainty, table_arguments, unit_factor
 from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of
 
 LOG_MAX = 2**27  # bytes
@@ -72,6 +74,9 @@ def read_log(path: Path, *, separator: str | None = None, decimal: str | None = 
     body = [(number, line) for number, line in body if line.strip()]
     mark, sign, width = _guessed(body[:_LOOKED_AT], separator, decimal, str(path))
     rows = [(number, _cells(line, mark)) for number, line in body]
+    if mark == "," and _decimals_apart([cells for _, cells in rows]):
+        what = "has decimal commas, and commas between columns too: no rule tells them apart"
+        raise unusable(str(path), what, "export it with semicolons or tabs, or with decimal points")
     start = next(i for i, (_, cells) in enumerate(rows) if len(cells) == width and _numbers(cells, sign) >= _LEAST)
     for number, cells in rows[start:]:
         if len(cells) != width:
@@ -124,8 +129,8 @@ def _guessed(
     best = (0, "", "", 0)
     for name, mark in SEPARATORS.items():
         for label, sign in _SIGNS.items():
-            if mark == sign or separator not in (None, name) or decimal not in (None, label):
-                continue
+            if separator not in (None, name) or decimal not in (None, label):
+                continue  # where both are commas, quotes tell them apart
             counts = [(len(cells), _numbers(cells, sign)) for cells in (_cells(line, mark) for _, line in body)]
             widths = Counter(width for width, numbers in counts if numbers >= _LEAST)
             if not widths:
@@ -138,6 +143,12 @@ def _guessed(
         remedy = f"give a table with at least {_LEAST} numbers in a row, or state --separator and --decimal"
         raise unusable(where, "holds no rows of numbers", remedy)
     return best[1:]
+
+
+def _decimals_apart(rows: list[list[str]]) -> bool:
+    """Whether cells are the halves of numbers: no point is in any, and some begin with zeros, as only decimals do."""
+    cells = [cell for row in rows if _numbers(row, ".") >= _LEAST for cell in row]
+    return not any("." in cell or "," in cell for cell in cells) and any(re.fullmatch("0[0-9]+", c) for c in cells)
 
 
 def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> tuple[str, ...]:
@@ -163,14 +174,55 @@ def number_texts(log: Log, place: int, target: str, problems: Problems) -> Itera
 
 
 # ------------------------------------------------------------------------------------------------------------------
+# What a log does not say of itself: of which robot it is, and how far its readings may be off.
+
+
+def log_settings(
+    robot: Robot | str, sigmas: Mapping[str, npt.ArrayLike | None], factor: float, exact: bool
+) -> tuple[Settings, bool]:
+    """The robot, and how far readings may be off; whether that was stated. What is given by kind in `sigmas` counts
+    before what a campaign.toml says. Raises InputError."""
+    given = any(value is not None for value in sigmas.values())
+    if exact and given:
+        raise unusable("uncertainty", "is given, and readings are called exact", "give one of the two")
+    of_file = isinstance(robot, str) and Path(robot).exists()
+    if of_file:
+        settings = load_settings(str(robot))
+    else:
+        if isinstance(robot, str) and robot.casefold() not in ROBOTS and re.search(r"[./\\]", robot):
+            raise unusable(robot, "does not exist", "make it with `cpcal robot init`")
+        known = known_robot(robot).robot if isinstance(robot, str) else robot
+        settings = Settings(known, known.legs)
+    if exact:
+        return replace(settings, uncertainty=None), True
+    if given:
+        settings = replace(settings, uncertainty=stated_uncertainty(settings.legs or 0, sigmas, factor, None))
+    return settings, given or of_file
+
+
+def unstated(residual: str) -> InputError:
+    """Nothing says how far readings may be off."""
+    what = (
+        f"is not stated; a least-squares fit leaves residuals of {residual} (robust standard deviation), "
+        "which readings and model make together"
+    )
+    remedy = (
+        "state the standard deviations of a reading, from data sheets or repeats: --sigma "
+        '"position=...[mm], rotation=...[deg], length=...[mm]" (Python: position_sigma=, rotation_sigma=, '
+        f"length_sigma=), or --exact; or a campaign.toml as --robot: {EXACT_OR_NOT}"
+    )
+    return unusable("uncertainty", what, remedy)
+
+
+# ------------------------------------------------------------------------------------------------------------------
 # From a log to a campaign: columns by a map, units and rotation form by name, what the log lacks from elsewhere.
 
 
 def campaign_of_log(
-    log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str = "quaternion-wxyz"
+    log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str | None = None
 ) -> Campaign:
     """The campaign in a log: `settings` say what it lacks (a robot; how far readings may be off, or None: exact),
-    `columns` which columns are which, `rotation` the form of the rotations.
+    `columns` which columns are which, `rotation` the form of the rotations; left out, the columns' names tell.
 
     Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm.
 
@@ -179,9 +231,16 @@ def campaign_of_log(
     """
     robot = settings.robot
     assert robot is not None  # what keeps it from being read was raised
-    form = RotationForm.named(rotation)
     header = log.header or tuple(f"#{i}" for i in range(1, len(log.rows[0]) + 1))
-    found = mapped(columns, header, robot.legs, form)
+
+    def span(place: int) -> tuple[float, float] | None:
+        cells = [row[place] for row in log.rows]
+        if not all(map(_NUMBERS[log.decimal].fullmatch, cells)):
+            return None
+        numbers = [float(cell.replace(log.decimal, ".")) for cell in cells]
+        return min(numbers), max(numbers)
+
+    found, form = mapped(columns, header, robot, rotation, span)
     names: dict[str, list[str]] = {}
     values: dict[str, Floats] = {}
     problems = Problems()

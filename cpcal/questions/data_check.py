@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import LegEquations, fit
+from cpcal.calibration import LegEquations
+from cpcal.calibration.fit import robust_parameters, robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
-from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
-from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
-from cpcal.solver.optimize.least_squares import least_squares
+from cpcal.robot.campaign import Given, copied_rows, single_pose
+from cpcal.robot.mistakes import Spread, misstated, mixed_up, sizes_in_question, spread_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
@@ -115,40 +115,6 @@ _FAR = 10.0  # robust standard deviations; the largest of 10,000 normal numbers 
 _LEAST = 12  # measurements: fewer can be fitted one and all
 _ROUNDING = 1e-9  # of the leg length: residuals below it are none
 _NAMED = 5  # measurements in a list
-_TOLERANCE = 1e-8
-
-
-def robust_parameters(campaign: Campaign) -> Floats:
-    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
-    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
-    plain = fit(campaign, tolerance=_TOLERANCE).parameters
-    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
-
-
-def _robust(equations: LegEquations, start: Floats) -> Floats:
-    """Of one leg, (7,)."""
-    scale = robust_scale(equations.values(start[None])) or 1.0
-
-    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
-        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
-        r = equations.values(x[None])[:, 0]
-        size = np.sqrt(1.0 + (r / scale) ** 2)
-        return r, size, np.sqrt(2.0 / (1.0 + size))
-
-    def residual(x: Floats) -> Floats:
-        r, _, share = counted(x)
-        return r * share
-
-    def jacobian(x: Floats) -> Floats:
-        _, size, share = counted(x)
-        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
-
-    return least_squares(residual, jacobian, start, tolerance=_TOLERANCE).at
-
-
-def robust_scale(residuals: Floats) -> float:
-    """1.4826 times the median of |r|: the standard deviation of normal residuals, whatever a minority of them does."""
-    return 1.482602218505602 * float(np.median(np.abs(residuals)))
 
 
 def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
@@ -188,7 +154,6 @@ def _where(residual: Floats, far: Bools) -> str:
     return f"leg {legs[0]} reads {worst} mm off what the others let expect"
 
 
-SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
 _FITTED = 20_000  # measurements
 
 _MORE = "Measure poses that differ more; what the robot cannot move stays open."
@@ -200,11 +165,13 @@ class DataCheck:
 
     findings  sentences: what to look at, most important first; none: the data are fit to be certified
     nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
+    spread    of the residuals of a fit, beside what is stated
     legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
     """
 
     findings: tuple[str, ...]
     nominal: tuple[float, ...]
+    spread: Spread
     legs: tuple[LegOutlook, ...]
 
     @property
@@ -219,36 +186,19 @@ def check_data(campaign: Campaign) -> DataCheck:
     Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 20,000 measurements, spread
     evenly, are fitted and say what to expect; odd and copied rows are sought among all.
     """
-    given = Given.of(campaign)
-    typical = given.typical
-    mistake = mistake_in(given, typical)
-    still = single_pose(campaign)
-    findings = list(filter(None, (mistake, *sizes_in_question(campaign), still, copied_rows(campaign))))
-    nominal = np.median(given.share * given.nominal, axis=0)
+    given, seen, still = Given.of(campaign), spread_of(campaign), single_pose(campaign)
+    sizes = sizes_in_question(campaign)
+    mistake = mixed_up(campaign, seen) if still is None else None
+    stated = None if mistake or still or sizes else misstated(seen)
+    findings = list(filter(None, (mistake, stated, *sizes, still, copied_rows(campaign))))
+    nominal = tuple(np.median(given.share * given.nominal, axis=0).tolist())
     if mistake is not None or still is not None:
-        return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
-    sample = _spread(campaign, _FITTED)
+        return DataCheck(tuple(findings), nominal, seen, ())
+    sample = campaign.sampled(_FITTED)
     x = robust_parameters(sample)
     legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
     findings += [*odd_rows(campaign, x), *_open(legs)]
-    return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
-
-
-def _spread(campaign: Campaign, most: int) -> Campaign:
-    """At most so many of its measurements, spread evenly."""
-    if len(campaign) <= most:
-        return campaign
-    rows = np.linspace(0, len(campaign) - 1, most).astype(np.intp)
-    pose, run = (tuple(names[k] for k in rows.tolist()) for names in (campaign.pose, campaign.run))
-    return replace(campaign, pose=pose, run=run, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
-
-
-def mistake_in(given: Given, typical: float) -> str | None:
-    """The sentence on drawing and readings that disagree; small disagreements need a known cause."""
-    if typical <= SUSPICIOUS:
-        return None
-    cause = likely_cause(given)
-    return mixed_up(typical, cause) if cause is not None or typical > SHARE else None
+    return DataCheck(tuple(findings), nominal, seen, legs)
 
 
 def _open(legs: tuple[LegOutlook, ...]) -> list[str]:

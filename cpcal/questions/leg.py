@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.models import PARAMETERS, built_in, exactly_read, leg_box, model_jacobian, model_statement
+from cpcal.models import PARAMETERS, built_in, exactly_read, fit_model, leg_box, model_jacobian, model_statement
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
@@ -35,6 +35,7 @@ from cpcal.questions.result import (
     Options,
     Projection,
     Ranges,
+    Recommended,
     Support,
     SupportProof,
     Uncertified,
@@ -122,6 +123,9 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
             lo=lo,
             enclosure=_of_parameters(question, found.enclosure),
             certificate=answer.certificate,
+        ),
+        recommended=Recommended(
+            tuple(map(float, fit_model(question.campaign, leg.leg, question.model))), "least squares", math.inf
         ),
         support=support,
         not_certified=_not_certified(question, leg.leg, answer),

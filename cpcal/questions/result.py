@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 _FILE, _CAMPAIGN = checked("a file of the run, which is accepted"), checked("campaign.json")
 _CLAIM = checked("the claim of the certificate", "certificate")
 _POINT = checked("the claim of the certificate", "certificate", "point_certificate")
+_ALL = checked("the claim of the certificate, of all readings", "certificate")
 _BOX = checked("the box of each certificate", "certificate", "proofs", "point_certificate")
 
 CENTERS = ("fit", "nominal", "plain")
@@ -277,6 +278,65 @@ class VerifiedPoint:
 
 
 # ------------------------------------------------------------------------------------------------------------------
+# The parameters to load, and the tolerances that they meet for ALL readings (DESIGN section 6): plain values.
+#
+#     E(x) = max over measurements k, max over all readings M in the k-th set, of |g(x, M)|      mm
+#
+# Worse sensors make it larger. A certificate beside a number claims exactly it; without one it is information.
+
+_LEAST_SQUARES, _CONSTRAINED = "least squares", "constrained least squares"
+
+
+@dataclass(frozen=True)
+class Recommended:
+    """The parameters to load, `why` these, and `largest`: PROVED, E(point) <= largest, mm; infinite where it is not.
+
+    `why` is "least squares", weighted by the stated deviations, or "constrained least squares": the least sum of
+    squares among parameters that meet the tolerance. Raises ValueError for a number that none of these can be.
+    """
+
+    point: Annotated[tuple[float, ...], _ALL]
+    why: Informed[str]
+    largest: Annotated[float, _ALL]
+    certificate: Annotated[str | None, _FILE] = None
+
+    def __post_init__(self) -> None:
+        if self.why not in (_LEAST_SQUARES, _CONSTRAINED) or not self.largest >= 0.0:
+            raise ValueError("why or largest is nothing that it can be")
+        if not all(map(math.isfinite, self.point)):
+            raise ValueError("the recommended point is not finite")
+
+
+@dataclass(frozen=True)
+class PassesFrom:
+    """PROVED: E(point) <= eps, in mm. No smaller tolerance was found at which some parameters pass."""
+
+    eps: Annotated[float, _ALL]
+    point: Annotated[tuple[float, ...], _ALL]
+    certificate: Annotated[str | None, _FILE] = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for numbers that are not finite, or a negative eps."""
+        if not (0.0 <= self.eps < math.inf and all(map(math.isfinite, self.point))):
+            raise ValueError("passes_from is no tolerance, or its point is not finite")
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """PROVED: with half-widths of `factor` times the stated ones the recommended parameters meet the tolerance.
+
+    0: never at these parameters, whose equations fail at the readings as they are. Raises ValueError for no factor.
+    """
+
+    factor: Annotated[float, _ALL]
+    certificate: Annotated[str | None, _FILE] = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.factor < math.inf:
+            raise ValueError("the factor on the half-widths is none")
+
+
+# ------------------------------------------------------------------------------------------------------------------
 # Whether the measurements of a leg determine its parameters: plain values.
 #
 # The rank of the equations, in floating point, tells which parameters they leave open.
@@ -308,7 +368,7 @@ class Determination:
         return ""
 
 
-FORMAT = "cpcal-result/10"
+FORMAT = "cpcal-result/11"
 RESULT_NAME = "result.json"
 _OURS = {model.name: model.summary for model in BUILT_IN}
 
@@ -448,6 +508,9 @@ class LegResult:
     """One leg. Where it has no certificate `not_certified` says why: the numbers were found by the same proofs, but
     nobody can check them again. Raises ValueError for fields that contradict each other.
 
+    recommended    the parameters to load; None where there is no fit by least squares
+    passes_from    the least tolerance found that some parameters meet for all readings
+    reduced        where it is open if `recommended` meets the tolerance: with which smaller half-widths it does
     support        few measurements that prove the lower bound
     ranges         of the parameters at a tolerance; see cpcal.questions.leg
     verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
@@ -458,6 +521,9 @@ class LegResult:
 
     leg: Annotated[int, checked("the list of legs, and the certificate")]
     bracket: LegBracket
+    recommended: Recommended | None = None
+    passes_from: PassesFrom | None = None
+    reduced: Reduced | None = None
     support: Support = Support()
     ranges: Ranges | None = None
     not_certified: Informed[Uncertified] = Uncertified.NOTHING
@@ -472,6 +538,9 @@ class LegResult:
             raise ValueError("a leg with a certificate is certified")
         if self.leg < 1:
             raise ValueError("the leg's number is no number of a leg")
+        points = (one.point for one in (self.recommended, self.passes_from) if one is not None)
+        if any(len(point) != len(self.bracket.enclosure.names) for point in points):
+            raise ValueError("the recommended parameters are not those of the model")
         if len(self.center) != len(self.bracket.enclosure.names) or not all(map(math.isfinite, self.extra)):
             raise ValueError("the extra parameters of the center are not those of the model")
 

@@ -9,7 +9,7 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -17,18 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text, listed
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, frozen_mapping
 from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
 from cpcal.robot.units import (
     ANGLES,
+    FORMS,
     LENGTHS,
     ColumnSource,
     ModelChoice,
     RotationForm,
     column_map,
+    columns_by_name,
     half_widths,
     override_columns,
     reading_columns,
@@ -109,12 +111,25 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
 
 
 def mapped(
-    columns: str | Mapping[str, str], header: Sequence[str], legs: int, form: RotationForm
-) -> dict[str, ColumnSource]:
-    """The map of a table with this header; columns that are not mapped count under their own names.
+    columns: str | Mapping[str, str],
+    header: Sequence[str],
+    robot: Robot,
+    rotation: str | None,
+    span: Callable[[int], tuple[float, float] | None],
+) -> tuple[dict[str, ColumnSource], RotationForm]:
+    """The map of a table with this header, and the form of its rotations; columns that are not mapped count under their
+    own names. Without a map the columns' names tell, where they leave no doubt of what they are and of their units.
 
-    Raises InputError for columns that are not there, and units that cannot be.
+    span  of a column's numbers, from 0: least and largest; None where it holds others
+
+    Raises InputError for columns that are not there, and units that cannot be; and with the columns and a proposal.
     """
+    legs = robot.legs
+    form = None if rotation is None else RotationForm.named(rotation)
+    if not columns:
+        told, form = columns_by_name(header, legs, form)
+        return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
+    form = form or RotationForm.named("quaternion-wxyz")
     needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
     names = ["pose", "run", *needed, *override_columns(legs)]
     found = column_map(columns, names)
@@ -143,7 +158,47 @@ def mapped(
             what = f"the column {name!r} is missing"
             problems.add(Problem("map", what, "map the table's columns to these names"))
     problems.raise_any(YOUR_DATA)
-    return found
+    return found, form
+
+
+def _confirmed(
+    told: dict[str, ColumnSource],
+    form: RotationForm | None,
+    header: Sequence[str],
+    robot: Robot,
+    span: Callable[[int], tuple[float, float] | None],
+) -> dict[str, ColumnSource]:
+    """What the columns' names told, and half-widths under their own names.
+
+    Raises InputError where a column or a unit is not told: what the columns are, and a map that they suggest.
+    """
+    turns = () if form is None else form.columns
+    needed = [name for name in reading_columns(robot.legs)[2:] if name[0] != "q"] + [*turns]
+    missing = [name for name in needed if name not in told]
+    lengths = [name for name in needed if units_of(name) and name not in turns]
+    open_units = [n for n in lengths if n in told and told[n].unit is None and told[n].name != n]
+    if form is not None and not missing and not open_units:
+        return told | {name: ColumnSource(name) for name in override_columns(robot.legs) if name in header}
+    size = float(np.median(np.linalg.norm(robot.base - robot.mobile, axis=1) + robot.offset))
+    spans = [span(place) for place in range(len(header))]
+    for name in open_units:
+        low, high = spans[told[name].place(header) or 0] or (0.0, 0.0)
+        if high > low:  # the unit in which a column varies by about a third of the robot
+            unit = min(LENGTHS, key=lambda unit: abs(math.log(3.0 * (high - low) * float(LENGTHS[unit]) / size)))
+            told[name] = replace(told[name], unit=unit)
+    proposed = ", ".join(
+        f'{target}="{one.name}"' + (f"[{one.unit}]" if one.unit else "") for target, one in told.items()
+    )
+    seen = (f"{shown(n)} ({s[0]:.6g} to {s[1]:.6g})" if s else shown(n) for n, s in zip(header, spans, strict=True))
+    problems = Problems()
+    rest = f"; add {', '.join(missing)}" if missing else ""
+    what = f"columns have no names or units that tell what they are; they are {listed(list(seen), 40)}"
+    if missing or open_units:
+        problems.add(Problem("map", what, f"check this one: --map '{proposed}'{rest}"))
+    if form is None:
+        problems.add(Problem("rotation", "is not told by the names of the columns", f"state --rotation: {FORMS}"))
+    problems.raise_any(YOUR_DATA)
+    return told
 
 
 def unit_factor(target: str, source: ColumnSource, form: RotationForm) -> float:
@@ -189,14 +244,23 @@ def table_arguments(
 
 
 def frame_columns(
-    frame: DataFrame, columns: str | Mapping[str, str], legs: int, form: RotationForm
-) -> tuple[dict[str, list[str]], dict[str, Floats]]:
-    """Names and numbers of a DataFrame, by target. Raises InputError."""
+    frame: DataFrame, columns: str | Mapping[str, str], robot: Robot, rotation: str | None
+) -> tuple[dict[str, list[str]], dict[str, Floats], RotationForm]:
+    """Names and numbers of a DataFrame, by target, and the form of its rotations. Raises InputError."""
     header = [str(name) for name in frame.columns]
     names: dict[str, list[str]] = {}
     values: dict[str, Floats] = {}
     problems = Problems()
-    for target, source in mapped(columns, header, legs, form).items():
+
+    def span(place: int) -> tuple[float, float] | None:
+        try:
+            column = as_floats(frame.iloc[:, place])
+        except (TypeError, ValueError):
+            return None
+        return float(column.min()), float(column.max())
+
+    found, form = mapped(columns, header, robot, rotation, span)
+    for target, source in found.items():
         column = frame.iloc[:, source.place(header)]
         if target in ("pose", "run"):
             names[target] = [str(value) for value in column]
@@ -206,13 +270,14 @@ def frame_columns(
         except (TypeError, ValueError) as error:
             problems.add(Problem(f"column {source.name!r}", str(error)[:200], "give numbers"))
     problems.raise_any(YOUR_DATA)
-    return names, values
+    return names, values, form
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is wrong with the values of a campaign, one problem after the other.
 
 QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
+SIMULATION = "cpcal simulate"  # in a provenance, what begins the `generator` of readings that nobody measured
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
@@ -442,7 +507,7 @@ class Campaign(Value):
         *,
         robot: Robot | str,
         columns: str | Mapping[str, str] = "",
-        rotation: str = "quaternion-wxyz",
+        rotation: str | None = None,
         position_sigma: npt.ArrayLike | None = None,
         rotation_sigma: npt.ArrayLike | None = None,
         length_sigma: npt.ArrayLike | None = None,
@@ -455,14 +520,13 @@ class Campaign(Value):
         """A campaign of a pandas DataFrame: one row for each measurement.
 
         columns  how its columns are called and what their units are, as `cpcal import --map` has it: "x=Tx[m], ..."
-                 or {"x": "Tx[m]", ...}. Columns with the names of measurements.csv need no entry
+                 or {"x": "Tx[m]", ...}. Left out: their names tell, with units in them, or those of measurements.csv
         rotation and the rest: see `from_arrays`
 
         Raises InputError, with every problem found.
         """
-        form = RotationForm.named(rotation)
         built = stated_robot(robot, None, None, None, None)
-        names, values = frame_columns(frame, columns, built.legs, form)
+        names, values, form = frame_columns(frame, columns, built, rotation)
         sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
         stated = stated_uncertainty(built.legs, sigmas, factor, uncertainty)
         arguments = table_arguments(names, values, built, form, stated)
@@ -502,12 +566,32 @@ class Campaign(Value):
         return [f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True)]
 
     @property
+    def simulated(self) -> bool:
+        """Whether a simulation made the readings, as the provenance says; imports and means of them keep it."""
+        return self.provenance.get("generator", "").startswith(SIMULATION)
+
+    @property
+    def title(self) -> str:
+        """The robot's name, under which a page or a terminal shows what was found; simulated data are called so."""
+        return f"{'Simulated: ' if self.simulated else ''}{self.robot.name}"
+
+    @property
     def exact(self) -> bool:
         """Whether every reading set is a single point."""
         return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
 
+    def rows(self, chosen: npt.ArrayLike) -> Campaign:
+        """Some of its measurements, by number from 0 or as truth values (N,)."""
+        rows = np.arange(len(self))[np.asarray(chosen)].tolist()
+        pose, run = (tuple(names[k] for k in rows) for names in (self.pose, self.run))
+        return replace(self, pose=pose, run=run, **{name: getattr(self, name)[rows] for name in ARRAYS})
+
+    def sampled(self, most: int) -> Campaign:
+        """At most so many of its measurements, spread evenly."""
+        return self if len(self) <= most else self.rows(np.linspace(0, len(self) - 1, most).astype(np.intp))
+
     def __repr__(self) -> str:
-        return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
+        return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
 
 
 def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> None:

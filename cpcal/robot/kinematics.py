@@ -189,8 +189,8 @@ def pose_jacobian(robot: Robot, pose: Pose) -> Floats:
     return np.concatenate([directions, np.cross(arms, directions)], axis=-1)
 
 
-def central_pose(robot: Robot, readings: npt.ArrayLike) -> Pose:
-    """The upright pose, above the base and unturned, that the readings (n,) roughly allow, made exact.
+def central_pose(robot: Robot, readings: npt.ArrayLike, side: float = 1.0) -> Pose:
+    """The upright pose, above the base (side -1: below) and unturned, that the readings (n,) roughly allow, made exact.
 
     It fixes the assembly branch of whatever is continued from it.
     """
@@ -198,7 +198,7 @@ def central_pose(robot: Robot, readings: npt.ArrayLike) -> Pose:
     centre = robot.base.mean(axis=0) - robot.mobile.mean(axis=0)
     reach = robot.mobile + centre - robot.base
     height = np.sqrt(max(float(np.mean(lengths**2 - np.sum(reach**2, axis=1))), float(np.mean(lengths)) ** 2 / 100))
-    guess = Pose(centre + np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]))
+    guess = Pose(centre + np.array([0.0, 0.0, side * height]), np.array([1.0, 0.0, 0.0, 0.0]))
     return forward_kinematics(robot, readings, guess)
 
 

@@ -40,6 +40,10 @@ from cpcal.robot.units import LENGTHS, NAMES, PROPER, SEQUENCES, TAIT_BRYAN, qua
 # ------------------------------------------------------------------------------------------------------------------
 # Poses of other frames than the mobile one in that of the base.
 
+TRACKER = (
+    "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame: "
+    "`cpcal import --frames tracker` finds both"
+)
 _LEAST = 5  # rows, of which twelve numbers can be told
 
 Variants = Iterator[tuple[str, Given]]
@@ -76,22 +80,20 @@ def other_axes(given: Given) -> Variants:
 
 def other_frames(given: Given) -> Variants:
     """The poses of a target in a tracker's frame: both frames are fitted to the poses that the readings give."""
-    few = given
-    if given.robot.legs < 6 or len(few.length) < _LEAST:
+    if given.robot.legs < 6:
         return
     try:
-        middle = central_pose(few.robot, np.median(few.length, axis=0))
-        found, converged = forward_poses(few.robot, few.length, middle)
+        middle = central_pose(given.robot, np.median(given.length, axis=0))
+        found, converged = forward_poses(given.robot, given.length, middle)
     except (KinematicsError, np.linalg.LinAlgError):
         return
     rows = np.flatnonzero(converged)
-    if len(rows) < max(_LEAST, len(few.length) // 2):
+    if len(rows) < max(_LEAST, len(given.length) // 2):
         return
-    part = few.rows(rows)
+    part = given.rows(rows)
     tracker, target = world_hand_eye(found.rows(rows), part.pose)
     moved = compose(compose(tracker, part.pose), inverse(target))
-    name = "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame"
-    yield f"{name}: `cpcal calibrate` finds both", part.posed(moved.position, moved.quaternion)
+    yield TRACKER, part.posed(moved.position, moved.quaternion)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -160,7 +162,7 @@ def other_order(given: Given) -> Variants:
 
 
 def counts(given: Given) -> Variants:
-    """Readings that are proportional to lengths, from any zero: of encoders, in any unit, or from the other end."""
+    """Readings that are proportional to lengths, from any zero: of encoders, or in any unit."""
     wanted = given.nominal - given.robot.offset
     middle = given.length.mean(axis=0)
     centred = given.length - middle
@@ -169,10 +171,7 @@ def counts(given: Given) -> Variants:
     if not (np.isfinite(slope).all() and scale and (np.abs(slope / scale - 1.0) < _SAME).all()):
         return
     start = wanted.mean(axis=0) - slope * middle  # of the lines that take readings to lengths, by least squares
-    if abs(scale + 1.0) < _SAME:
-        name = "readings count from the other end: they grow where legs shorten"
-        yield name, given.read(wanted.mean(axis=0) + middle - given.length)
-    elif abs(scale - 1.0) > _SAME:
+    if abs(abs(scale) - 1.0) > _SAME:  # or it is mm, with another zero or sign
         name = f"readings are not in mm (counts of an encoder?): 1 mm is about {about(1.0 / scale)} of them"
         yield name, given.read(slope * given.length + start)
 
@@ -425,8 +424,8 @@ def _moved(drawing: Floats, move: Floats) -> Floats:
 # ------------------------------------------------------------------------------------------------------------------
 # Which hypothesis is named.
 
-_ROWS = 40  # of a campaign: enough to tell
-_STEPS = (2, 8)  # of the scorer: to choose some, and to tell these apart
+_ROWS = (20, 40)  # of a campaign: to choose some hypotheses by, and to tell these apart
+_STEPS = (2, 8)  # of the scorer, likewise
 _KEPT, _CHUNK = 8, 64  # hypotheses that are told apart; that are scored at once
 _NUMBER = 8.0  # of -2 log likelihood, that a fitted number must gain
 _GAIN = 60.0  # of it, from which a mistake is named
@@ -435,7 +434,7 @@ _EQUAL = 1e-3  # of it: two names of one change, of which the first counts
 _NAMED = 2  # causes
 _CLEAR = 0.1  # of the residuals, or of the distance: with so little left nothing else needs to be tried
 _BETTER = 0.34  # of the residuals, or of the distance from the drawing, that a mistake leaves at most
-_WORST = 0.05  # of a leg's length, by which a drawing may be off when its mistake is undone
+SHARE = 0.05  # of a leg's length: no drawing is so bad
 DISAGREE = 0.01  # of a leg's length, from which drawing and readings disagree: calibration is for less
 
 
@@ -450,47 +449,52 @@ class Cause:
     @property
     def gain(self) -> str:
         """What falls by how much."""
-        what, (before, after) = "residuals of a fit fall", self.left
+        what, (before, after) = "Residuals of a fit then fall", self.left
         if after > _BETTER * before:
-            what, (before, after) = "the drawing's distance from the readings falls", self.off
+            what, (before, after) = "The drawing's distance from the readings then falls", self.off
         return f"{what} from {about(before, 2)} mm to {about(after, 2)} mm"
 
 
-def likely_causes(given: Given) -> list[Cause]:
-    """The mistake that explains best, and a second one that does as well; none if nothing does, or three do."""
+def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
+    """The mistake that explains best, and a second one that does as well; none if nothing does, or three do.
+
+    If fits leave what they should (not `doubted`), and the drawing is not far off, frames and offsets alone are tried.
+    """
     if len(given.length) < _LEAST:
         return []
-    few = _evenly(given, min(_ROWS, len(given.length)))
+    few = _evenly(given, min(_ROWS[1], len(given.length)))
     with np.errstate(all="ignore"):
+        if not doubted and few.most <= SHARE:
+            return _best(_options(few, []), doubted=False)[0]
         tried = [
-            (name, _evenly(without, len(few.length)), numbers + each * len(few.length))
+            (name, without, numbers + each * len(few.length))
             for undone, numbers, each in MISTAKES
             for name, without in undone(given if undone is shifted_rows else few)
         ]
-        found, clear = _named(few, tried)
-        if not clear and few.typical > DISAGREE:
-            tried = [(name, without, 12) for name, without in other_frames(few)]
-            framed, clear = _named(few, tried)
-            found = framed if clear else found
-        if not clear and few.typical > _FAR:
-            paired, clear = _named(few, _pairs(few))
-            found = paired if clear else found
+        options = _options(few, tried)
+        found, clear = _best(options, doubted=doubted)
+        if not clear and few.most > SHARE:
+            options += _options(few, [(name, without, 12) for name, without in other_frames(few)])
+            found, clear = _best(options, doubted=doubted)
+        if not clear and few.most > 2.0 * SHARE:
+            found, clear = _best(options + _options(few, _pairs(few)), doubted=doubted)
         return found
 
 
-Tried = list[tuple[str, Given, int]]
+Tried = list[tuple[str, Given, int]]  # names, what would be given, how many numbers were fitted
+Option = tuple[
+    float, str, Floats
+]  # -2 log likelihood, name, and what fits leave, the drawing's distance, and its share
 
 
-def _named(few: Given, tried: Tried) -> tuple[list[Cause], bool]:
-    """Of sentences, what would be given, and how many numbers were fitted; the best are tried with moved frames too.
-    Also whether what is named leaves so little that nothing else needs to be tried."""
-    if not tried:
-        return [], False
+def _options(few: Given, tried: Tried) -> list[Option]:
+    """What is given, and the likeliest of what is tried; these with moved frames and other offsets too."""
+    tried = [(name, _evenly(without, len(few.length)), numbers) for name, without, numbers in tried]
     parts = [tried[k : k + _CHUNK] for k in range(0, len(tried), _CHUNK)]
-    rough = np.concatenate([scored([without for _, without, _ in part], _STEPS[0]).value for part in parts])
-    rough += _NUMBER * np.array([numbers for _, _, numbers in tried])
+    rough = [v for part in parts for v in scored([_evenly(g, _ROWS[0]) for _, g, _ in part], _STEPS[0]).value.tolist()]
+    rough = [value + _NUMBER * numbers for value, (_, _, numbers) in zip(rough, tried, strict=True)]
     first = [("", few, 0), *(tried[k] for k in _ascending(rough)[:_KEPT])]
-    options: list[tuple[float, str, Floats]] = []  # value; name; what fits leave, distance, share
+    options: list[Option] = []
     for words, moves in ((_offsets_said, None), *_moves(few.robot.legs)):
         chosen = first if moves is None else first[: 1 + _MOVED]
         found = scored([without for _, without, _ in chosen], _STEPS[1], moves)
@@ -504,24 +508,27 @@ def _named(few: Given, tried: Tried) -> tuple[list[Cause], bool]:
                 said = words(without.robot.parameters, found.drawing[k])
                 name = f"{name}, and {said}" if name else said
             options.append((value, name, seen))
-    order = _ascending(np.array([value for value, _, _ in options]))
-    alike: list[tuple[float, str, Floats]] = []
-    for option in (options[k] for k in order):
-        if option[0] > options[order[0]][0] + _AS_GOOD:
+    return options
+
+
+def _best(options: list[Option], *, doubted: bool) -> tuple[list[Cause], bool]:
+    """What to name, the first option being what is given; and whether so little is left that no more need be tried."""
+    plain, alike = options[0], list[Option]()
+    for option in (options[k] for k in _ascending([value for value, _, _ in options])):
+        if alike and option[0] > alike[0][0] + _AS_GOOD:
             break
         if all(abs(option[0] - other[0]) > _EQUAL for other in alike):
             alike.append(option)
-    if len(alike) > _NAMED or not all(
-        _explains(options[0], *option[::2]) and option[2][2] < _WORST for option in alike
-    ):
-        return [], False
-    causes = [Cause(name, *zip(options[0][2][:2].tolist(), seen[:2].tolist(), strict=True)) for _, name, seen in alike]
-    return causes, bool((alike[0][2][:2] < _CLEAR * options[0][2][:2]).any())
+    left, _, share = alike[0][2]
+    clear = bool(left < _CLEAR * plain[2][0] or (not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE)))
+    if len(alike) > _NAMED or not all(_explains(plain, v, seen) and seen[2] < SHARE for v, _, seen in alike):
+        return [], clear
+    return [Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)) for _, name, seen in alike], clear
 
 
-def _ascending(values: Floats) -> list[int]:
+def _ascending(values: Sequence[float]) -> list[int]:
     """Indices by value; of those that are the same, the first one first."""
-    return np.lexsort((np.arange(len(values)), np.round(np.where(np.isfinite(values), values, 1e300), 3))).tolist()
+    return sorted(range(len(values)), key=lambda k: (round(values[k], 3) if np.isfinite(values[k]) else np.inf, k))
 
 
 def _explains(before: tuple[float, str, Floats], value: float, seen: Floats) -> bool:
@@ -542,11 +549,13 @@ def _pairs(few: Given) -> Tried:
     return [
         (f"{first}, and {second}", without, 1)
         for first, scaled in units(few)
+        if scaled.typical < _ODD
         for undone in plain
         for second, without in undone(scaled)
     ]
 
 
+_ODD = 0.9  # of a leg's length: a unit alone leaves less, where it is one of two mistakes
 _MOVED = 3  # hypotheses whose drawings are moved as a whole
 
 
@@ -564,7 +573,7 @@ def _frames_said(before: Floats, after: Floats) -> str:
     said = []
     for start, frame, of in ((0, "base", "given in"), (3, "mobile", "those of")):
         old, new = before[:, start : start + 3], after[:, start : start + 3]
-        if np.array_equal(old, new):
+        if np.allclose(old, new, rtol=1e-9):
             continue
         left, _, right = np.linalg.svd((new - new.mean(axis=0)).T @ (old - old.mean(axis=0)))
         turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
@@ -592,7 +601,7 @@ def _offsets_said(before: Floats, after: Floats) -> str:
 _FITTED_ROWS = 2_000
 _TOLD = 10  # rows, from which it can be told
 _UNIFORM = 3.0**0.5  # half-widths that are stated without a factor are those of a uniform distribution
-TOO_LARGE, TOO_SMALL = 30.0, 5.0  # of the deviations of residuals from which they are in question
+TOO_LARGE, TOO_SMALL = 20.0, 3.0  # of the deviations of residuals from which they are in question
 
 
 @dataclass(frozen=True, eq=False)
@@ -631,51 +640,60 @@ def spread_of(campaign: Campaign) -> Spread:
 TURN = 0.1  # rad: no camera is so bad
 _WIDE = 0.05  # of a leg's length: no instrument is so bad
 _DOUBTED = 1.0 / _BETTER  # of the stated deviations: from here a mistake can be what the scorer asks for
-_ROUGH = 1e-5  # of a leg's length: the same, where no deviations are stated
+_ROUGH = 3e-4  # of a leg's length: the same, where no deviations are stated
+_ABSURD = 0.2  # of a leg's length: no drawing is so bad, also where a fit explains all readings
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)  # `certify` warns, and its page says it again
 def suspicions(campaign: Campaign) -> tuple[str, ...]:
     """A sentence for each thing that looks wrong with the campaign as a whole; none if all is as it should be."""
     sizes = sizes_in_question(campaign)
-    return (*filter(None, [disagreement(campaign, sized=not sizes)]), *sizes)
+    seen = spread_of(campaign)
+    found = mixed_up(campaign, seen) or (None if sizes else misstated(seen))
+    return (*filter(None, [found]), *sizes)
 
 
-def disagreement(campaign: Campaign, *, sized: bool = True) -> str | None:
-    """The sentence on drawing, poses and readings that do not fit, with the likely cause, or on stated deviations that
-    are too large (`sized`)."""
-    seen, given = spread_of(campaign), Given.of(campaign)
-    size = float(np.median(given.nominal))
-    off = seen.share > DISAGREE
-    doubted = float(seen.left.max()) > _ROUGH * size if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
-    causes = likely_causes(given) if off or doubted or not np.isfinite(seen.share) else []
-    large = seen.ratio is not None and float(seen.ratio.max()) > TOO_LARGE
-    if causes:
-        listed = "; or just as well: ".join(f"{cause.name} ({cause.gain})" for cause in causes)
-        return f"{_what(seen, large=large)}: likely cause: {listed}."
-    if not seen.share <= _FAR:
-        return f"{_what(seen, large=False)}: check the units (mm), the order of the legs, qw,qx,qy,qz, and the frames."
-    if large:
-        return f"{_what(seen, large=True)}: a convention, a frame or the model is wrong."
-    if sized and seen.ratio is not None and float(seen.ratio.max()) < 1.0 / TOO_SMALL:
+def mixed_up(campaign: Campaign, seen: Spread) -> str | None:
+    """The sentence on drawing, poses and readings that do not fit; small differences need a known cause."""
+    given = Given.of(campaign)
+    left = float(seen.left.max()) / float(np.median(given.nominal))
+    doubted = left > _ROUGH if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
+    if not doubted and seen.share <= DISAGREE:
+        return None
+    if causes := likely_causes(given, doubted=doubted):
+        listed = "; or just as well: ".join(f"{cause.name}. {cause.gain}" for cause in causes)
+        return f"{_what(seen)}: likely cause: {listed}."
+    if seen.share <= SHARE or (seen.share < _ABSURD and not doubted):
+        return None
+    return f"{_what(seen)}: check the units (mm), the order of the legs, qw,qx,qy,qz, and the frames."
+
+
+def misstated(seen: Spread) -> str | None:
+    """The sentence on stated deviations that are not those of the residuals."""
+    if seen.ratio is None:
+        return None
+    if float(seen.ratio.max()) > TOO_LARGE:
+        return f"{_residuals(seen, seen.ratio)}: a convention, a frame or the model is wrong."
+    if float(seen.ratio.max()) < 1.0 / TOO_SMALL:
         times = about(1.0 / max(float(np.median(seen.ratio)), _TINY), 2)
-        return f"The stated uncertainties are {times} times what the residuals of a fit show: state smaller ones."
+        return f"Your uncertainties are {times} times what the residuals show: state smaller ones."
     return None
 
 
-def _what(seen: Spread, *, large: bool) -> str:
-    """What does not fit: the residuals, or the drawing."""
-    if large and seen.ratio is not None:
-        leg = int(np.argmax(seen.ratio))
-        times = about(float(seen.ratio[leg]), 2)
-        return f"Residuals of leg {leg + 1} are {times} times what you state"
-    if not seen.share > DISAGREE:
-        return f"Residuals of a fit are {about(float(seen.left.max()), 2)} mm"
-    share = f"{100.0 * seen.share:.0f} %" if seen.share < _MANY else f"{seen.share:.3g} times"
+def _what(seen: Spread) -> str:
+    """What does not fit: the drawing, or the residuals."""
+    if seen.ratio is not None and seen.share <= DISAGREE:
+        return _residuals(seen, seen.ratio)
+    share = f"{about(100.0 * seen.share, 2)} %" if seen.share < _MANY else f"{seen.share:.3g} times"
     return f"The drawing and the readings disagree by {share} of a leg's length"
 
 
-_FAR = 0.05  # of a leg's length: no drawing is so bad
+def _residuals(seen: Spread, ratio: Floats) -> str:
+    leg = int(np.argmax(ratio))
+    left, times = about(float(seen.left[leg]), 2), about(float(ratio[leg]), 2)
+    return f"Residuals of leg {leg + 1} ({left} mm) are {times} times what you state"
+
+
 _MANY = 10.0
 
 

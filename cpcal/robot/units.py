@@ -40,7 +40,7 @@ ROUNDED = 0.01  # logs round: a quaternion's norm, a matrix's R'R, may be this f
 TAIT_BRYAN = tuple("".join(p) for p in itertools.permutations("xyz"))
 PROPER = tuple(a + b + a for a, b in itertools.permutations("xyz", 2))
 SEQUENCES = tuple(s for name in TAIT_BRYAN + PROPER for s in (name, name.upper()))
-_FORMS = (
+FORMS = (
     "give quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, or Euler angles such as euler-xyz-deg "
     "(fixed axes) or euler-ZYX-rad (turned axes)"
 )
@@ -66,7 +66,7 @@ class RotationForm:
             return cls(name, ("rx", "ry", "rz"), rest[0])
         if kind == "euler" and len(rest) == 2 and rest[0] in SEQUENCES and rest[1] in ANGLES:
             return cls(name, ("r1", "r2", "r3"), rest[1])
-        raise unusable("rotation", f"{shown(name)} is no form of rotations", _FORMS)
+        raise unusable("rotation", f"{shown(name)} is no form of rotations", FORMS)
 
     def quaternions(self, rotations: npt.ArrayLike | Any) -> Floats:
         """(N, 4) unit quaternions of (N, 4), (N, 3, 3), (N, 9) or (N, 3) numbers, or of a scipy Rotation.
@@ -188,6 +188,64 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
         found[target] = ColumnSource(name, unit)
     problems.raise_any(YOUR_DATA)
     return found
+
+
+_TITLE = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|[\s_/]+(mm|cm|m|um|µm|in|rad|deg|degrees|°))?\s*")
+_SPELLED = {"µm": "um", "°": "deg", "degree": "deg", "degrees": "deg", "radians": "rad"} | {
+    v: k for k, v in NAMES.items()
+}
+_TITLES = {
+    "pose": "pose|frame|name|id|no|nr|number|index|point|config|configuration|measurement",
+    "run": "run|repeat|repetition",
+    **{axis: f"(t|p|pos|position|trans|translation|point|target)?{axis}(pos|position)?" for axis in "xyz"},
+    **{f"q{letter}": f"(q|quat|quaternion){letter}" for letter in "wxyz"},
+    **{f"r{row}{column}": f"(r|m|rot){row}{column}" for row in "123" for column in "123"},
+    **{f"r{axis}": f"(r|rot|rotation|angle|v){axis}" for axis in "xyz"},
+}
+_ANGLES = {"x": "roll", "y": "pitch", "z": "yaw"}
+
+
+def columns_by_name(
+    header: Sequence[str], legs: int, form: RotationForm | None
+) -> tuple[dict[str, ColumnSource], RotationForm | None]:
+    """What the names of a table's columns, such as "X [m]" or "leg 3 (mm)", say that they are, with the units in them;
+    and the form of rotations, which quaternions and matrices tell. Nothing is said where two columns could be meant."""
+    keys, units = [], []
+    for name in header:
+        match = _TITLE.fullmatch(name)
+        plain, one, other = match.groups() if match else (name, None, None)
+        unit = (one or other or "").casefold()
+        unit = _SPELLED.get(unit, unit)
+        units.append(unit if unit in {*LENGTHS, *ANGLES} else None)
+        keys.append(re.sub("[^a-z0-9]", "", plain.casefold()))
+
+    def named(target: str, pattern: str) -> dict[str, ColumnSource]:
+        places = [place for place, key in enumerate(keys) if re.fullmatch(pattern, key)]
+        if len(places) != 1:
+            return {}
+        name = header[places[0]]
+        return {target: ColumnSource(name if header.count(name) == 1 else f"#{places[0] + 1}", units[places[0]])}
+
+    found: dict[str, ColumnSource] = {}
+    for target in ("pose", "run", *"xyz"):
+        found |= named(target, _TITLES[target])
+    for try_form in [form] if form else [RotationForm.named(name) for name in ("quaternion-wxyz", "matrix")]:
+        order = try_form.name.split("-")[1].lower() if try_form.columns[0] == "r1" else ""
+        turned: dict[str, ColumnSource] = {}
+        for k, target in enumerate(try_form.columns):
+            letter = order[k : k + 1]
+            axis = f"{_TITLES[f'r{letter}']}|{_ANGLES[letter]}" if letter and len(set(order)) == 3 else ""
+            turned |= named(target, _TITLES.get(target, f"{axis}|{'abc'[k % 3]}|(r|e|euler|angle){k + 1}"))
+        if len(turned) == len(try_form.columns):
+            found, form = found | turned, try_form
+    prefixes = {match[1] for key in keys if (match := re.fullmatch("([a-z]+)[0-9]+", key))}
+    counted = [[f"{prefix}0*{leg + first}" for leg in range(legs)] for prefix in prefixes for first in (0, 1)]
+    full = [each for each in counted if all(named("", pattern) for pattern in each)]
+    usual = [each for each in full if re.match("(l|leg|length)0", each[0])]
+    if len(full) == 1 or len(usual) == 1:
+        for leg, pattern in enumerate((usual or full)[0], start=1):
+            found |= named(f"L{leg}", pattern)
+    return found, form
 
 
 def units_of(target: str) -> Mapping[str, float]:

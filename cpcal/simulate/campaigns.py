@@ -41,6 +41,7 @@ from cpcal.robot import (
     quaternion_product,
     small_rotation,
 )
+from cpcal.robot.campaign import SIMULATION
 from cpcal.robot.robot import joint_phases
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -191,7 +192,7 @@ def simulate(
         uncertainty=stated,
         exact=stated is None,
         provenance={
-            "generator": "cpcal simulate",
+            "generator": SIMULATION,
             "options": json.dumps(options),
             "true_parameters": json.dumps(truth.parameters.tolist()),
         },

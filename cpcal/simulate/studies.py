@@ -47,6 +47,7 @@ from cpcal.robot import (
     rotation_matrix,
     small_rotation,
 )
+from cpcal.robot.campaign import SIMULATION
 from cpcal.robot.kinematics import newton
 from cpcal.simulate.campaigns import (
     EULER_SIGMA,
@@ -144,7 +145,7 @@ def simulate_study(
         table(True, runs, approach_c, noise_c),
         table(False, validation_runs, approach_v, noise_v),
         truth,
-        {"generator": "cpcal simulate --study", "options": json.dumps(told)},
+        {"generator": f"{SIMULATION} --study", "options": json.dumps(told)},
     )
 
 

@@ -49,18 +49,10 @@ def noisy(poses, seed, position, rotation):
     return compose(poses, Pose(position * rng.standard_normal(shape), turn))
 
 
-def apart(found, true):
-    """Between two motions: mm (3,), and the rotation vector (3,) rad."""
-    turn = rotation_vector(quaternion_product(found.quaternion, quaternion_conjugate(true.quaternion)))
-    return found.position - true.position, turn
-
-
 def distance(found, true):
-    return tuple(map(np.linalg.norm, apart(found, true)))
-
-
-def deviations(found):
-    return np.sqrt(np.diagonal(found.covariance))
+    """Between two motions: mm and rad."""
+    turn = rotation_vector(quaternion_product(found.quaternion, quaternion_conjugate(true.quaternion)))
+    return np.linalg.norm(found.position - true.position), np.linalg.norm(turn)
 
 
 @settings(max_examples=15, deadline=None)
@@ -88,46 +80,6 @@ def test_the_unit_of_length_does_not_matter(unit):
     for name in ("camera_in_base", "target_in_mobile"):
         assert_allclose(getattr(other, name).position, unit * getattr(found, name).position, rtol=1e-7)
         assert_allclose(getattr(other, name).quaternion, getattr(found, name).quaternion, atol=1e-8)
-    lengths = np.tile(np.repeat([unit, 1.0], 3), 2)
-    assert_allclose(deviations(other), lengths * deviations(found), rtol=1e-4)
-
-
-def test_least_squares_lessen_the_error_of_the_closed_form_on_average():
-    gain = []
-    for seed in range(10):
-        x, _, a, b = problem(seed, 20)
-        b = noisy(b, seed, 1.0, 0.003)
-        refined = distance(calibrate_frames(a, b).camera_in_base, x)[0]
-        gain.append(np.log(distance(world_hand_eye(a, b)[0], x)[0] / refined))
-    assert np.mean(gain) > 0
-
-
-def test_standard_deviations_tell_the_errors_and_the_noise():
-    """30 campaigns: normalised errors have variance 1 (within 15 %), and the estimated sigmas are those drawn."""
-    x, z, a, b = problem(9, 25)
-    normalised, sigmas = [], []
-    for seed in range(30):
-        found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
-        pairs = (found.camera_in_base, x), (found.target_in_mobile, z)
-        error = np.concatenate([part for pose, true in pairs for part in apart(pose, true)])
-        normalised.append(error / deviations(found))
-        sigmas.append(found.sigma)
-    assert np.mean(np.square(normalised)) == pytest.approx(1.0, rel=0.15)
-    assert_allclose(np.mean(sigmas, axis=0), np.repeat([0.8, 0.002], 3), rtol=0.06)
-
-
-def test_a_camera_that_sees_depth_badly_is_weighted_by_axis():
-    """Ten times the error along the optical axis: found, and each frame is closer than by the closed form."""
-    closer, sigmas = [], []
-    for seed in range(10):
-        x, _, a, b = problem(seed, 30)
-        far = [0.3, 0.3, 3.0] * np.random.default_rng(seed).standard_normal((30, 3))
-        b = Pose(b.position + far, noisy(b, seed, 0.0, 0.001).quaternion)
-        found = calibrate_frames(a, b)
-        sigmas.append(found.sigma[:3])
-        closer.append(np.log(distance(world_hand_eye(a, b)[0], x)[0] / distance(found.camera_in_base, x)[0]))
-    assert_allclose(np.mean(sigmas, axis=0), [0.3, 0.3, 3.0], rtol=0.15)
-    assert np.exp(np.mean(closer)) > 1.5
 
 
 def refusal(*poses):

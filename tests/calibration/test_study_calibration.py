@@ -35,7 +35,7 @@ from cpcal.robot import (
     quaternion_product,
     transformed,
 )
-from cpcal.simulate import simulate_study
+from cpcal.simulate import simulate_study, true_robot
 from tests.changed import with_outliers
 
 
@@ -44,6 +44,11 @@ def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) ->
     assert truth is not None
     base, mobile = transformed(truth.camera, truth.robot.base), transformed(inverse(truth.target), truth.robot.mobile)
     true = Robot("", base, mobile, truth.robot.offset).parameters
+    for campaign in (found.campaign, found.check):  # means keep what the study says of itself
+        assert campaign.simulated
+        known = true_robot(campaign)
+        assert known is not None
+        np.testing.assert_allclose(known.parameters, true, atol=1e-9)
     for fit in (found.x_c, found.x_c_sigma):
         assert np.mean(np.abs(fit.parameters - true) <= 3.9 * fit.standard_errors) > 0.9
         assert np.abs(fit.parameters - true).max() < 0.5

@@ -14,7 +14,7 @@ def test_a_campaign_cannot_be_changed_and_says_what_it_is():
     campaign = simulate(seed=1)
     with pytest.raises(dataclasses.FrozenInstanceError, match="pose"):
         campaign.pose = ()
-    assert repr(campaign) == "<Campaign of 'DeltaLab Table of Stewart': 64 measurements, 6 legs>"
+    assert repr(campaign) == "<Campaign of 'Simulated: DeltaLab Table of Stewart': 64 measurements, 6 legs>"
 
 
 def test_half_widths_in_memory_broadcast():
