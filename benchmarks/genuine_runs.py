@@ -71,7 +71,7 @@ def accuracy(folder: Path) -> None:
     result = certify(campaign, delta=8.0, support="none", center="nominal")
     poses = NamedPoses(("home",), Pose(np.array([[0.0, 0.0, 360.0]]), np.array([[1.0, 0.0, 0.0, 0.0]])))
     with answers_into(folder / "run", ACCURACY, campaign) as draft:
-        save_accuracy(certify_accuracy(campaign, result, poses=poses, model_error=0.02, certificates=draft), draft)
+        save_accuracy(certify_accuracy(campaign, result, poses=poses, assume=0.02, certificates=draft), draft)
 
 
 def campaigns(folder: Path) -> None:

@@ -24,10 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_parameters, robust_scale
-from cpcal.common.errors import CpcalError, InputError, Problem, unusable
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
-from cpcal.common.values import Floats
+from cpcal.common.values import Bools, Floats
+from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, log_settings, read_log, unstated
 from cpcal.robot import (
     Campaign,
@@ -47,6 +48,7 @@ from cpcal.robot import (
 from cpcal.robot.campaign import Given
 from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
 from cpcal.robot.mistakes import SHARE
+from cpcal.robot.units import SEQUENCES
 
 # ------------------------------------------------------------------------------------------------------------------
 # Pairs of poses: checked, and with enough rotation.
@@ -363,17 +365,36 @@ _TOLD = 6  # rows that a sentence names
 FRAME_NOTES = ("frames", "tracker_in_base", "target_in_mobile", "residuals", "left_out")  # of a provenance
 
 
-def first_frames(robot: Robot, length: Floats, seen: Pose) -> FrameCalibration:
-    """Frames by the poses that the drawing gives for readings (N, n) mm, against those that camera or tracker saw (N).
+Drawn = tuple[Pose, Bools]  # by forward kinematics: poses (N), and which were found
 
-    Rows that are far off the others are left out, so that a wrong reading moves no frame. Raises InputError as
-    `calibrate_frames` does, KinematicsError for fewer than six legs and where the drawing cannot reach the readings.
+
+def drawn_poses(robot: Robot, length: Floats) -> list[Drawn]:
+    """The poses that the drawing gives for readings (N, n) mm, from above its base and from below.
+
+    Raises KinematicsError for fewer than six legs and where the drawing cannot reach the readings.
     """
-    found: list[tuple[float, FrameCalibration]] = []
-    failed: list[CpcalError] = []
+    found: list[Drawn] = []
+    failed: list[KinematicsError] = []
     for side in (1.0, -1.0):
         try:
-            reached, good = forward_poses(robot, length, central_pose(robot, np.median(length, axis=0), side))
+            found.append(forward_poses(robot, length, central_pose(robot, np.median(length, axis=0), side)))
+        except KinematicsError as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return found
+
+
+def first_frames(robot: Robot, length: Floats, seen: Pose, drawn: list[Drawn] | None = None) -> FrameCalibration:
+    """Frames by `drawn_poses` of readings (N, n) mm, against those that camera or tracker saw (N).
+
+    Rows that are far off the others are left out, so that a wrong reading moves no frame. Raises InputError as
+    `calibrate_frames` does, and KinematicsError as `drawn_poses`.
+    """
+    found: list[tuple[float, FrameCalibration]] = []
+    failed: list[InputError] = []
+    for reached, good in drawn or drawn_poses(robot, length):
+        try:
             rows = keep = np.flatnonzero(good)
             for _ in range(_TRIMS):
                 frames = calibrate_frames(reached.rows(keep), seen.rows(keep))
@@ -381,7 +402,7 @@ def first_frames(robot: Robot, length: Floats, seen: Pose) -> FrameCalibration:
                 off = np.max(np.abs(told - length), axis=1)
                 keep = rows[off[rows] <= _FAR * np.median(off)]
             found.append((float(np.median(off)), frames))
-        except (InputError, KinematicsError) as error:
+        except InputError as error:
             failed.append(error)
     if not found:
         raise failed[0]
@@ -487,20 +508,51 @@ def in_base_frame(campaign: Campaign) -> TrackedFrames:
 
 
 Frames = Literal["base", "tracker"]
+_FORMS = [
+    f"{form}-{unit}" for unit in ("deg", "rad") for form in ("vector", *(f"euler-{order}" for order in SEQUENCES))
+]
 
 
-def _tracked(campaign: Campaign) -> bool:
-    """Whether frames of a tracker, fitted with the drawing's joints, explain what is not explained without."""
-    few = campaign.sampled(_TRIED)
-    typical = Given.of(few).typical
-    if typical <= SHARE or few.legs < 6:
-        return False
+def _rotation(
+    log: Log, settings: Settings, columns: str | Mapping[str, str], stated: str | None, base: bool
+) -> InputError | None:
+    """The problem that names the form of rotations with which the drawing explains the readings, in frames of a
+    tracker; None where none does, or one does without such frames (unless `base`)."""
+    step = -(-len(log.rows) // _TRIED)
+    few = replace(log, rows=log.rows[::step], lines=log.lines[::step])
+    tried: list[tuple[float, str]] = []
+    drawn: list[Drawn] | None = None
+    for name in _FORMS:
+        try:
+            campaign = campaign_of_log(few, settings, columns, name)
+            drawn = drawn or drawn_poses(campaign.robot, campaign.length)
+        except (InputError, KinematicsError):
+            continue
+        typical = Given.of(campaign).typical
+        if typical <= SHARE and not base:
+            return None
+        tried.append((min(_by_drawing(campaign, drawn), typical), name))
+    least = min(tried, default=(math.inf, ""))[0]
+    if least > _EXPLAINED:
+        return None
+    alike = 1.01 * least + np.finfo(np.float64).eps  # two may be names of the same: the first one counts
+    best, rest = next(one for one in tried if one[0] <= alike), [one for one in tried if one[0] > alike]
+    what = "is not stated" if stated is None else f"is not {stated}"
+    more = f"; the next best, {min(rest)[1]}, {about(100.0 * min(rest)[0], 2)} %" if rest else ""
+    what += f": with {best[1]} readings and drawing differ by {about(100.0 * best[0], 2)} % of a leg's length{more}"
+    return unusable("rotation", what, f"say --rotation {best[1]} (rotation= in Python) if the tracker's manual agrees")
+
+
+def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
+    """By how much of a leg's length readings differ from the drawing's joints in frames of a tracker (the median over
+    the measurements, of the worst leg); infinite where the poses determine no frames."""
     try:
-        first = first_frames(few.robot, few.length, Pose(few.position, few.quaternion))
+        seen = Pose(campaign.position, campaign.quaternion)
+        first = first_frames(campaign.robot, campaign.length, seen, drawn)
     except (InputError, KinematicsError):
-        return False
-    robot = redefined(few.robot, first.camera_in_base, first.target_in_mobile)
-    return Given.of(replace(few, robot=robot)).typical <= min(_EXPLAINED, 0.1 * typical)
+        return math.inf
+    robot = redefined(campaign.robot, first.camera_in_base, first.target_in_mobile)
+    return Given.of(replace(campaign, robot=robot)).typical
 
 
 def _placed(campaign: Campaign, frames: Frames | None) -> Campaign:
@@ -511,7 +563,10 @@ def _placed(campaign: Campaign, frames: Frames | None) -> Campaign:
     and KinematicsError as `in_base_frame`.
     """
     if frames is None:
-        frames = "tracker" if _tracked(campaign) else "base"
+        few = campaign.sampled(_TRIED)
+        typical = Given.of(few).typical
+        explained = typical > SHARE and _by_drawing(few) <= min(_EXPLAINED, 0.1 * typical)
+        frames = "tracker" if explained else "base"
     return campaign if frames == "base" else in_base_frame(campaign).campaign
 
 
@@ -548,7 +603,16 @@ def load_log(
     log = read_log(Path(path), separator=separator, decimal=decimal, header=header)
     older = {k: v for k, v in settings.provenance.items() if k.removesuffix("_pose") not in FRAME_NOTES}
     settings = replace(settings, provenance=older)
-    campaign = _placed(campaign_of_log(log, settings, columns, rotation), frames)
+    try:
+        read = campaign_of_log(log, settings, columns, rotation)
+    except InputError as error:
+        if rotation is not None or any(problem.where != "rotation" for problem in error.problems):
+            raise
+        raise _rotation(log, settings, columns, rotation, True) or error from None
+    campaign = _placed(read, frames)
+    doubtful = campaign is read and frames is None and Given.of(campaign.sampled(_TRIED)).typical > SHARE
+    if doubtful and (other := _rotation(log, settings, columns, rotation, False)) is not None:
+        raise other
     if not stated:
         residuals = LegEquations.of(campaign).values(robust_parameters(campaign.sampled(_ROWS)))
         raise unstated(f"{about(float(np.median([robust_scale(leg) for leg in residuals.T])), 2)} mm")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.budget import Budget
 from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
-from cpcal.calibration.fit import Fit, fit
+from cpcal.calibration.fit import Fit, LegEquations, fit
 from cpcal.calibration.frames import (
     FittedFrame,
     FrameCalibration,
@@ -52,6 +52,7 @@ from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, inverse
+from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -142,6 +143,7 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
 
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
+Sides = Callable[[Floats], tuple[Floats, Floats]]
 
 _BINS = 31  # of a histogram
 _REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
@@ -290,6 +292,7 @@ class CalibrationRecord:
     """The calibration of a study.
 
     drawing          (n, 7) nominal parameters in the drawing's own frames; the campaign's robot has them moved
+    x_c_of_f         (n, 7) mm, the paper's x_c: least squares of f = ||v||^2 - (L + l)^2, laid on the drawing
     campaign_sha256  of the campaign that the fits are of; check_sha256 of the one that they were validated with
     budget           uncertainty budget (GUM), where it was asked for
     """
@@ -303,6 +306,7 @@ class CalibrationRecord:
     frames: FittedFrames
     x_c: Parameters
     x_c_sigma: Parameters
+    x_c_of_f: Rows
     validation: ValidationRecord
     diagnosis: Diagnosis
     budget: Budget | None
@@ -310,8 +314,8 @@ class CalibrationRecord:
     def __post_init__(self) -> None:
         """Raises ValueError when the parts are not of the same number of legs."""
         legs = len(self.drawing)
-        if not legs or any(len(row) != 7 for row in self.drawing):
-            raise ValueError("the drawing is not seven numbers a leg")
+        if not legs or len(self.x_c_of_f) != legs or any(len(row) != 7 for row in (*self.drawing, *self.x_c_of_f)):
+            raise ValueError("the drawing, or x_c of f, is not seven numbers a leg")
         if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
             raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
 
@@ -337,7 +341,7 @@ class CalibrationRecord:
         yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/8"
+FORMAT = "cpcal-calibration/9"
 RECORD_NAME = "calibration.json"
 
 
@@ -428,6 +432,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         ),
         x_c=Parameters.of(x_c, drawing),
         x_c_sigma=Parameters.of(x_c_sigma, drawing),
+        x_c_of_f=_rows(on_drawing(_implicit(campaign, x_c.parameters), drawing)),
         validation=ValidationRecord(
             "measured once each, so that nothing tells outliers." if outliers is None else outliers.sentence,
             () if outliers is None else outliers.left_out,
@@ -441,6 +446,28 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         budget=None,
     )
     return StudyCalibration(drawing, campaign, check, repeats, frames, x_c, x_c_sigma, record)
+
+
+def _implicit(campaign: Campaign, start: Floats) -> Floats:
+    """(n, 7) mm: the least sum of squares of the paper's equation f = g (||v|| + L + l), a leg at a time."""
+    found = []
+    for leg, at in enumerate(start, start=1):
+        equations = LegEquations.of(campaign, [leg])
+
+        def sides(x: Floats, equations: LegEquations = equations) -> tuple[Floats, Floats]:
+            return np.linalg.norm(equations.vectors(x[None])[0][:, 0], axis=1), equations.length[:, 0] + x[6]
+
+        def values(x: Floats, sides: Sides = sides) -> Floats:
+            long, read = sides(x)
+            return np.asarray(long**2 - read**2)
+
+        def jacobian(x: Floats, sides: Sides = sides, equations: LegEquations = equations) -> Floats:
+            long, read = sides(x)
+            factors = 2.0 * np.stack([long] * 6 + [read], axis=1)
+            return np.asarray(factors * equations.by_parameters(x[None])[:, 0])
+
+        found.append(least_squares(values, jacobian, at, tolerance=1e-10).at)
+    return np.stack(found)
 
 
 def _provenance(study: Study) -> Mapping[str, str]:

@@ -41,11 +41,15 @@ from .rule import Box, Constraint, Problem, Row, Rule, Unknowns, Weights, meetin
 
 @dataclass(frozen=True)
 class Point:
-    """A point with what is proved of it, measurement by measurement; nothing is said of the others."""
+    """A point with what is proved of it, measurement by measurement; nothing is said of the others.
+
+    It holds for some reading, or with a `factor` for all, with so many times the stated half-widths.
+    """
 
     at: tuple[F, ...]
     holds: tuple[int, ...]
     fails: tuple[int, ...]
+    factor: F | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Accepted:
 
 # its first lines: the problem that it speaks of, and its box ---------------------------------------------------------
 
-FORMAT = "cpcal-certificate/4"
+FORMAT = "cpcal-certificate/5"
 Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 _MOST_UNKNOWNS = 1000
 _MOST_CONSTRAINTS = 100_000
@@ -309,7 +313,8 @@ def _schema(problem: Problem) -> dict[str, Reader]:
     weights, rows = record(fields), many(row)
     if problem.wrong:
         weights = many(weights)
-    point = {"at": vector, "holds": anything, "readings": maybe(many(signs(reading))), "fails": rows}
+    readings = maybe(many(signs(reading)))
+    point = {"at": vector, "holds": anything, "readings": readings, "factor": maybe(dyadic), "fails": rows}
     claims = {
         "cap": cap,
         "infeasible": choice(True, False),
@@ -375,7 +380,7 @@ class _Check:
         if cap is not None and o is not None and not self.root.lo[o] <= cap <= self.root.hi[o]:
             raise Refused("the cap is not an eps of the problem")
 
-    def _point(self, at: tuple[F, ...], holds: Any, readings: Any, fails: tuple[Row, ...]) -> Point:
+    def _point(self, at: tuple[F, ...], holds: Any, readings: Any, factor: F | None, fails: tuple[Row, ...]) -> Point:
         p, x = self.problem, Unknowns(Box(at, at), self.lines.spend)
         good = p.chosen if holds == "all" else ascending(p.count)(holds)
         bad = tuple(k for _, k, _ in fails)
@@ -385,18 +390,22 @@ class _Check:
             readings = ("0" * (READINGS if p.model else 0),) * len(good)
         if len(readings) != len(good) or not self.chosen.issuperset((*good, *bad)):
             raise Refused("readings are those of the measurements in holds, none of which is left out")
-        k = p.unproved(x, list(zip(good, readings, strict=True)))
+        if factor is not None and not 0 <= factor <= 1:
+            raise Refused("the factor on the half-widths is from 0 to 1")
+        every = factor is not None
+        k = (p if factor is None else p.scaled(factor)).unproved(x, list(zip(good, readings, strict=True)), every)
         if k is not None:
-            raise Refused(f"it is not proved that the point satisfies measurement {k}", "proof")
+            which = " for all readings" if every else ""
+            raise Refused(f"it is not proved that the point satisfies measurement {k}{which}", "proof")
         for row in fails:
             if not p.fails(x, *row):
                 raise Refused(f"it is not proved that the point fails at measurement {row[1]}", "proof")
-        return Point(at, good, bad)
+        return Point(at, good, bad, factor)
 
     def _attains(self, point: Point, value: F) -> bool:
         o = self.problem.objective
         everywhere = self.root.holds(point.at, point.at) and point.holds == self.problem.chosen
-        return o is not None and everywhere and point.at[o] == value
+        return o is not None and everywhere and point.factor is None and point.at[o] == value
 
     # the steps ----------------------------------------------------------------------------------------------------
 

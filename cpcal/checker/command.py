@@ -83,10 +83,12 @@ def _legs(run: Path, work: int) -> Iterator[tuple[bool, str]]:
     legs = check_run(run, work=work)
     for leg in legs:
         claims = _outliers(leg.robust) if leg.robust else "" if leg.accepted is None else stated(leg.accepted)
+        points = (f"{key.replace('_', ' ')}: {stated(of)}" for key, of in leg.points)
+        claims = "; ".join(filter(None, [claims, *points]))
         said = f"PROVED: {claims}" if claims else "not certified"
         yield leg.refused is None, f"leg {leg.leg}: {said if leg.refused is None else f'REFUSED: {leg.refused}'}"
     yield True, f"{_NOT_JUDGED} whether the measurements determine the parameters; {_COMPUTES} again."
-    if not any(leg.refused is not None or leg.accepted or (leg.robust and leg.robust.certified) for leg in legs):
+    if not any(leg.refused is not None or leg.certified for leg in legs):
         raise Unusable("no leg of the run is certified")
 
 
@@ -107,8 +109,12 @@ def stated(accepted: Accepted) -> str:
     if claims.eps_hi is not None:
         out.append(f"eps <= {-_down(-claims.eps_hi)}")
     if claims.point is not None:
-        holds, fails = len(claims.point.holds), len(claims.point.fails)
-        out.append(f"the point satisfies {holds} of {accepted.count}, fails {fails}")
+        (*_, eps), holds, fails = claims.point.at, len(claims.point.holds), len(claims.point.fails)
+        said = f"the point satisfies {holds} of {accepted.count}, fails {fails}"
+        if claims.point.factor is not None:
+            part = "" if claims.point.factor == 1 else f" of {_down(claims.point.factor)} of the half-widths"
+            said = f"the point satisfies {holds} of {accepted.count} to within {-_down(-eps)} for all readings{part}"
+        out.append(said)
     if claims.enclosure is not None:
         out.append("the enclosure holds all solutions")
     return "; ".join(out) or "nothing is claimed"

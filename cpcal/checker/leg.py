@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
 from hashlib import sha256
-from itertools import repeat
+from itertools import accumulate, pairwise, repeat
 from operator import add, mul
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -270,10 +270,10 @@ def check_model(name: str) -> None:
 
 
 class Measurement:
-    """One row of a campaign for one leg: quaternion; position, length; the half-widths of its reading (d, 2 s, e)."""
+    """One row of a campaign for one leg: quaternion, position, length; the half-widths of its reading (d, 2 s, e)."""
 
-    def __init__(self, quaternion: Sequence[float], position: Sequence[float], length: float, widths: Sequence[float]):
-        self.given, self.radii = (*quaternion, *position, length), tuple(widths)
+    def __init__(self, given: Sequence[float], widths: Sequence[float | F]):
+        self.given, self.radii = given, tuple(widths)
         self.uncertain = any(self.radii)
 
     @property
@@ -291,6 +291,14 @@ def leg_problem(
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
     each is equal to its polynomial is a constraint beyond the measurements."""
+
+    def rescaled(factor: F) -> Problem:
+        def row(k: int) -> Measurement:
+            m = rows(k)
+            return Measurement(m.given, [factor * F(width) for width in m.radii])
+
+        return leg_problem(row, count, model, only, forms)
+
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     n, nothing = len(names), [Polynomial({}, 0, form.spend) for form in forms[:1]]
     stated = [
@@ -298,32 +306,32 @@ def leg_problem(
         for m, form in enumerate(forms)
     ]
 
-    def constraint(k: int, x: Unknowns, signs: str, way: int) -> LegConstraint | Constraint:
-        return LegConstraint(known(k), model, x.first(n), signs, way) if k < count else stated[k - count].on(x.images)
+    def constraint(k: int, x: Unknowns, signs: str, sets: bool) -> LegConstraint | Constraint:
+        return LegConstraint(known(k), model, x.first(n), signs, sets) if k < count else stated[k - count].on(x.images)
 
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         (*names, *(f"form {m}" for m in range(len(forms)))), n - 1, count + len(forms),
         (*chosen, *range(count, count + len(forms))), constraint, lambda k: known(k).radii if k < count else (),
         (*SIDES, "length"), (*SIDES, "length", "eps"), model, settled=settled_legs, held=held_legs,
+        rescaled=rescaled,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LegConstraint:
-    """The constraint of a measurement on a box. Readings with `way` 0 are sets, else the ends that `signs` name, or
-    with -1 the opposite ones."""
+    """The constraint of a measurement on a box. Readings are `sets` from the ends that `signs` name, or these alone."""
 
     m: Measurement
     model: str
     x: Unknowns
     signs: str
-    way: int
+    sets: bool
 
     @property
     def reads(self) -> int:
         """How its program takes a reading: see `leg_formula`."""
-        return self.m.uncertain * (1 if self.way else 2)
+        return self.m.uncertain * (1 + self.sets)
 
     @property
     def sure(self) -> bool:
@@ -349,10 +357,10 @@ def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], Degree]:
     columns += x.over(unit)
     for part in range(reads):
         for j in range(READINGS if reads else 0):
-            signs = [(leg.way or 1) * ENDS[leg.signs[j]][0] if not part else ENDS[leg.signs[j]][1] for leg in legs]
+            signs = [ENDS[leg.signs[j]][part] for leg in legs]
             own = zip(signs, widths[j::7], strict=True)
             columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in own])
-    if eased(legs[0].model, reads):
+    if eased(legs[0].model, legs[0].x.moves, reads):
         columns += [[width >> 1 for width in widths[j::7]] for j in range(3, 6)]
     return columns, (given.power, unit)
 
@@ -383,36 +391,42 @@ def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[
     bounded = side == "lower" and not legs[0].sure
     names = (side, "at_least", "factor") if bounded else (side,)
     formula = _formula(legs, names)
-    ends = [sum(map(len, formula.places[:k])) for k in range(len(names) + 1)]
     for leg, (values, units) in zip(legs, formed(legs, names), strict=True):
         x.spend(2 * len(values))
         mask = signed(len(x), leg.signs)
         exponents = [-(units[0] * p + units[1] * q) for p, q in formula.degrees]
-        row = shortened(formula.remainder(leg.signs, mask).of(values[: ends[1]]), exponents[0], x.spend)
+        parts = formula.split(values)
+        row = shortened(formula.remainder(0, leg.signs, mask).of(parts[0]), exponents[0], x.spend)
         if bounded:
             low, factor = (
-                shortened(
-                    dict(zip(formula.places[k], values[ends[k] : ends[k + 1]], strict=True)), exponents[k], x.spend
-                )
-                for k in (1, 2)
+                shortened(dict(zip(formula.places[k], parts[k], strict=True)), exponents[k], x.spend) for k in (1, 2)
             )
             row = row - constant(beyond(low, factor, mask), x.spend)
         yield row
 
 
 def held_legs(legs: Sequence[LegConstraint], sides: tuple[str, ...]) -> Iterator[bool]:
-    """Whether each holds at its reading and the point: all sides are at most zero; "lower" holds as well where at_least
-    is. Legs have one program."""
+    """Whether each holds at the point, at its reading or at all of its set: no side can be positive; "lower" holds as
+    well where at_least cannot. Legs have one program."""
     names = sides if legs[0].sure else (*sides, "at_least")
-    filled = [name for name, places in zip(names, _formula(legs, names).places, strict=True) if places]
-    for values, _ in formed(legs, names):
-        at = dict(zip(filled, values, strict=True))
-        yield all(at.get(side, 0) <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
+    formula, mask = _formula(legs, names), len(legs[0].x)
+    for leg, (values, _) in zip(legs, formed(legs, names), strict=True):
+        parts = formula.split(values)
+        if leg.reads == 2:
+            leg.x.spend(2 * len(values))
+            most = [
+                -formula.remainder(n, leg.signs, signed(mask, leg.signs)).of([-v for v in part])[0]
+                for n, part in enumerate(parts)
+            ]
+        else:
+            most = list(map(sum, parts))
+        at = dict(zip(names, most, strict=True))
+        yield all(at[side] <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
 
 
-def eased(model: str, reads: int) -> bool:
+def eased(model: str, moves: bool, reads: int) -> bool:
     """Whether rows are eased by what the rotation's half-widths allow: see `_constraint`."""
-    return model == "linear" and reads == 2
+    return model == "linear" and moves and reads == 2
 
 
 def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
@@ -426,13 +440,18 @@ class LegFormula(NamedTuple):
     places: list[dict[int, int]]
     degrees: list[Degree]
     formula: Formula
-    remainders: dict[tuple[str, int], Remainder]
+    remainders: dict[tuple[int, str, int], Remainder]
 
-    def remainder(self, signs: str, mask: int) -> Remainder:
-        """Of the first part, for readings with these signs."""
-        key = "".join("0" if sign == "0" else "+" for sign in signs), mask
+    def split(self, values: Sequence[int]) -> list[Sequence[int]]:
+        """The coefficients of each part."""
+        ends = [0, *accumulate(map(len, self.places))]
+        return [values[a:b] for a, b in pairwise(ends)]
+
+    def remainder(self, part: int, signs: str, mask: int) -> Remainder:
+        """Of a part, for readings with these signs."""
+        key = part, "".join("0" if sign == "0" else "+" for sign in signs), mask
         if key not in self.remainders:
-            self.remainders[key] = Remainder(list(self.places[0]), *key)
+            self.remainders[key] = Remainder(list(self.places[part]), *key[1:])
         return self.remainders[key]
 
 
@@ -440,7 +459,7 @@ class LegFormula(NamedTuple):
 def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u if the box `moves`, that is, has a width; `reads`: 0 exactly, 1 one reading, 2 sets, in y."""
     n = 8 + len(EXTRA[model])
-    box, own = n * (1 + moves), READINGS * reads + 3 * eased(model, reads)
+    box, own = n * (1 + moves), READINGS * reads + 3 * eased(model, moves, reads)
     program = Program([0] * 4 + [1] * (5 + box + own), [False] * 9 + [True] * box + [False] * own)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
@@ -589,8 +608,8 @@ class ExactCampaign:
         """Row k from 0, leg from 1."""
         width, first = 13 + 2 * self.legs, 7 + self.legs
         numbers = self._numbers[k * width : (k + 1) * width]
-        widths = (*numbers[first : first + 6], numbers[first + 5 + leg])
-        return Measurement(numbers[3:7], numbers[:3], numbers[6 + leg], widths)
+        given = (*numbers[3:7], *numbers[:3], numbers[6 + leg])
+        return Measurement(given, (*numbers[first : first + 6], numbers[first + 5 + leg]))
 
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""

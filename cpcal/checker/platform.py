@@ -8,7 +8,8 @@ other parameters x = (a, b, l) and a model error e of at most eps, the platform 
 A certificate of each leg claims the boxes of x, and of the *form* T(x) = ||P + R b - a||^2 - (||v^|| - l^ + l)^2 at
 every pose. Squared, less T, and times (1 + s.s), an equation is a polynomial in (p, s), with x at the middle of its
 box, and small terms that hold both (p, s) and what x is off that middle. On a box of (p, s) their sizes are bounded;
-then the inverse of the linear parts gives each unknown by itself, on a smaller box.
+then a left inverse of the linear parts gives each unknown by itself, on a smaller box. Some of (p, s) may be *held* at
+0 by the robot's mechanism, which is an assumption: a planar robot of three legs moves in its plane.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from math import isqrt
+from operator import mul
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,16 +42,17 @@ from .polynomial import (
     transposed,
     unknown,
 )
-from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up
+from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up, whole
 from .rule import Box, Unknowns
 from .run import INFORMATION, LegCertificates, of_the_campaign
 
-LEGS = 6  # as many equations as unknowns (p, s)
+COORDINATES = ("x", "y", "z", "rx", "ry", "rz")  # of (p, 2 s)
+MOST_LEGS = 12  # the largest ||p|| is sought at 2^n corners
 _LENGTH_BITS, _BOX_BITS, _WEIGHT_BITS = 40, 60, 50
 _PASSES = 20
 _SETTLED = F(95, 100)  # of a width: passes go on while some becomes smaller
 _PASS_WORK = 60_000
-ACCURACY_FORMAT = "cpcal-accuracy/6"
+ACCURACY_FORMAT = "cpcal-accuracy/7"
 POSE_WORK = 1_000_000  # of a run, for each pose, beyond that of its legs
 _BOUNDS = ("lo", "hi", "position_bound", "rotation_bound")
 _POSITION, _QUATERNION, _PARAMETERS = (many(exact, count) for count in (3, 4, 7))
@@ -115,14 +118,17 @@ class Commanded:
         return tuple((m, c / scale) for m, c in terms.items() if c)
 
 
-def pose_bounds(pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend) -> PoseBounds | None:
-    """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn that the legs allow; None where nothing is proved."""
+def pose_bounds(
+    pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend, held: Sequence[int] = ()
+) -> PoseBounds | None:
+    """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn, and 0 where `held`, that the legs allow; None where
+    nothing is proved."""
     asked = (reach,) * 3 + (half_turn,) * 3
-    box, rows = Box(tuple(-v for v in asked), asked), [_Row(pose, leg, spend) for leg in legs]
-    found = None
+    box, free = Box(tuple(-v for v in asked), asked), [i for i in range(6) if i not in held]
+    rows, found = [_Row(pose, leg, spend, held) for leg in legs], None
     for _ in range(_PASSES):
         spend(_PASS_WORK)
-        found = _pass(rows, box, spend)
+        found = _pass(rows, box, free, spend)
         if found is None:
             return None
         before, box = box, Box(tuple(map(max, box.lo, found.lo)), tuple(map(min, box.hi, found.hi)))
@@ -131,8 +137,9 @@ def pose_bounds(pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, sp
         ends = zip(before.lo, before.hi, box.lo, box.hi, strict=True)
         if all(d - c > _SETTLED * (b - a) for a, b, c, d in ends):
             break
-    if found is None or any(most in (-lo, hi) for lo, hi, most in zip(box.lo, box.hi, asked, strict=True)):
+    if found is None or any(asked[i] in (-box.lo[i], box.hi[i]) for i in free):
         return None
+    box = Box(*(tuple(v if i in free else F(0) for i, v in enumerate(side)) for side in (box.lo, box.hi)))
     position, turn = (_longest(found, rows, box, slice(k, k + 3)) for k in (0, 3))
     return PoseBounds(box.lo, box.hi, position, turn)
 
@@ -150,7 +157,7 @@ class _Row:
     """The equation of a leg, times |q|^2: `polynomial` in (p, s) is (1 + s.s) times what lies in `value`, but for terms
     with what x is off the middle of its box, which `beside` bounds."""
 
-    def __init__(self, pose: Commanded, leg: Leg, spend: Spend) -> None:
+    def __init__(self, pose: Commanded, leg: Leg, spend: Spend, held: Sequence[int] = ()) -> None:
         n, believed = pose.norm, pose.length(leg.controller)
         middle, off = ([v / 2 for v in way(leg.hi, leg.lo)] for way in (plus, minus))
         self._norm, self._arm = n, applied(pose.turn, middle[3:6])
@@ -162,9 +169,9 @@ class _Row:
         error = leg.eps + F(2, 2**_LENGTH_BITS)
         most = n * error * (2 * longest + error)
         self.value = -leg.form[1] * scale - most, -leg.form[0] * scale + most
-        self.polynomial = self._formed(spend)
+        self.polynomial = self._formed(spend, set(held))
 
-    def _formed(self, spend: Spend) -> Polynomial:
+    def _formed(self, spend: Spend, held: set[int]) -> Polynomial:
         """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`."""
         n, r, w, h = self._norm, self._arm, self._place, (self.value[0] + self.value[1]) / 2
         terms: dict[tuple[int, ...], F] = {}
@@ -186,7 +193,7 @@ class _Row:
             for monomial, c in turned:
                 add(monomial, 4 * w[i] * c)
                 add((*monomial, i), 4 * c)
-        return polynomial(tuple((m, c) for m, c in terms.items() if c), spend)
+        return polynomial(tuple((m, c) for m, c in terms.items() if c and held.isdisjoint(m)), spend)
 
     def beside(self, p: Sequence[float], s: Sequence[float]) -> F:
         """At most so large is all else, for (p, s) at most so large.
@@ -203,17 +210,22 @@ class _Row:
         return F((2.0 * (1.0 + square) * shift + 4.0 * (swung + turned) + rest) * _ROUNDED + _TINY)
 
 
-def _pass(rows: Sequence[_Row], box: Box, spend: Spend) -> _Solved | None:
-    """What the rows say of the poses in a box; None where the platform is singular."""
+def _pass(rows: Sequence[_Row], box: Box, free: Sequence[int], spend: Spend) -> _Solved | None:
+    """What the rows say of the poses in a box, whose `free` unknowns are not 0; None where the platform is singular."""
     x = Unknowns(box, spend)
     forms = [substituted(row.polynomial, x.images) for row in rows]
-    weights = _inverse([[_slope(form, i) / float(x.radius(i)) for i in range(6)] for form in forms])
-    if weights is None:
+    inverse = _left_inverse([[_slope(form, i) / float(x.radius(i)) for i in free] for form in forms])
+    if inverse is None:
         return None
-    most = _sizes([max(-a, b) for a, b in zip(box.lo, box.hi, strict=True)])
+    lines = dict(zip(free, inverse, strict=True))
+    weights = [lines.get(i, [F(0)] * len(rows)) for i in range(6)]
+    most = _sizes([max(-box.lo[i], box.hi[i]) if i in lines else F(0) for i in range(6)])
     beside = [row.beside(most[:3], most[3:]) for row in rows]
-    mask, parts, lo, hi = signed(6), list[tuple[F, F]](), list[F](), list[F]()
+    mask, parts, lo, hi = signed(6), list[tuple[F, F]](), list(box.lo), list(box.hi)
     for i, line in enumerate(weights):
+        if i not in lines:
+            parts.append((F(0), F(0)))
+            continue
         whole = dyadics(line)
         one = x.variable(7 + i, x.center(i), x.radius(i))
         rest = combined(
@@ -223,8 +235,8 @@ def _pass(rows: Sequence[_Row], box: Box, spend: Spend) -> _Solved | None:
         ends = least(rest, mask) - given, given - least(rest.times(-1), mask)
         parts.append(ends)
         values = [sorted((w * a, w * b)) for w, (a, b) in zip(line, (row.value for row in rows), strict=True)]
-        lo.append(_cut(ends[0] + sum(low for low, _ in values)))
-        hi.append(-_cut(-ends[1] - sum(high for _, high in values)))
+        lo[i] = _cut(ends[0] + sum(low for low, _ in values))
+        hi[i] = -_cut(-ends[1] - sum(high for _, high in values))
     return _Solved(weights, parts, lo, hi)
 
 
@@ -245,9 +257,13 @@ def _slope(form: Polynomial, i: int) -> float:
     return float(F(c) * F(2) ** form.exponent)
 
 
-def _inverse(matrix: list[list[float]]) -> list[list[F]] | None:
-    """Nearly, as short numbers: whatever they are, what they prove holds."""
-    n = len(matrix)
+def _left_inverse(matrix: list[list[float]]) -> list[list[F]] | None:
+    """Nearly, as short numbers: whatever they are, what they prove holds. With more rows than columns that of least
+    squares."""
+    n, columns = len(matrix[0]), list(zip(*matrix, strict=True))
+    if len(matrix) > n:
+        square = _left_inverse([[sum(map(mul, a, b)) for b in columns] for a in columns])
+        return square and [[F(sum(map(mul, map(float, line), row))) for row in matrix] for line in square]
     lines = [[*line, *(float(i == j) for j in range(n))] for i, line in enumerate(matrix)]
     for k in range(n):
         pivot = max(range(k, n), key=lambda i: abs(lines[i][k]))
@@ -308,19 +324,21 @@ def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
 
 
 def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) -> Iterator[tuple[bool, str]]:
-    count = len(campaign)
+    count, legs = len(campaign), campaign.legs
     compare(of_the_campaign(result["campaign"], campaign))
-    same("number of legs", LEGS, campaign.legs)
+    held = [whole(6)(one) for one in array(result["held"])]
+    if legs > MOST_LEGS or len(set(held)) < len(held) or 6 - len(held) > legs:
+        raise Refused("speaks of poses that its legs do not determine, or of too many legs")
     poses = [Commanded(_POSITION(one["position"]), _QUATERNION(one["quaternion"])) for one in result["poses"]]
-    controller, boxes = many(_PARAMETERS, LEGS)(result["parameters"]), array(result["legs"], LEGS)
-    budget = work or leg_work(1, LEGS * count) + POSE_WORK * len(poses)
+    controller, boxes = many(_PARAMETERS, legs)(result["parameters"]), array(result["legs"], legs)
+    budget = work or leg_work(1, legs * count) + POSE_WORK * len(poses)
     certificates, enclosed = LegCertificates(folder, campaign, budget), list[Accepted]()
     refuted = not all(box["lo"] for box in boxes)
     for leg, (row, box) in enumerate(zip(controller, boxes, strict=True), start=1):
         accepted = certificates.proved(box["certificate"])
         # of a run without poses nothing is said of the forms
         forms = accepted.forms if refuted else [pose.form(row) for pose in poses]
-        compare(_of_the_set(leg, box, accepted, exact(result["delta"]), count, forms))
+        compare(_of_the_set(leg, box, accepted, exact(result["delta"]), campaign, forms))
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
         yield True, f"parameters of leg {leg}, model error up to {float(exact(box['eps']))!r} mm: PROVED, {claim}"
@@ -336,11 +354,11 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         if one["proved"] is not True:
             same(f"bounds of pose {k}", (one["proved"], *(one.get(key) for key in _BOUNDS)), (False, *[None] * 4))
             continue
-        legs = []
+        at = []
         for row, accepted in zip(controller, enclosed, strict=True):
             lo, hi = accepted.claims.enclosure or ((), ())
-            legs.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
-        bounds = pose_bounds(pose, legs, reach, turn / 2, certificates.budget.spend)
+            at.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
+        bounds = pose_bounds(pose, at, reach, turn / 2, certificates.budget.spend, held)
         if bounds is None:
             raise Refused(f"states bounds of pose {k} that are not proved")
         *sides, position_bound, rotation_bound = stated(bounds)
@@ -355,6 +373,8 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         position, angle = max(one.position for one in proved), 2 * max(one.half_turn for one in proved)
         most_shown = [(value * 10**6).__ceil__() / 10**6 for value in (position, angle)]
         inside = f"+-{float(reach)!r} mm and +-{float(turn)!r} rad"
+        if held:
+            inside += f", its {', '.join(COORDINATES[i] for i in sorted(held))} as commanded,"
         yield (
             True,
             f"{len(proved)} of {len(poses)} poses: PROVED, every pose within {inside} that the legs allow is within "
@@ -364,10 +384,15 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
         yield True, "no certificate holds the bounds of the workspace's cells"
 
 
-def _of_the_set(leg: int, box: Json, accepted: Accepted, delta: F, count: int, forms: Sequence[Given]) -> Stated:
+def _of_the_set(
+    leg: int, box: Json, accepted: Accepted, delta: F, campaign: ExactCampaign, forms: Sequence[Given]
+) -> Stated:
     claims, eps, there = accepted.claims, exact(box["eps"]), [dict(form) for form in accepted.forms]
     yield "leg", (box["leg"], accepted.leg, accepted.model), (leg, leg, "plain")
-    yield "number of measurements", (len(accepted.chosen), accepted.count), (count + len(forms),) * 2
+    count, out = len(campaign), [campaign.place.get(name, -1) for name in box["left_out"]]
+    kept = [k for k in range(count + len(forms)) if k not in out]
+    yield "number of measurements", accepted.count, count + len(forms)
+    yield "measurements", (list(accepted.chosen), -1 in out, len(set(out))), (kept, False, len(out))
     yield "forms of poses", there, [dict(form) for form in forms]
     yield "eps", (eps, eps, eps), (claims.cap, accepted.lo[7], accepted.hi[7])
     for lo, hi in zip(accepted.lo[:7], accepted.hi, strict=False):

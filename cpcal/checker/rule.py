@@ -162,8 +162,8 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 
 
 # A reading is the first number plus the second times y, in half-widths: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
-# With `way` 1 it is the reading that its sign names itself, -1 the opposite one.
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
+_OPPOSITE = str.maketrans("+-", "-+")
 
 
 def _untagged(side: str, k: int) -> int | None:
@@ -171,7 +171,7 @@ def _untagged(side: str, k: int) -> int | None:
     return None
 
 
-def _exact(k: int) -> tuple[float, ...]:
+def _exact(k: int) -> tuple[float | F, ...]:
     """Of constraints without readings."""
     return ()
 
@@ -184,14 +184,15 @@ class Problem:
     objective: int | None
     count: int
     chosen: tuple[int, ...]
-    constraint: Callable[[int, Unknowns, str, int], Any]  # k on a box with signs of a reading, and its `way`
-    radii: Callable[[int], tuple[float, ...]] = _exact  # of the readings of k: 0 where they are exact
+    constraint: Callable[[int, Unknowns, str, bool], Any]  # k on a box, its reading's signs, whether these are of a set
+    radii: Callable[[int], tuple[float | F, ...]] = _exact  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
     conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
     held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
+    rescaled: Callable[[F], Problem] | None = None
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
     wrong: int = (
         0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
@@ -221,22 +222,33 @@ class Problem:
         for n, (side, k, _) in enumerate(table):
             groups.setdefault((side, any(self.radii(k))), []).append(n)
         for (side, _), places in groups.items():
-            items = [self.constraint(k, x, signs, 0) for _, k, signs in map(table.__getitem__, places)]
+            items = [self.constraint(k, x, signs, True) for _, k, signs in map(table.__getitem__, places)]
             yield from zip(places, self.settled(x, items, side), strict=True)
 
-    def holds(self, x: Unknowns, k: int, signs: str) -> bool:
-        """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        return self.unproved(x, [(k, signs)]) is None
+    def scaled(self, factor: F) -> Problem:
+        """With half-widths of so many times those of the readings."""
+        return self if self.rescaled is None else self.rescaled(factor)
 
-    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]]) -> int | None:
-        """The first of these numbers, with the ends of its reading, that `holds` is not proved of."""
+    def holds(self, x: Unknowns, k: int, signs: str, every: bool = False) -> bool:
+        """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends, or
+        for `every` one."""
+        return self.unproved(x, [(k, signs)], every) is None
+
+    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], every: bool = False) -> int | None:
+        """The first of these numbers, with the signs of its reading, that `holds` is not proved of.
+
+        What falls towards the reading is asked there for some reading, and at the opposite one for every.
+        """
+        asked = ((every, self.below), (not every, self.above))
         for start in range(0, len(points), _SIDE_BY_SIDE):
             some = points[start : start + _SIDE_BY_SIDE]
             good = [True] * len(some)
             for uncertain in (True, False):
                 places = [n for n, (k, _) in enumerate(some) if any(self.radii(k)) is uncertain]
-                for way, sides in ((1, self.below), (-1, self.above)) if uncertain else ((1, self.conditions),):
-                    items = [self.constraint(k, x, signs, way) for k, signs in map(some.__getitem__, places)]
+                for opposite, sides in asked if uncertain else ((False, self.conditions),):
+                    turned = _OPPOSITE if opposite else {}
+                    given = ((k, signs.translate(turned)) for k, signs in map(some.__getitem__, places))
+                    items = [self.constraint(k, x, signs, every) for k, signs in given]
                     for n, held in zip(places, self.held(items, sides) if items else (), strict=True):
                         good[n] &= held
             if not all(good):
@@ -245,7 +257,7 @@ class Problem:
 
     @cached_property
     def above(self) -> tuple[str, ...]:
-        """The conditions that are asked at the far end of a reading set."""
+        """The conditions that are hardest at the reading, where others are at the opposite one."""
         return tuple(side for side in self.conditions if side in ("upper", "sign"))
 
     @cached_property

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from .rule import Box, Problem, meeting
 
 RESULT_NAME, INFORMATION = "result.json", "information"
 RESULT_FORMAT = "cpcal-result/11"
+_POINTS = ("recommended", "passes_from", "reduced")
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 
@@ -43,7 +44,12 @@ class LegChecked:
     refused: str | None = None
     support: Accepted | None = None  # that the leg's support alone proves a lower bound
     ranges: Accepted | None = None  # of the parameters at a tolerance
-    robust: RobustChecked | None = None  # with outliers: then nothing of the above
+    points: tuple[tuple[str, Accepted], ...] = ()  # by the keys of the result: what points meet whatever the readings
+    robust: RobustChecked | None = None  # with outliers: then no accepted, support or ranges
+
+    @property
+    def certified(self) -> bool:
+        return bool(self.accepted or self.points or (self.robust and self.robust.certified))
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
         same("format", result["format"], RESULT_FORMAT)
         compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
-        others = [of for leg in legs for of in (leg["ranges"], leg["support"]["proof"]) if of is not None]
+        others = [of for leg in legs for of in (leg["ranges"], leg["support"]["proof"], *map(leg.get, _POINTS)) if of]
         brackets = [leg["bracket"] for leg in legs]
         named = [of["certificate"] for of in (*brackets, *others)]
         named += [name for of in brackets for name in (*of["proofs"], of["point_certificate"])]
@@ -149,7 +155,8 @@ class _Leg:
         robust = self.result["options"]["outliers"] > 0
         key = "point_certificate" if robust else "certificate"
         try:
-            return self._robust(bracket) if robust else self._certified(bracket)
+            found = self._robust(bracket) if robust else self._certified(bracket)
+            return replace(found, points=tuple(self._points(bracket)))
         except (Unusable, Refused, *STRANGE) as error:
             name = bracket.get(key) if isinstance(bracket, dict) else None
             return LegChecked(number, shown(name), refused=reason_of(error))
@@ -194,7 +201,7 @@ class _Leg:
             yield "model", model, accepted.model
             yield "extra parameters", extra, list(EXTRA[model])
             yield "measurements", chosen, accepted.chosen
-        center, delta = (bracket if "center" in bracket else bracket[INFORMATION])["center"], result["options"]["delta"]
+        center, delta = where("center", bracket), result["options"]["delta"]
         yield "size of the center", len(center), len(PARAMETERS)
         sides = [(exact(c), exact(delta)) for c in center] + [(F(0), exact(p["half_width"])) for p in parameters]
         yield "number of parameters", len(sides), len(accepted.lo) - 1
@@ -209,6 +216,8 @@ class _Leg:
         claims, options = accepted.claims, self.result["options"]
         asked, informed = options["eps"], options[INFORMATION]
         at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
+        if claims.point is not None:
+            yield "factor of the point", None, claims.point.factor
         ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
         if any(not a <= v <= b for a, v, b in ends) or (at and asked is not None and at[-1] != claims.cap):
             at = None
@@ -232,6 +241,36 @@ class _Leg:
             slack = asked_gap / 2**20 * (1 if bracket["status"] == "proved" else -1)  # how a float64 may see it
             narrow = at[-1] - lo <= asked_gap + slack
         yield "status", bracket["status"], "refuted" if refuted else "proved" if narrow else "unknown"
+
+    def _points(self, bracket: Json) -> Iterator[tuple[str, Accepted]]:
+        """What is proved for all readings, at all measurements but those left out."""
+        left_out = where("left_out", bracket)
+        kept = tuple(k for name, k in self.campaign.place.items() if name not in left_out)
+        for key in _POINTS:
+            stated = self.leg[key]
+            if stated is None:
+                continue
+            if stated["certificate"] is None:
+                nothing_beside(stated, "point", "largest", "eps", "factor")
+                continue
+            found = self.certificates.proved(stated["certificate"])
+            compare(self.of_the_point(key, stated, found, kept))
+            yield key, found
+
+    def of_the_point(self, key: str, stated: Json, accepted: Accepted, kept: tuple[int, ...]) -> Stated:
+        """What it meets whatever the readings are; with reduced half-widths the recommended one meets the tolerance."""
+        yield "leg", (self.leg["leg"], self.result["model"]["name"]), (accepted.leg, accepted.model)
+        yield "measurements", kept, accepted.chosen
+        claims, point = accepted.claims, accepted.claims.point
+        if point is None or point.holds != accepted.chosen:
+            raise Refused(f"states {key}, of which its certificate claims nothing")
+        yield "claims", (None, None), (claims.enclosure, claims.eps_lo)
+        of, eps, factor = stated, stated.get("largest", stated.get("eps")), 1
+        if key == "reduced":
+            of, eps, factor = self.leg["recommended"], where("tolerance", self.result["options"]), stated["factor"]
+        yield f"factor of {key}", exact(factor), point.factor
+        yield f"point of {key}", [exact(v) for v in where("point", of)], list(point.at[:-1])
+        yield f"eps of {key}", exact(eps), point.at[-1]
 
     def lowest(self, accepted: Accepted, at: Any = None) -> tuple[bool, Any]:
         """Whether it is refuted that there is a solution, and the lower bound that the claims make."""
@@ -298,11 +337,15 @@ class _Leg:
             claims, names, hi = accepted.claims, tuple(map(str, bracket["left_out"])), exact(bracket["hi"])
             kept = [k for k in range(len(campaign)) if k not in left_out]
             same("measurements of the point", kept, list(accepted.chosen))
-            same("point", claims.point is not None and claims.point.holds == accepted.chosen, True)
-            same("eps_hi", hi, claims.eps_hi)
+            same("eps_hi", hi, claims.eps_hi)  # which a point proves that holds at all of these
             at = () if claims.point is None else claims.point.at[:-1]
             same("point", [exact(v) for v in bracket["point"]], list(at))
         return LegChecked(self.leg["leg"], None, robust=RobustChecked(outliers, lo, hi, names, len(proofs)))
+
+
+def where(key: str, of: Json) -> Any:
+    """What stands in it, or under its `information`."""
+    return of[key] if key in of else of[INFORMATION][key]
 
 
 def nothing_beside(of: Json, *proved: str) -> None:

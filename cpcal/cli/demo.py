@@ -41,7 +41,7 @@ from cpcal.models.sight import CameraSet, Enclosing, TargetSet, campaign_of
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.points import certify_fits
 from cpcal.questions.question import question_of
-from cpcal.report.study_page import render_study
+from cpcal.report.study_page import PAPERS_WAY, of_f, render_study
 from cpcal.robot import DELTALAB, Campaign, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
@@ -64,6 +64,7 @@ class DemoPlan:
     photographs: Mapping[str, int] = field(default_factory=lambda: {"runs": 2, "validation_runs": 1, "images": 2})
     enclosed: int = 1  # of so many configurations one is enclosed from an image
     legs: tuple[int, ...] | None = None
+    tolerance: float = 1.0  # mm: what the legs are to be good to
     timeout_seconds: float = 3.0  # a leg, for the paper's timeout method
     timeout_gap: float = 0.01  # relative
 
@@ -86,7 +87,7 @@ def demo(
     the model with seven parameters a leg does not know; the noise is the paper's. Writes DIR/study, DIR/campaign,
     DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/timeout and the page DIR/report.html; with --images
     also DIR/images and what was found in them, and a campaign whose reading sets are proved from pixels, certified too.
-    A certificate that the checker refuses makes the exit status 1.
+    A certificate that the checker refuses makes the exit status 1, a leg that fails the tolerance does not.
     """
     check_new(folder, force=force or resume)
     (folder / REPORT_NAME).unlink(missing_ok=True)  # what is older must not stand beside newer results
@@ -99,11 +100,12 @@ def demo(
     found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
     write_calibration(found, found.record, folder)
     show_record(talk, found.record)
+    talk.say(PAPERS_WAY, of_f(found.record), f"Tolerance: {stated(PLAN.tolerance)} mm for each leg.")
     campaign = load_campaign(folder / CAMPAIGN)
     _fits(campaign, found.record, folder / FITS, talk)
 
     def run(name: str, of: Campaign) -> Result:
-        question = question_of(of, legs=PLAN.legs, ranges=True)
+        question = question_of(of, legs=PLAN.legs, ranges=True, tolerance=PLAN.tolerance)
         return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
 
     result = run(RUN, campaign)
@@ -113,7 +115,8 @@ def demo(
     accepted, whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
-    return status_of(result) if accepted else Status.UNKNOWN
+    answered = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
+    return Status.ANSWERED if accepted and answered else Status.UNKNOWN
 
 
 def _unless_stopped(certified: Callable[[], Result]) -> Result:

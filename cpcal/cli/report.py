@@ -38,6 +38,7 @@ from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
+from cpcal.simulate import true_robot
 
 T = TypeVar("T")
 
@@ -84,6 +85,7 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
         result=load_result(folder / RUN),
         timeout=load_result(folder / TIMEOUT),
         checked=said,
+        truth=true_robot(load_campaign(folder / CAMPAIGN)),
     )
 
 
@@ -186,39 +188,39 @@ def _chosen(asked: str | None, file: Path | None, known: Mapping[str, T]) -> T:
 
 
 def accuracy(
-    run: Path = argument("RUN", "Folder that certify wrote, with all six legs."),
-    folder: Path = output(
-        "DIR", "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there."
+    run: Path = argument("RUN", "Folder that certify wrote, with all legs."),
+    folder: Path | None = output(
+        "DIR",
+        "Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.",
+        None,
+        show_default="RUN/accuracy",
     ),
     workspace: str | None = option(
-        None, "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).", "BOX"
+        None, "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).", "BOX", show_default="proposed"
     ),
-    poses: Path | None = option(None, "Poses: pose,x,y,z,qw,qx,qy,qz.", "CSV"),
+    poses: Path | None = option(None, "Poses: pose,x,y,z,qw,qx,qy,qz.", "CSV", show_default="the measured ones"),
     count: int = option(4, "Poses to measure next, by each of two rules.", "N", "--next", min=0),
-    model_error: str | None = option(
-        None, "ASSUMED model error everywhere: one number, or one a leg.", "MM", show_default="suggested"
+    assume: str | None = option(
+        None, "Model error ASSUMED everywhere: one number, or one a leg.", "MM", show_default="suggested"
     ),
-    controller: Literal["nominal", "fit", "proved"] = option("fit", "Whose parameters the controller has."),
+    controller: Literal["recommended", "nominal"] = option("recommended", "Whose parameters the controller has."),
     validation: Path | None = option(None, "More poses to judge the model error by, same frames.", "CAMPAIGN"),
-    gap: float = option(0.2, "Relative width at which the worst of the workspace is settled."),
     cells: int = option(600, "Of the workspace, at most."),
     *,
     talk: Talk,
 ) -> Status:
     """How far off can the platform of a certified RUN be, at given poses or anywhere in a workspace?
 
-    Bounds are proved under one assumption, which is printed first: how large the model error is at poses that nobody
+    Bounds are proved under one assumption: how large the model error is at poses that nobody
     measured. It also says which poses to measure next: those where the certified sets leave most open (estimates).
     """
     from cpcal.models.platform import Workspace  # the other verbs here start sooner without
     from cpcal.questions import accuracy as questions
-    from cpcal.report.accuracy_page import assumption, sentences, write_accuracy
+    from cpcal.report.accuracy_page import assumption, headline, sentences, write_accuracy
 
-    if workspace is None and poses is None:
-        raise unusable("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")
     space = None if workspace is None else Workspace.parsed(workspace)
     named = None if poses is None else questions.NamedPoses(*load_poses(poses))
-    error = numbers_of(model_error, float, "mm: give one, or one for each leg: 0.2,0.3,...", "--model-error")
+    error = numbers_of(assume, float, "mm: give one, or one for each leg: 0.2,0.3,...", "--assume")
     campaign, result = load_campaign_json(run), load_result(run)
     known = None if validation is None else load_campaign(validation)
 
@@ -230,10 +232,9 @@ def accuracy(
             result,
             poses=named,
             workspace=space,
-            model_error=error[0] if error is not None and len(error) == 1 else error,
+            assume=error[0] if error is not None and len(error) == 1 else error,
             controller=controller,
             validation=known,
-            gap=gap,
             cells=cells,
             next_poses=count,
             certificates=draft,
@@ -241,9 +242,10 @@ def accuracy(
         )
 
     def show(found: questions.Accuracy) -> None:
-        talk.say(assumption(found), *sentences(found))
+        talk.say(headline(found), assumption(found), *sentences(found))
 
-    found = answer(folder, ACCURACY, find, questions.save_accuracy, write_accuracy, show, talk, campaign)
+    target = run / "accuracy" if folder is None else folder
+    found = answer(target, ACCURACY, find, questions.save_accuracy, write_accuracy, show, talk, campaign)
     over = found.workspace
     lost = found.refuted or any(not pose.proved for pose in found.poses) or (over is not None and over.left_out)
     return Status.UNKNOWN if lost else Status.ANSWERED

@@ -443,7 +443,7 @@ def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
     """Row k (from 0) of a campaign for one leg (from 1) in exact numbers: what the checker reads from campaign.json."""
     length, width = float(campaign.length[k, leg - 1]), float(campaign.length_radius[k, leg - 1])
     widths = (*campaign.position_radius[k].tolist(), *campaign.rotation_radius[k].tolist(), width)
-    return Measurement(campaign.quaternion[k].tolist(), campaign.position[k].tolist(), length, widths)
+    return Measurement((*campaign.quaternion[k].tolist(), *campaign.position[k].tolist(), length), widths)
 
 
 def leg_statement(

@@ -37,6 +37,7 @@ from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements,
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.network import restricted
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them
@@ -77,7 +78,10 @@ def _ranges(
 
 @dataclass(frozen=True, eq=False)
 class AskedSet:
-    """Which S is asked for: of a leg, at a model error, within `delta` mm of `center` (7,); `controller` (7,) is x^."""
+    """Which S is asked for: of a leg, at a model error, within `delta` mm of `center` (7,); `controller` (7,) is x^.
+
+    `only`: some measurements, numbers from 0; None: all.
+    """
 
     campaign: Campaign
     leg: int
@@ -86,11 +90,15 @@ class AskedSet:
     delta: float
     controller: Floats
     contractors: Sequence[str] = ("lifted",)
+    only: tuple[int, ...] | None = None
 
     def network(self, engine: Arithmetic) -> ConstraintNetwork:
         """The equations of the leg at `eps`."""
         box = leg_box(np.asarray(self.center, np.float64), self.delta)
-        return leg_network(self.campaign, self.leg, box, engine=engine, eps=(self.eps, self.eps), model=PLAIN)
+        whole = leg_network(self.campaign, self.leg, box, engine=engine, eps=(self.eps, self.eps), model=PLAIN)
+        if self.only is None:
+            return whole
+        return restricted(whole, [np.array(self.only, dtype=np.intp)] * len(whole.constraints))
 
 
 def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedSet | None:
@@ -142,7 +150,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     """
     known = tuple(F(float(v)) for v in asked.controller)
     forms = tuple(pose.form(known) for pose in poses)
-    statement = leg_statement(asked.campaign, asked.leg, forms=forms)
+    statement = leg_statement(asked.campaign, asked.leg, asked.only, forms=forms)
     plain = asked.network(get_arithmetic("float64"))
     root = with_forms(exact_box(plain.domain), forms)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
@@ -151,7 +159,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
 
     def contracted(part: ConstraintNetwork, first: int, most: int) -> None:
         nonlocal box
-        n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), first=first)
+        n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), asked.only, first=first)
         prover = WeightProver(replace(statement, sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
         loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in asked.contractors]

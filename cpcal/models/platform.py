@@ -1,13 +1,14 @@
 """Where the platform can be when its controller says P, R: boxes proved by interval Newton to hold the true pose.
 
 The true pose is written P + p, R(1, s) R. With the true parameters x of each leg in its certified set S, and a model
-error e of at most eps, its six equations are, divided by 2 `scale` so that they are in mm,
+error e of at most eps, its n equations are, divided by 2 `scale` so that they are in mm,
 
     F_i(p, s) = (||P + p + R(1, s) R b - a||^2 - (L + l + e)^2) / (2 scale_i) = 0,     L the controller's reading
 
 F(0) lies in the ranges of `deviations`, widened by eps. The Krawczyk operator of F, with x over S and e over
 [-eps, eps], is taken for all poses of a cell at once; where its image lies in the interior of the box D of (p, s), for
-every x and e exactly one (p, s) in D solves the equations, and it lies in the image (see existence.operators).
+every x and e exactly one (p, s) in D solves the equations, and it lies in the image (see existence.operators). More
+than six equations are combined into six by the operator's weights. Coordinates that the mechanism holds, `held`, are 0.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.models.leg import rational_rotations, rotations, turned_rows
 from cpcal.models.leg_set import CertifiedSet
-from cpcal.robot import Pose, Robot, leg_vectors, pose_jacobian
+from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
 from cpcal.solver.contract import Contraction
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
@@ -186,17 +187,24 @@ class PoseBounds:
     share: Floats
 
 
-def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet]) -> tuple[PoseBounds, PoseBounds]:
-    """Proved bounds for all poses of each cell, and for the centers alone, for the six certified sets of a robot."""
-    over, centers = Equations(cells, sets), Equations(Cells.of_poses(cells.center), sets)
+def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> tuple[PoseBounds, PoseBounds]:
+    """Proved bounds for all poses of each cell, and for the centers alone, for the certified sets of a robot's legs."""
+    over, centers = Equations(cells, sets, held), Equations(Cells.of_poses(cells.center), sets, held)
     at_center = centers.deviations()
     return over.bounds(at_center + over.across(centers)), centers.bounds(at_center)
 
 
-def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet]) -> PoseBounds:
+def pose_bounds(poses: Pose, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> PoseBounds:
     """The same for K poses."""
-    centers = Equations(Cells.of_poses(poses), sets)
+    centers = Equations(Cells.of_poses(poses), sets, held)
     return centers.bounds(centers.deviations())
+
+
+def pose_inverse(jacobian: Floats, held: Sequence[int] = ()) -> Floats:
+    """(..., 6, n): how the pose follows the legs, by the pseudo-inverse of (..., n, 6); 0 for coordinates `held`."""
+    free, out = np.setdiff1d(np.arange(6), held), np.zeros(np.swapaxes(jacobian, -1, -2).shape)
+    out[..., free, :] = np.linalg.pinv(jacobian[..., free])
+    return out
 
 
 class Equations:
@@ -206,16 +214,17 @@ class Equations:
     v = P + R b^ - a^, mm. `length` (K, n): ||v||.
     """
 
-    def __init__(self, cells: Cells, sets: Sequence[CertifiedSet]) -> None:
+    def __init__(self, cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> None:
         self.cells, self.sets = cells, sets
         self.controller, self.basis = np.stack([one.controller for one in sets]), np.stack([one.basis for one in sets])
         self.box, self.along = (joined([getattr(one, name)[None] for one in sets], 0) for name in ("box", "along"))
         robot = Robot.from_parameters("controller", self.controller)
         jacobian = pose_jacobian(robot, cells.center)
         jacobian[..., 3:] *= 2.0
+        self._free = np.diag(np.isin(np.arange(6), held, invert=True).astype(np.float64))
         with np.errstate(all="ignore"):
-            self.regular = np.linalg.cond(jacobian) < 1e12
-            self.inverse = np.linalg.inv(np.where(self.regular[:, None, None], jacobian, np.eye(6)))
+            self.regular = np.linalg.cond(np.delete(jacobian, held, axis=-1)) < 1e12
+            self.inverse = pose_inverse(np.where(self.regular[:, None, None], jacobian, 1.0), held)
         self.rotation = turned_pose(cells.reach[:, 3:], cells.center)
         self.arm = applied(self.rotation, self.controller[None, :, 3:6])
         position = cells.center.position + cells.reach[:, :3]
@@ -283,7 +292,7 @@ class Equations:
 
     def spread(self, box: Intervals) -> Intervals:
         """(I - C J(D)) D, (K, 6), for boxes D (K, 6) of (p, s) that hold 0, with the interval Jacobian J of F."""
-        return applied(np.eye(6)[None] - self._product(intervals(box)), box)
+        return applied(self._free[None] - self._product(intervals(box)), box)
 
     def _product(self, box: Intervals) -> Intervals:
         """C J (K, 6, 6) over D, all x of the sets and all poses of the cells.
@@ -376,9 +385,10 @@ def sizes(inverse: Floats, value: IntervalArray, spread: IntervalArray) -> tuple
     (p, s) = -C F(0) + an element of `spread`, and a norm is largest at a corner of the box of F(0). The angle of
     R(1, s) is 2 atan ||s|| <= 2 ||s||.
     """
-    corners = (np.arange(64)[:, None] >> np.arange(6) & 1).astype(bool)
-    values = np.where(corners[None], value.hi[:, None], value.lo[:, None])  # (K, 64, 6)
-    moves = applied(intervals(inverse)[:, None], np.where(np.isfinite(values), values, 0.0))  # (K, 64, 6)
+    legs = inverse.shape[-1]
+    corners = (np.arange(1 << legs)[:, None] >> np.arange(legs) & 1).astype(bool)
+    values = np.where(corners[None], value.hi[:, None], value.lo[:, None])  # (K, 2^n, n)
+    moves = applied(intervals(inverse)[:, None], np.where(np.isfinite(values), values, 0.0))  # (K, 2^n, 6)
     more = intervals(spread.mag)
     position, turn = (
         intervals(norm(moves[..., part]).hi.max(axis=1)) + norm(more[:, part]).hi for part in (slice(3), slice(3, 6))
@@ -450,6 +460,15 @@ class Workspace:
         half = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         return IntervalArray(lo * half, hi * half)  # halves of floats are exact
 
+    def sample(self, count: int) -> Pose:
+        """`count` poses drawn from it, always the same."""
+        return rotated(np.random.default_rng(1).uniform(self.lo, self.hi, (count, 6)))
+
+
+def rotated(rows: Floats) -> Pose:
+    """Poses P, R(1, S) of rows (P, 2 S)."""
+    return Pose(rows[:, :3], normalised(small_rotation(rows[:, 3:])))
+
 
 @dataclass(frozen=True, eq=False)
 class Covered:
@@ -479,6 +498,7 @@ def cover(
     workspace: Workspace,
     sets: Sequence[CertifiedSet],
     *,
+    held: Sequence[int] = (),
     gap: float = 0.2,
     most: int = 600,
     tell: Callable[[float, float], None] | None = None,
@@ -488,8 +508,8 @@ def cover(
     Cells of which nothing can be proved are divided first; at a 64th of the workspace's width they are left out.
     `tell` is called with the bracket of the worst bound, mm.
     """
-    dividing = _Dividing(sets, workspace.box, gap)
-    search = Search(dividing.pieces(_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
+    dividing = _Dividing(sets, workspace.box, gap, held)
+    search = Search(dividing.pieces(first_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
     while True:
         if tell is not None:
             waits = 0.0 if search.lowest is None else max(-search.lowest, 0.0)
@@ -523,8 +543,8 @@ class _Cell(NamedTuple):
 class _Dividing:
     """The process of the search. `at` (6,) is the pose met whose own bound is the worst, `attained` mm."""
 
-    def __init__(self, sets: Sequence[CertifiedSet], whole: IntervalArray, gap: float) -> None:
-        self._sets, self._gap = sets, gap
+    def __init__(self, sets: Sequence[CertifiedSet], whole: IntervalArray, gap: float, held: Sequence[int]) -> None:
+        self._sets, self._gap, self._held = sets, gap, held
         self._width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
         self.at, self.attained, self.highest_kept = whole.mid, 0.0, 0.0
 
@@ -534,7 +554,7 @@ class _Dividing:
 
     def pieces(self, boxes: IntervalArray) -> list[Piece]:
         """Cells (K, 6) with their bounds."""
-        over, centers = cell_bounds(Cells.of_boxes(boxes), self._sets)
+        over, centers = cell_bounds(Cells.of_boxes(boxes), self._sets, self._held)
         met = np.where(centers.proved, centers.position, 0.0)
         if met.max() > self.attained:
             self.at, self.attained = boxes.mid[met.argmax()], float(met.max())
@@ -561,7 +581,7 @@ class _Dividing:
         ]
 
 
-def _grid(whole: IntervalArray) -> IntervalArray:
+def first_grid(whole: IntervalArray) -> IntervalArray:
     """The workspace in equal parts along the axes of position that have a width."""
     lo, hi = whole.lo[None], whole.hi[None]
     for axis in np.flatnonzero(whole.hi[:3] > whole.lo[:3]):

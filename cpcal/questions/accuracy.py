@@ -7,8 +7,8 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,20 +16,21 @@ from typing import Annotated, Any
 import numpy as np
 
 from cpcal.calibration import fit
-from cpcal.checker.platform import LEGS, Commanded, Leg, pose_bounds, stated
+from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked, load, save
-from cpcal.models import PLAIN, beyond_legs, fit_model, leg_box, leg_network
+from cpcal.models import PLAIN, beyond_legs, leg_box, leg_network
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
-from cpcal.models.platform import Workspace, cover
+from cpcal.models.platform import Cells, Workspace, cell_bounds, cover, first_grid, pose_inverse, rotated
 from cpcal.questions.bracket import of_measurements
-from cpcal.questions.next_measurement import NextPose, leg_changes
+from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
 from cpcal.questions.next_measurement import next_poses as chosen_next
 from cpcal.questions.result import CampaignNote, Result
+from cpcal.questions.verdict import verdict_of
 from cpcal.robot import (
     Campaign,
     Mechanisms,
@@ -39,7 +40,6 @@ from cpcal.robot import (
     normalised,
     pose_jacobian,
     quaternion_conjugate,
-    quaternion_from_rotation_vector,
     quaternion_product,
     rotation_vector,
 )
@@ -58,41 +58,47 @@ from cpcal.solver.optimize.local import fit as minimax_fit
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/6"
+FORMAT = "cpcal-accuracy/7"
 ACCURACY_NAME = "accuracy.json"
 
 
 @dataclass(frozen=True)
 class AssumedLeg:
-    """ASSUMED: some parameters of the leg satisfy its equation to within `eps` at the calibration poses, each for some
-    reading in its set, and at every pose that is spoken of.
+    """ASSUMED: some parameters of the leg satisfy its equation to within `eps` at the calibration poses but those
+    `left_out`, each for some reading in its set, and at every pose that is spoken of.
 
     PROVED, by the `certificate`: all such parameters (a, b, l) lie from `lo` to `hi`, mm; both are empty where there
     are none, and the campaign refutes what is assumed.
 
-    `stated`: the user gave eps; else it was suggested by `growth`: least errors, readings as they are, of so many
-    `poses`. `refuted_below`: proved in the run, the campaign allows no smaller eps.
+    `stated`: the user gave eps; else it was suggested by `growth`, least errors of so many `poses`, readings as they
+    are, and raised if lengths that are spoken of lie `far` from every measured one (a share of the measured stroke).
+    `refuted_below`: proved in the run, the campaign allows no smaller eps.
     """
 
     leg: Annotated[int, checked("the certificate: each leg once")]
     eps: Annotated[float, checked("the cap of the certificate")]
     lo: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
     hi: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
+    left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate")]
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
     stated: Informed[bool]
     refuted_below: Informed[float]
     poses: Informed[tuple[int, ...]]
     growth: Informed[tuple[float, ...]]
+    far: Informed[float]
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """Estimates for one pose, which prove nothing. `u_position`, `u_rotation`: expanded uncertainty with k = 2 of the
-    least-squares fit. `true_position`, `true_rotation`: the simulator's own error; None where the truth is not known.
+    """Estimates for one pose, which prove nothing. `u_position`, `u_rotation`: 95 % of poses are off by no more, by the
+    residuals of least squares. `attained`: to first order some parameters that the measurements allow, and errors up to
+    eps, move the platform so far, mm. `true_position`, `true_rotation`: the simulator's own error; None where the truth
+    is not known.
     """
 
     u_position: float
     u_rotation: float
+    attained: float
     true_position: float | None = None
     true_rotation: float | None = None
 
@@ -107,7 +113,7 @@ class PoseAccuracy:
     PROVED under the assumption, where `proved`: every pose `within` the box that was asked for which the legs allow is
     P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
     `rotation_bound`; infinite where nothing is proved. `shares`: to first order, by how much what is not known of each
-    leg can move the platform. `beyond`: a leg's length at this pose lies outside of those that were measured.
+    leg can move the platform. `far`: legs whose length at this pose is far from every measured one.
     """
 
     name: Informed[str]
@@ -119,14 +125,8 @@ class PoseAccuracy:
     position_bound: Annotated[float, checked(_AGAIN, "proved")]
     rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
     shares: Informed[tuple[float, ...]]
-    beyond: Informed[bool]
+    far: Informed[tuple[int, ...]]
     estimated: Informed[Estimated]
-
-    @property
-    def rotation(self) -> tuple[float, float, float]:
-        """As a rotation vector."""
-        x, y, z = rotation_vector(np.array(self.quaternion)).tolist()
-        return x, y, z
 
     @property
     def violated(self) -> bool:
@@ -146,19 +146,22 @@ class CellAccuracy:
     proved: bool
     position_bound: float
     rotation_bound: float
-    shares: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class WorkspaceAccuracy:
     """Cells that cover a workspace. `worst_pose` (6,) is one whose own bound is `worst_pose_bound`, the largest met;
-    `complete`: the bound of all cells is within the gap asked for of it."""
+    `attained` is the estimate for it, `u_position` the largest met. `proposal`: how the workspace was chosen, if not by
+    the user. `complete`: the bound of all cells is within the gap asked for of the worst pose's."""
 
     lo: tuple[float, ...]
     hi: tuple[float, ...]
     cells: tuple[CellAccuracy, ...]
     worst_pose: tuple[float, ...]
     worst_pose_bound: float
+    attained: float
+    u_position: float
+    proposal: str
     complete: bool
 
     @property
@@ -182,7 +185,8 @@ class Accuracy:
     """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions.
 
     The parameters that are spoken of lie within `delta` mm of the center of the run, the poses `within` so many mm and
-    rad (each component of a rotation vector) of those that are commanded."""
+    rad (each component of a rotation vector) of those that are commanded. ASSUMED: of a robot with fewer than six legs
+    the mechanism holds the coordinates `held` (numbers of x, y, z, rx, ry, rz), which no measured pose varies."""
 
     campaign: CampaignNote
     version: Informed[str]
@@ -190,10 +194,12 @@ class Accuracy:
     parameters: Annotated[tuple[tuple[float, ...], ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
     within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
+    held: Annotated[tuple[int, ...], checked("what is computed again holds them")]
     legs: tuple[AssumedLeg, ...]
     poses: tuple[PoseAccuracy, ...]
     workspace: Informed[WorkspaceAccuracy | None]
     next_poses: Informed[tuple[NextPose, ...]]
+    simulated: Informed[bool]
     truth_known: Informed[bool]
     seconds: Informed[float]
 
@@ -232,8 +238,11 @@ def load_accuracy(folder: str | os.PathLike[str]) -> Accuracy:
 PREFIX = "set-"  # of the certificates' names
 WITHIN = 20.0, 0.1  # mm, rad: of the poses that are commanded; about others nothing is said
 MOST_POSES = 1000  # which a certificate can hold
-CONTROLLERS = ("nominal", "fit", "proved")
+CONTROLLERS = ("recommended", "nominal")
 _WORST = 4  # poses, for which next poses are chosen
+_MEASURED = 64  # poses of the campaign, where none are asked about
+_SHRINKS = 8  # by a quarter each, of a workspace that is proposed
+_SAMPLE = 300  # poses of a workspace, for estimates
 Told = Callable[[str], None]
 
 
@@ -251,8 +260,8 @@ def certify_accuracy(
     *,
     poses: NamedPoses | None = None,
     workspace: Workspace | None = None,
-    model_error: float | Sequence[float] | None = None,
-    controller: str = "fit",
+    assume: float | Sequence[float] | None = None,
+    controller: str = "recommended",
     validation: Campaign | None = None,
     gap: float = 0.2,
     cells: int = 600,
@@ -262,76 +271,89 @@ def certify_accuracy(
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
 
-    PROVED under what is ASSUMED: for each leg some parameters, within `delta` mm of the center as in the result,
-    satisfy its equation to within `model_error` mm at the calibration poses (each for SOME reading in its set) and at
-    every pose spoken of; and the platform is within 20 mm and 0.1 rad (each component) of the pose commanded, or for a
-    workspace stays on the controller's assembly branch. `model_error` is one number, or
-    one for each leg; left out, it is suggested by how the least error grows over the poses of the campaign and of
-    `validation`, a campaign in the same frames.
+    Without `poses` and `workspace`: the measured poses, 64 at most, and a workspace proposed from their range.
 
-    `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
-    points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
+    PROVED under what is ASSUMED: for each leg some parameters, within `delta` mm of the center as in the result,
+    satisfy its equation to within `assume` mm at the calibration poses (each for SOME reading in its set; but those
+    that a robust run left out) and at every pose spoken of; and the platform is within 20 mm and 0.1 rad (each
+    component) of the pose commanded, or for a workspace stays on the controller's assembly branch. A robot of fewer
+    than six legs holds the coordinates that no measured pose varies. `assume` is one number, or one for each leg; left
+    out, it is suggested by how the least error grows over the poses of the campaign and of `validation`, a campaign in
+    the same frames, and raised where leg lengths are far from every measured one.
+
+    `controller` is what computes readings from poses: the "recommended" parameters of the run, or "nominal", the
+    drawing. `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
     is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
     each of two rules (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
     the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
 
-    Raises InputError for a run that this cannot be asked of: of another campaign or model, without all six legs.
+    Raises InputError for a run that this cannot be asked of: of another campaign or model, without all legs, or with a
+    leg that failed, unless `assume` says what to assume of it.
     """
     began, say = time.monotonic(), tell or (lambda _: None)
-    problems = _problems(campaign, result, controller, model_error)
+    held = held_coordinates(campaign)
+    problems = _problems(campaign, result, controller, assume, held)
     if poses is not None and len(poses.names) > MOST_POSES:
         what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
         problems.append(Problem("poses", what, "ask for some of them at a time"))
     if problems:
         raise InputError(problems)
-    if controller == "nominal":
-        known = campaign.robot.parameters
-    elif controller == "fit":
-        known = np.stack([fit_model(campaign, leg) for leg in range(1, LEGS + 1)])
-    else:
-        known = np.array([leg.bracket.point for leg in result.legs])
-    robot = Robot.from_parameters("controller", known)
-    commanded = []
-    if poses is not None:
-        pairs = zip(poses.poses.position, poses.poses.quaternion, strict=True)
-        commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
-    errors = None if model_error is None else np.broadcast_to(np.asarray(model_error, np.float64), (LEGS,)).tolist()
-    seen = [campaign] if validation is None else [campaign, validation]
+    points = [leg.recommended.point for leg in result.legs if leg.recommended is not None]
+    known = campaign.robot.parameters if controller == "nominal" else np.array(points)
+    robot, proposal = Robot.from_parameters("controller", known), ""
+    if poses is None and workspace is None:
+        poses = measured_poses(campaign)
+        workspace, proposal = proposed_workspace(campaign, robot, held)
+    named = NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4)))) if poses is None else poses
+    pairs = zip(named.poses.position, named.poses.quaternion, strict=True)
+    commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
+    places = [named.poses] if workspace is None else [named.poses, workspace.sample(_SAMPLE)]
+    away = [distance_from_measured(campaign, inverse_kinematics(robot, some)) for some in places]
+    far = np.concatenate(away).max(axis=0, initial=0.0)
+    errors = None if assume is None else np.broadcast_to(np.asarray(assume, np.float64), (campaign.legs,)).tolist()
     asked, assumed, enclosed = list[AskedSet](), list[AssumedLeg](), list[EnclosedLeg]()
     with tempfile.TemporaryDirectory() as draft:
         for leg, row in zip(result.legs, known, strict=True):
             center, delta, name = leg.bracket.center, result.options.delta, f"{PREFIX}leg{leg.leg}.cert.jsonl"
+            only, distance = kept_measurements(campaign, leg.bracket.left_out), float(far[leg.leg - 1])
             say(f"growth of the model error of leg {leg.leg}")
+            seen = [campaign.rows(only), *([] if validation is None else [validation])]
             drawn, least = growth(seen, leg.leg, center=center, delta=delta)
-            eps = suggested_error(least) if errors is None else errors[leg.leg - 1]
+            eps = suggested_error(least, distance) if errors is None else errors[leg.leg - 1]
             say(f"certificate of the set of leg {leg.leg}")
-            asked.append(
-                AskedSet(
-                    campaign,
-                    leg.leg,
-                    eps,
-                    center=center,
-                    delta=delta,
-                    controller=row,
-                    contractors=result.options.contractors,
-                )
-            )
+            contractors, out = result.options.contractors, leg.bracket.left_out
+            asked.append(AskedSet(campaign, leg.leg, eps, center, delta, row, contractors, only if out else None))
             path = Path(draft if certificates is None else certificates) / name
             one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
             enclosed += [] if one is None else [one]
             lo, hi = ((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))
             below = leg.bracket.lo if result.options.eps is None else 0.0
-            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, name, errors is not None, below, drawn, least))
-    refuted = len(enclosed) < LEGS
-    wanted = not refuted and (workspace is not None or (poses is not None and next_poses > 0))
-    sets = _certified_sets(asked, say) if wanted else []
-    at: tuple[PoseAccuracy, ...] = ()
-    if not refuted and poses is not None:
-        say(f"{len(poses.names)} poses")
-        really = true_poses(campaign, robot, poses.poses)
-        at = _at_poses(campaign, robot, enclosed, assumed, poses, commanded, really)
-    over = _over(workspace, sets, gap, cells, say) if sets and workspace is not None else None
+            more = errors is not None, below, drawn, least, distance
+            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, out, name, *more))
+    at, over, following = tuple[PoseAccuracy, ...](), None, tuple[NextPose, ...]()
+    sets = _certified_sets(asked, say) if len(enclosed) == campaign.legs else []
+    if sets:
+        parts = [campaign if one.only is None else campaign.rows(one.only) for one in asked]
+        polytopes = [Polytope.about(part, one) for part, one in zip(parts, sets, strict=True)]
+        say(f"{len(named.names)} poses")
+        estimates = _estimates(campaign, result, robot, sets, polytopes, named.poses, held)
+        at = _at_poses(robot, enclosed, assumed, named, commanded, estimates, away[0], held)
+        if workspace is not None:
+            workspace = _boundable(workspace, sets, held) if proposal else workspace
+            over = _over(workspace, sets, gap, cells, held, say)
+            u = expanded_uncertainty(_without(campaign, result), robot, places[-1], held)[0]
+            last = rotated(np.array([over.worst_pose]))
+            worst = attained(robot, polytopes, sets, last, held)
+            over = replace(over, u_position=float(u.max()), attained=float(worst[0]), proposal=proposal)
+        if next_poses > 0:
+            worst_first = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
+            position, quaternion = [p.position for p in worst_first], [p.quaternion for p in worst_first]
+            if over is not None and over.worst_pose_bound:
+                position, quaternion = [*position, *last.position], [*quaternion, *last.quaternion]
+            if position:
+                there = Pose(np.array(position), np.array(quaternion))
+                following = chosen_next(campaign, sets, polytopes, there, next_poses, held=held)
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,
@@ -339,17 +361,19 @@ def certify_accuracy(
         parameters=tuple(tuple(map(float, row)) for row in known),
         delta=result.options.delta,
         within=WITHIN,
+        held=held,
         legs=tuple(assumed),
         poses=at,
         workspace=over,
-        next_poses=_next(campaign, sets, at, over, next_poses) if sets else (),
+        next_poses=following,
+        simulated=campaign.simulated,
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
 
 
 def _certified_sets(asked: Sequence[AskedSet], say: Told) -> list[CertifiedSet]:
-    """The sets for cells and next poses; none at all where one is empty."""
+    """The sets for cells and estimates; none at all where one is empty."""
     sets: list[CertifiedSet] = []
     for which in asked:
         say(f"certified set of leg {which.leg}")
@@ -365,60 +389,62 @@ def _exact(values: Floats) -> tuple[F, ...]:
 
 
 def _problems(
-    campaign: Campaign, result: Result, controller: str, error: float | Sequence[float] | None
+    campaign: Campaign, result: Result, controller: str, assume: float | Sequence[float] | None, held: tuple[int, ...]
 ) -> list[Problem]:
-    found = []
+    found, n = [], campaign.legs
     if campaign_sha256(campaign) != result.campaign.sha256:
         found.append(Problem("run", "is of another campaign", "name the run's own"))
     if result.model.name != PLAIN.name:
         what = f"has the leg model {result.model.name!r}"
         found.append(Problem("run", what, "certify with the plain model: others have no accuracy certificate yet"))
-    if campaign.legs != LEGS:
-        remedy = "a pose has six unknowns, and its bounds are proved from as many legs: other robots have none yet"
-        found.append(Problem("robot", f"has {campaign.legs} legs", remedy))
-    elif [leg.leg for leg in result.legs] != list(range(1, LEGS + 1)):
-        held = ", ".join(str(leg.leg) for leg in result.legs) or "none"
-        found.append(Problem("run", f"holds these legs only: {held}", "certify all six"))
+    if not 6 - len(held) <= n <= MOST_LEGS:
+        vary = ", ".join(name for k, name in enumerate(COORDINATES) if k not in held)
+        remedy = f"ask for a robot of at most {MOST_LEGS} legs that determine its pose"
+        found.append(Problem("robot", f"has {n} legs, and its measured poses vary in {vary}", remedy))
+    elif [leg.leg for leg in result.legs] != list(range(1, n + 1)):
+        text = ", ".join(str(leg.leg) for leg in result.legs) or "none"
+        found.append(Problem("run", f"holds these legs only: {text}", f"certify all {n}"))
     if controller not in CONTROLLERS:
         found.append(Problem("controller", f"{controller!r} is not known", f"use one of {', '.join(CONTROLLERS)}"))
-    elif controller == "proved" and any(leg.bracket.point is None for leg in result.legs):
-        found.append(Problem("controller", "has no proved point for each leg", "use fit or nominal"))
-    if error is not None:
-        values = np.atleast_1d(np.asarray(error, np.float64))
-        if values.shape not in ((1,), (LEGS,)) or not (np.isfinite(values) & (values >= 0.0)).all():
-            found.append(Problem("model_error", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say"))
-        elif not found:
-            for leg, eps in zip(result.legs, np.broadcast_to(values, (LEGS,)).tolist(), strict=True):
-                found += beyond_legs(
-                    campaign, leg.leg, leg.bracket.center[6] - result.options.delta, eps, "model_error"
-                )
+    elif controller == "recommended" and any(leg.recommended is None for leg in result.legs):
+        found.append(Problem("run", "recommends no parameters for some leg", "use the controller nominal"))
+    if assume is None:
+        failed = [str(leg.leg) for leg in result.legs if verdict_of(result, leg).word == "fail"]
+        if failed:
+            what, remedy = (
+                f"fails its tolerance: leg {', '.join(failed)}",
+                "say what model error to assume: --assume MM",
+            )
+            found.append(Problem("run", what, remedy))
+        return found
+    values = np.atleast_1d(np.asarray(assume, np.float64))
+    if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values >= 0.0)).all():
+        found.append(Problem("assume", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say"))
+    elif not found:
+        for leg, eps in zip(result.legs, np.broadcast_to(values, (n,)).tolist(), strict=True):
+            found += beyond_legs(campaign, leg.leg, leg.bracket.center[6] - result.options.delta, eps, "assume")
     return found
 
 
 def _at_poses(
-    campaign: Campaign,
     robot: Robot,
     legs: Sequence[EnclosedLeg],
     assumed: Sequence[AssumedLeg],
     named: NamedPoses,
     commanded: Sequence[Commanded],
-    really: Pose | None,
+    estimates: Sequence[Estimated],
+    away: Floats,
+    held: tuple[int, ...],
 ) -> tuple[PoseAccuracy, ...]:
-    poses, length = named.poses, inverse_kinematics(robot, named.poses)
-    known = [_exact(row) for row in robot.parameters]
-    u_position, u_rotation = expanded_uncertainty(campaign, poses)
-    true = [(None, None)] * len(commanded)
-    if really is not None:
-        true = list(zip(*(of.tolist() for of in distances(really, poses)), strict=True))
-    beyond = ((length < campaign.length.min(axis=0)) | (length > campaign.length.max(axis=0))).any(axis=1)
-    inverse = np.linalg.norm(np.linalg.pinv(pose_jacobian(robot, poses))[:, :3], axis=1)
+    poses, known = named.poses, [_exact(row) for row in robot.parameters]
+    inverse = np.linalg.norm(pose_inverse(pose_jacobian(robot, poses), held)[:, :3], axis=1)
     out = []
     for k, (name, pose) in enumerate(zip(named.names, commanded, strict=True)):
         at = [
             Leg(row, one.lo, one.hi, F(error.eps), one.forms[k])
             for row, one, error in zip(known, legs, assumed, strict=True)
         ]
-        bounds = pose_bounds(pose, at, F(WITHIN[0]), F(WITHIN[1]) / 2, free)
+        bounds = pose_bounds(pose, at, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
         lo, hi, *sizes = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
         # what is not known of each leg's length, to first order
         widths = [float(one.forms[k][1] - one.forms[k][0]) for one in legs]
@@ -436,46 +462,101 @@ def _at_poses(
                 position_bound=sizes[0],
                 rotation_bound=sizes[1],
                 shares=tuple(map(float, inverse[k] * np.array(open_, np.float64))),
-                beyond=bool(beyond[k]),
-                estimated=Estimated(float(u_position[k]), float(u_rotation[k]), *true[k]),
+                far=tuple(leg.leg for leg, distance in zip(assumed, away[k], strict=True) if distance > FAR),
+                estimated=estimates[k],
             )
         )
     return tuple(out)
 
 
-def _next(
-    campaign: Campaign,
-    sets: Sequence[CertifiedSet],
-    at: Sequence[PoseAccuracy],
-    over: WorkspaceAccuracy | None,
-    count: int,
-) -> tuple[NextPose, ...]:
-    """For the worst poses that were met."""
-    worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
-    rows: list[tuple[float, ...]] = [(*pose.position, *pose.rotation) for pose in worst]
-    rows += [] if over is None or not over.worst_pose_bound else [over.worst_pose]
-    if not rows:
-        return ()
-    poses = np.array(rows)
-    there = Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:])))
-    return chosen_next(campaign, sets, there, count)
+def _boundable(workspace: Workspace, sets: Sequence[CertifiedSet], held: tuple[int, ...]) -> Workspace:
+    """The workspace, made smaller about its middle until the cells of the first grid can be bounded."""
+    for _ in range(_SHRINKS):
+        if cell_bounds(Cells.of_boxes(first_grid(workspace.box)), sets, held)[0].proved.all():
+            break
+        lo, hi = np.array(workspace.lo), np.array(workspace.hi)
+        middle, half = 0.5 * (lo + hi), 0.375 * (hi - lo)
+        workspace = Workspace(tuple((middle - half).tolist()), tuple((middle + half).tolist()))
+    return workspace
 
 
-def _over(workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells: int, say: Told) -> WorkspaceAccuracy:
+def _over(
+    workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells: int, held: tuple[int, ...], say: Told
+) -> WorkspaceAccuracy:
     def tell(lo: float, hi: float) -> None:
         least, most = bracket_text(lo, hi, 4)
         say(f"the worst of the workspace is between {least} and {most} mm")
 
-    found = cover(workspace, sets, gap=gap, most=cells, tell=tell)
+    found = cover(workspace, sets, held=held, gap=gap, most=cells, tell=tell)
     factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     sides = ((factor * side).tolist() for side in (found.boxes.lo, found.boxes.hi))
-    values = (of.tolist() for of in (found.proved, found.position, found.rotation, found.share))
-    each = tuple(
-        CellAccuracy(tuple(lo), tuple(hi), proved, position, rotation, tuple(share))
-        for lo, hi, proved, position, rotation, share in zip(*sides, *values, strict=True)
-    )
+    values = (of.tolist() for of in (found.proved, found.position, found.rotation))
+    each = tuple(CellAccuracy(tuple(lo), tuple(hi), *of) for lo, hi, *of in zip(*sides, *values, strict=True))
     at = tuple(map(float, factor * found.at))
-    return WorkspaceAccuracy(workspace.lo, workspace.hi, each, at, found.at_position, found.complete)
+    return WorkspaceAccuracy(
+        workspace.lo, workspace.hi, each, at, found.at_position, np.inf, np.inf, "", found.complete
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What is asked about, where the user says nothing.
+
+
+def measured_poses(campaign: Campaign) -> NamedPoses:
+    """The measured poses, one of each name and 64 at most, evenly chosen."""
+    first = {name: k for k, name in reversed(list(enumerate(campaign.pose)))}
+    rows = sorted(first.values())
+    rows = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MEASURED)).round()).astype(int)]
+    return NamedPoses(tuple(campaign.pose[k] for k in rows), Pose(campaign.position[rows], campaign.quaternion[rows]))
+
+
+def mean_orientation(campaign: Campaign) -> Floats:
+    """(4,): the quaternion nearest to all that were measured, whatever their signs."""
+    return normalised(np.linalg.eigh(campaign.quaternion.T @ campaign.quaternion)[1][:, -1])
+
+
+def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
+    """Numbers of x, y, z, rx, ry, rz that the mechanism of a robot with fewer than six legs holds: those that the
+    measured poses vary by no more than their reading sets."""
+    if campaign.legs >= 6:
+        return ()
+    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(mean_orientation(campaign)))
+    seen = np.concatenate([campaign.position, rotation_vector(turned)], axis=1)
+    radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1).max(axis=0)
+    return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
+
+
+def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) -> tuple[Workspace | None, str]:
+    """A box of positions in the measured poses' mean orientation, and a sentence on it.
+
+    It has the center and the proportions of the measured positions' range, and is the largest in which no leg needs a
+    reading beyond those that were measured. None where even its center does.
+    """
+    orientation = mean_orientation(campaign)
+    lo, hi = campaign.position.min(axis=0), campaign.position.max(axis=0)
+    middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo) * ~np.isin(np.arange(3), held)
+    low, high = campaign.length.min(axis=0), campaign.length.max(axis=0)
+    # R b - a + P is shortest where P is nearest to a - R b, longest at a corner
+    foot = robot.base - Pose(middle, orientation).rotation.dot(robot.mobile.T).T
+    corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, 1.0, -1.0)
+
+    def inside(share: float) -> bool:
+        at = middle + share * half * corners
+        near = np.clip(foot, middle - share * half, middle + share * half)
+        longest = np.linalg.norm(at[:, None] - foot, axis=2).max(axis=0) - robot.offset
+        shortest = np.linalg.norm(near - foot, axis=1) - robot.offset
+        return bool(((low <= shortest) & (longest <= high)).all())
+
+    shares = [share for share in np.linspace(0.01, 1.0, 100).tolist() if inside(share)]
+    if not shares or abs(orientation[0]) < 0.1:
+        return None, ""
+    turn = 2.0 * orientation[1:] / orientation[0]
+    box = (np.concatenate([middle + sign * shares[-1] * half, turn]).tolist() for sign in (-1.0, 1.0))
+    said = (
+        f"{round(100 * shares[-1])} % of the measured positions' range about its middle, in the mean measured "
+        "orientation, in which no leg needs a reading beyond those measured; smaller where its cells cannot be bounded"
+    )
+    return Workspace(*map(tuple, box)), said
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -485,17 +566,34 @@ def _over(workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells:
 # poses and at every pose of the workspace. eps* of the calibration poses alone is too small for that: the parameters
 # were chosen for these poses. So the least error is computed for more and more of all poses known, drawn at random, and
 # its growth is carried on. The readings are taken as they are, so that the noise counts as model error: sets that are
-# wide hide model errors of their own size.
+# wide hide model errors of their own size. Where a leg's length is far from every measured one nothing that was
+# measured tells of its error. The suggestion is raised in proportion to the distance, which is a precaution and no
+# estimate: such legs are named.
 
 SHARES = (0.25, 0.5, 1.0)  # of the poses
 _DRAWS = 4  # of each share
+FAR = 0.125  # of the measured stroke: a length is far from every measured one
 _FEWEST = 9  # poses: with fewer eight unknowns explain them whatever they are
 
 
-def suggested_error(errors: Sequence[float]) -> float:
-    """mm: the least error with all poses, and twice what the last doubling added."""
+def suggested_error(errors: Sequence[float], far: float = 0.0) -> float:
+    """mm: the least error with all poses, and twice what the last doubling added. `far`: a length is so far from
+    every measured one, as a share of the measured stroke; it is raised 1 + far times then."""
     added = errors[-1] - errors[-2] if len(errors) > 1 else errors[-1]
-    return errors[-1] + 2.0 * max(added, 0.0)
+    return (errors[-1] + 2.0 * max(added, 0.0)) * (1.0 + far * (far > FAR))
+
+
+def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
+    """(K, n): from readings (K, n) to the nearest that was measured, as a share of the leg's measured stroke."""
+    known = np.sort(campaign.length, axis=0)
+    above = np.stack([np.searchsorted(a, b) for a, b in zip(known.T, length.T, strict=True)], axis=1)
+    near = [np.take_along_axis(known, np.clip(above - k, 0, len(known) - 1), axis=0) for k in (0, 1)]
+    return np.asarray(np.abs(length - np.stack(near)).min(axis=0) / np.maximum(np.ptp(known, axis=0), 1e-9))
+
+
+def kept_measurements(campaign: Campaign, left_out: Collection[str]) -> tuple[int, ...]:
+    """Numbers, from 0, of all measurements but some."""
+    return tuple(k for k, name in enumerate(campaign.measurement_ids) if name not in left_out)
 
 
 def growth(
@@ -543,32 +641,81 @@ def least_error(network: ConstraintNetwork, start: Sequence[float]) -> tuple[Flo
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Beside what is proved: the expanded uncertainty of least squares, and the simulator's truth. Floating point.
+# Beside what is proved: the prediction uncertainty of least squares, and the simulator's truth. Floating point.
+#
+# With C the covariance of the plain fit's residuals, leg by leg, G its pseudo-inverse and J+ that of the pose, a leg is
+# off by what the parameters' errors do to its length, and by a model error like those of the residuals:
+#
+#     V = J+ (D G C G' D' + C) J+'          D: change of the lengths by the parameters
+#
+# ||p||^2 is taken for tr V times an F variable, whose degrees of freedom are (tr V)^2 / tr V^2 (Satterthwaite) and the
+# residuals'; U^2 is its 95 % quantile. What least squares and the controller differ by is added.
 
-COVERAGE = 2.0  # k
 
+def expanded_uncertainty(
+    campaign: Campaign, controller: Robot, poses: Pose, held: Sequence[int] = ()
+) -> tuple[Floats, Floats]:
+    """U of position, mm, and of rotation, rad, (K,) both: 95 % of unseen poses are expected to be off by no more.
 
-def expanded_uncertainty(campaign: Campaign, poses: Pose) -> tuple[Floats, Floats]:
-    """U of position, mm, and of rotation, rad, (K,) both: k = 2 times the root of the covariance's trace.
-
-    From the residuals of the plain fit: what they scatter is taken for noise, model error too. nan where the data do
-    not determine the parameters.
+    inf where the data do not determine what counts, or leave no residuals.
     """
+    from scipy import special  # here: it takes a third of a second to load
+
     found = fit(campaign, covariance="residuals")
-    robot = Robot.from_parameters(campaign.robot.name, found.parameters)
-    form = leg_changes(robot, poses)
-    inverse = np.linalg.pinv(pose_jacobian(robot, poses))  # (K, 6, n)
-    count, legs = form.shape[:2]
-    moves = (inverse[..., None] * form[:, None]).reshape(count, 6, 7 * legs)
-    variance = np.einsum("kiu,uv,kiv->ki", moves, found.covariance, moves)
-    out = COVERAGE * np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)]))
+    fitted, inverse = (
+        Robot.from_parameters("fit", found.parameters),
+        pose_inverse(pose_jacobian(controller, poses), held),
+    )
+    offset = np.einsum("kin,kn->ki", inverse, inverse_kinematics(fitted, poses) - inverse_kinematics(controller, poses))
+    count, legs = found.residuals.shape
+    if found.freedom <= 0.0:
+        return np.full(len(offset), np.inf), np.full(len(offset), np.inf)
+    (left, values, right), seen = found.svd, found.determined
+    scatter = found.residuals.T @ found.residuals / found.freedom
+    moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 6, 7 * legs)
+    along = (moves @ right[seen].T / values[seen]) @ left[:, seen].T
+    blocks = along.reshape(*along.shape[:2], count, legs)
+    variance = np.einsum("kipa,ab,kjpb->kij", blocks, scatter, blocks, optimize=True)
+    variance += inverse @ scatter @ np.swapaxes(inverse, 1, 2)
+    lost = np.linalg.norm(moves - moves @ right[seen].T @ right[seen], axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
+    out = []
+    for part in (slice(3), slice(3, 6)):
+        v = variance[:, part, part]
+        size = np.maximum(np.trace(v, axis1=1, axis2=2), 1e-300)
+        quantile = special.fdtri(size**2 / np.maximum(np.sum(v**2, axis=(1, 2)), 1e-300), found.freedom, 0.95)
+        u = np.linalg.norm(offset[:, part], axis=1) + np.sqrt(size * quantile)
+        out.append(np.where(lost[:, part].any(axis=1), np.inf, u))
     return out[0], out[1]
+
+
+def _without(campaign: Campaign, result: Result) -> Campaign:
+    """The campaign without what was left out of any leg."""
+    out = {name for leg in result.legs for name in leg.bracket.left_out}
+    return campaign.rows(kept_measurements(campaign, out))
+
+
+def _estimates(
+    campaign: Campaign,
+    result: Result,
+    robot: Robot,
+    sets: Sequence[CertifiedSet],
+    polytopes: Sequence[Polytope],
+    poses: Pose,
+    held: tuple[int, ...],
+) -> list[Estimated]:
+    if not len(poses.position):
+        return []
+    columns = [*expanded_uncertainty(_without(campaign, result), robot, poses, held)]
+    columns.append(attained(robot, polytopes, sets, poses, held))
+    really = true_poses(campaign, robot, poses)
+    columns += [] if really is None else distances(really, poses)
+    return [Estimated(*row) for row in np.stack(columns, axis=1).tolist()]
 
 
 def true_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
     """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
     robot = true_robot(campaign)
-    if robot is None:
+    if robot is None or robot.legs < 6:
         return None
     try:
         options = json.loads(campaign.provenance["options"])

@@ -21,15 +21,15 @@ from cpcal.models import PLAIN, ModelResiduals, reading_sensitivities
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
 from cpcal.models.hand_eye_fit import PARAMETERS, READING, PixelModel, ReadFrames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
+from cpcal.models.platform import pose_inverse
 from cpcal.questions.hand_eye import best_frames
 from cpcal.robot import (
     Campaign,
-    KinematicsError,
     Pose,
     Robot,
-    central_pose,
-    forward_poses,
+    inverse_kinematics,
     leg_vectors,
+    normalised,
     pose_jacobian,
     rotation_vector,
 )
@@ -67,7 +67,7 @@ def extremes(rows: Floats, rhs: Floats, low: Floats, high: Floats, objectives: F
 # middle of the range, where the reading is expected), and so on. Beside it the greedy start of DETMAX: the pose that
 # adds most to the determinant of the information. What is expected of both is the worst bound to first order.
 
-_CANDIDATES = 40
+_CANDIDATES, _DRAWN = 40, 400  # of so many drawn
 _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
 CERTIFIED, DETERMINANT = "certified width", "DETMAX"
 
@@ -95,7 +95,7 @@ class Polytope:
     @staticmethod
     def about(campaign: Campaign, one: CertifiedSet) -> Polytope:
         """The controller's parameters."""
-        model = ModelResiduals(campaign, one.leg, PLAIN)
+        model = ModelResiduals(campaign, one.leg, PLAIN)  # of the measurements that the set holds
         to_x, offset = one.basis * np.maximum(one.along.rad, 1e-12), one.basis @ one.along.mid
         jacobian = model.jacobian(one.controller)
         slack = one.eps + reading_sensitivities(campaign, one.leg, one.controller, PLAIN)
@@ -123,26 +123,34 @@ class Polytope:
 
 
 def next_poses(
-    campaign: Campaign, sets: Sequence[CertifiedSet], worst: Pose, count: int, *, seed: int = 1
+    campaign: Campaign,
+    sets: Sequence[CertifiedSet],
+    polytopes: Sequence[Polytope],
+    worst: Pose,
+    count: int,
+    *,
+    held: Sequence[int] = (),
+    seed: int = 1,
 ) -> tuple[NextPose, ...]:
     """`count` poses by certified width, then as many by the determinant; `worst` (K) are poses whose bound matters.
 
-    Candidates are drawn within the readings that the campaign has. () where none can be reached.
+    Candidates lie between two measured poses each, within the readings that the campaign has. () where none do.
     """
     robot = Robot.from_parameters("controller", np.stack([one.controller for one in sets]))
-    low, high = campaign.length.min(axis=0), campaign.length.max(axis=0)
-    drawn = np.random.default_rng(seed).uniform(low, high, (_CANDIDATES, robot.legs))
-    try:
-        found, converged = forward_poses(robot, drawn, central_pose(robot, 0.5 * (low + high)))
-    except KinematicsError:
-        return ()
-    candidates = found.rows(converged)
-    polytopes = [Polytope.about(campaign, one) for one in sets]
+    random = np.random.default_rng(seed)
+    some = random.integers(0, len(campaign), (2, _DRAWN))
+    share, quaternion = random.uniform(size=(_DRAWN, 1)), campaign.quaternion[some]
+    quaternion[1] *= np.where(np.sum(quaternion[0] * quaternion[1], axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    (p, q), (a, b) = campaign.position[some], quaternion
+    drawn = Pose(p + share * (q - p), normalised(a + share * (b - a)))
+    length = inverse_kinematics(robot, drawn)
+    inside = (campaign.length.min(axis=0) <= length) & (length <= campaign.length.max(axis=0))
+    candidates = drawn.rows(np.flatnonzero(inside.all(axis=1))[:_CANDIDATES])
     slacks = np.array([np.median(one.slack) for one in polytopes])
     forms = leg_changes(robot, candidates)
 
     @cache
-    def after(*chosen: int) -> list[Polytope]:
+    def after(*chosen: int) -> Sequence[Polytope]:
         if not chosen:
             return polytopes
         before, form = after(*chosen[:-1]), forms[chosen[-1]]
@@ -166,7 +174,7 @@ def next_poses(
     for by, gain in ((CERTIFIED, width), (DETERMINANT, determinant)):
         order = greedy(range(len(forms)), count, gain)
         for n, k in enumerate(order, 1):
-            expected = _expected(robot, after(*order[:n]), sets, worst)
+            expected = float(attained(robot, after(*order[:n]), sets, worst, held).max())
             x, y, z = candidates.position[k].tolist()
             a, b, c = rotation_vector(candidates.quaternion[k]).tolist()
             out.append(NextPose((x, y, z), (a, b, c), by, expected))
@@ -181,16 +189,23 @@ def leg_changes(robot: Robot, poses: Pose) -> Floats:
     return np.concatenate([-unit, back, -np.ones((*unit.shape[:2], 1))], axis=-1)
 
 
-def _expected(robot: Robot, polytopes: Sequence[Polytope], sets: Sequence[CertifiedSet], worst: Pose) -> float:
-    """The largest bound of the position over some poses, to first order, mm."""
-    forms, inverse = leg_changes(robot, worst), np.linalg.pinv(pose_jacobian(robot, worst))
+def attained(
+    robot: Robot,
+    polytopes: Sequence[Polytope],
+    sets: Sequence[CertifiedSet],
+    poses: Pose,
+    held: Sequence[int] = (),
+) -> Floats:
+    """(K,) mm: how far, to first order, some parameters of the sets and errors up to eps move the platform."""
+    forms, inverse = leg_changes(robot, poses), pose_inverse(pose_jacobian(robot, poses), held)
     ranges = [p.ranges(forms[:, i]) for i, p in enumerate(polytopes)]
     middle = np.stack([r[0] for r in ranges], axis=1)
     half = np.stack([r[1] + one.eps for r, one in zip(ranges, sets, strict=True)], axis=1)
-    signs = np.where(np.arange(64)[:, None] >> np.arange(6) & 1, 1.0, -1.0)
-    corners = middle[:, None] + signs[None] * half[:, None]  # (K, 64, 6)
+    legs = robot.legs
+    signs = np.where(np.arange(1 << legs)[:, None] >> np.arange(legs) & 1, 1.0, -1.0)
+    corners = middle[:, None] + signs[None] * half[:, None]  # (K, 2^n, n)
     moves = np.einsum("kij,kcj->kci", inverse[:, :3], corners)
-    return float(np.linalg.norm(moves, axis=-1).max())
+    return np.asarray(np.linalg.norm(moves, axis=-1).max(axis=1))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.checker.platform import COORDINATES
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
-from cpcal.questions.accuracy import Accuracy, WorkspaceAccuracy
+from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 
@@ -27,63 +28,106 @@ def degrees_up(angle: float) -> str:
     return at_most(math.nextafter(math.degrees(angle), math.inf), 3)
 
 
+def headline(found: Accuracy) -> str:
+    """The first line: mm at the tool."""
+    if found.refuted:
+        return "Nothing is known of the tool's position: the campaign refutes what is assumed."
+    said, over, worst = list[str](), found.workspace, found.worst_pose
+    if worst is not None:
+        u = about(max(pose.estimated.u_position for pose in found.poses))
+        said.append(f"{at_most(worst.position_bound)} mm proved and {u} expected at {len(found.proved_poses)} poses")
+    if over is not None and len(over.left_out) < len(over.cells):
+        but = " but the cells left out" * bool(over.left_out)
+        mm = f"{at_most(over.position_bound)} mm proved and {about(over.u_position)} expected"
+        said.append(f"{mm} anywhere in the workspace{but}")
+    eps = about(max(leg.eps for leg in found.legs))
+    return (
+        f"{'Simulated: the' if found.simulated else 'The'} tool (origin of the mobile frame) is off by at most: "
+        f"{'; '.join(said) or 'nothing is proved'}. Proved: if the model error is at most {eps} mm. Expected: at 95 % "
+        "of poses."
+    )
+
+
 def assumption(found: Accuracy) -> str:
-    """The first line of every page and print."""
+    """What all else rests on."""
     each = [error.eps for error in found.legs]
     size = stated(each[0]) if len(set(each)) == 1 else f"{about(min(each))} to {about(max(each))}"
     whence = "stated by the user" if found.legs[0].stated else "suggested by the growth of the least error"
+    out = sorted({name for leg in found.legs for name in leg.left_out})
+    where = f"at the calibration poses{f' but {listed(out)}' * bool(out)} and at every pose spoken of here ({whence})"
+    axes = ", ".join(COORDINATES[k] for k in found.held)
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
-        f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). At a "
-        f"pose the platform is within {stated(found.within[0])} mm and {stated(found.within[1])} rad of it, along each "
-        "axis. "
+        f"equation to within {size} mm, {where}. At a pose the platform is within {stated(found.within[0])} mm and "
+        f"{stated(found.within[1])} rad of it, along each axis.{f' The mechanism holds {axes}.' * bool(axes)} "
         f"{BRANCH if found.workspace is not None else ''}".rstrip()
     )
 
 
 def sentences(found: Accuracy) -> list[str]:
-    """What follows."""
+    """What follows: what is far from measured, proved, estimated."""
     if found.refuted:
         legs = ", ".join(map(str, found.refuted))
         box = f"within {stated(found.delta)} mm of the center of the run"
         said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
         return [f"{said} Nothing is proved."]
     out, over, worst = list[str](), found.workspace, found.worst_pose
-    if over is not None and len(over.left_out) < len(over.cells):
-        end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
+    far = [error for error in found.legs if error.far > FAR]
+    if far:
+        names, share = listed([pose.name for pose in found.poses if pose.far]), round(100 * max(e.far for e in far))
+        rise = "" if far[0].stated else " What is assumed of them was raised: a precaution, no estimate."
         out.append(
-            f"PROVED under the assumption: anywhere in the workspace{' but the cells left out' * bool(over.left_out)} "
-            f"the platform is within {at_most(over.position_bound)} mm and {degrees_up(over.rotation_bound)} degrees "
-            f"of where the controller says. At the worst pose met the bound is {at_least(over.worst_pose_bound)} mm."
-            f"{end}"
-        )
-    if over is not None and over.left_out:
-        out.append(
-            f"LEFT OUT: {len(over.left_out)} of {len(over.cells)} cells, of which nothing is proved; the platform is "
-            "singular or nearly so there, or the cells are still too large. They are listed below."
+            f"FAR FROM MEASURED: leg {', '.join(str(error.leg) for error in far)} must reach lengths that are {share} "
+            f"% of the measured stroke away from every measured one{f', at poses {names}' * bool(names)}. No "
+            f"measurement shows the model error there.{rise} Measure poses in between."
         )
     if worst is not None:
         turn = degrees_up(max(p.rotation_bound for p in found.proved_poses))
         out.append(
             f"PROVED under the assumption: at {len(found.proved_poses)} of {len(found.poses)} poses the platform is "
             f"within {at_most(worst.position_bound)} mm and {turn} degrees of where the controller says; the worst is "
-            f"{worst.name}."
+            f"{worst.name}. cpcal verify checks it again."
+        )
+    if over is not None and len(over.left_out) < len(over.cells):
+        end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
+        out.append(
+            "PROVED under the assumption, but not checked again (rounded arithmetic, which no certificate holds): "
+            "anywhere in the workspace"
+            f"{' but the cells left out' * bool(over.left_out)} the platform is within {at_most(over.position_bound)} "
+            f"mm and {degrees_up(over.rotation_bound)} degrees of where the controller says. At the worst pose met the "
+            f"bound is {at_least(over.worst_pose_bound)} mm.{end}"
+        )
+    if over is not None and over.left_out:
+        out.append(
+            f"LEFT OUT: {len(over.left_out)} of {len(over.cells)} cells, of which nothing is proved; the platform is "
+            "singular or nearly so there, or the cells are still too large. They are listed below."
         )
     lost = [pose.name for pose in found.poses if not pose.proved]
     if lost:
+        why = "near a singularity, or the set is too wide"
+        out.append(f"LEFT OUT: nothing is proved at {len(lost)} poses ({why}): {listed(lost)}.")
+    ratios = [] if worst is None else [(worst.position_bound, worst.estimated.attained, "at the worst pose")]
+    ratios += [] if over is None else [(over.position_bound, over.attained, "in the workspace")]
+    times = " and ".join(f"{about(a / b)} {at}" for a, b, at in ratios if b > 0.0 and math.isfinite(a))
+    if times:
+        us = [p.estimated.u_position for p in found.poses] + ([] if over is None else [over.u_position])
         out.append(
-            f"Nothing is proved at {len(lost)} poses (near a singularity, or the set is too wide): {listed(lost)}."
+            f"ESTIMATED: 95 % of poses are off by no more than {about(max(us))} mm, if the model is off there as it is "
+            f"at the measured ones. Bounds are {times} times what parameters that the measurements allow attain, to "
+            "first order."
         )
-    beyond = [pose.name for pose in found.poses if pose.beyond]
-    if beyond:
-        out.append(f"{len(beyond)} poses need leg readings beyond those that were measured: {listed(beyond)}.")
     if found.violated:
         names = listed([pose.name for pose in found.violated])
-        many = f"at {len(found.violated)} poses: {names}"
-        out.append(f"THE ASSUMPTION FAILS: the simulator's truth violates the bound {many}.")
+        out.append(
+            f"THE ASSUMPTION FAILS: the simulator's truth violates the bound at {len(found.violated)} poses: {names}."
+        )
     elif found.truth_known:
-        true = max(p.estimated.true_position or 0.0 for p in found.poses)
-        out.append(f"The simulator's truth is inside at every pose; its largest error is {about(true)} mm.")
+        errors = [pose.estimated.true_position or 0.0 for pose in found.poses]
+        inside = sum(error <= pose.estimated.u_position for error, pose in zip(errors, found.poses, strict=True))
+        out.append(
+            f"SIMULATED: the truth is inside of the bound at every pose, and within U at {inside} of {len(errors)}; "
+            f"its largest error is {about(max(errors))} mm."
+        )
     return out
 
 
@@ -129,19 +173,27 @@ def map_svgs(found: WorkspaceAccuracy) -> list[Svg]:
 
 ACCURACY_PAGE = "accuracy.html"
 _MOST = 20  # rows of a table
-_KINDS = {"PROVED": "explained", "REFUTED": "unexplained", "THE ASSUMPTION": "unexplained", "LEFT OUT": "undecided"}
+_KINDS = {
+    "ASSUMED": "undecided",
+    "PROVED": "explained",
+    "ESTIMATED": "bounded",
+    "SIMULATED": "bounded",
+    "REFUTED": "unexplained",
+    "THE ASSUMPTION": "unexplained",
+    "FAR": "undetermined",
+    "LEFT OUT": "undetermined",
+}
 
 
 def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
     """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
-    robot = found.campaign.robot
+    robot = f"{'Simulated: ' * found.simulated}{found.campaign.robot}"
     page = Page(
-        f"Accuracy: {robot}",
+        f"{robot}, accuracy",
         "accuracy certificate",
         robot,
         [answer(found), *_where(found.workspace), *_at_poses(found), _assumption(found), *_next(found), _origin(found)],
-        [assumption(found)],
-        "How far from where its controller says can the platform be?",
+        lead=headline(found),
     )
     return page.write(Path(folder) / ACCURACY_PAGE)
 
@@ -152,10 +204,10 @@ def answer(found: Accuracy) -> Section:
         "counts as model error. Poses are of the mobile frame in the campaign's base frame."
     )
     said: list[Words] = []
-    for sentence in sentences(found):
+    for sentence in (assumption(found), *sentences(found)):
         word, _, rest = sentence.partition(":")
-        kind = next((kind for begin, kind in _KINDS.items() if sentence.startswith(begin)), None)
-        said.append(sentence if kind is None else (verdict(word, kind), f":{rest}"))
+        kind = next(kind for begin, kind in _KINDS.items() if sentence.startswith(begin))
+        said.append((verdict(word, kind), f":{rest}"))
     return Section("Answer", said, notes=[note])
 
 
@@ -170,6 +222,7 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         "Proved bounds of the position for all poses of each cell, seen from above at three heights. Cells of several "
         "rotations lie over one another; the worst is seen. Cells that are not near the worst are not divided further, "
         f"so their bounds are looser than they could be. Worst pose met: {_pose_text(over.worst_pose)}."
+        f"{f' The workspace was proposed: {over.proposal}.' * bool(over.proposal)}"
     )
     legend |= {"dashed": "left out", "": "× worst pose met"}
     cells = Table(
@@ -192,9 +245,10 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     estimates = [pose.estimated for pose in poses]
     quantities = [
         ("proved bound", at_most, [(pose.position_bound, pose.rotation_bound) for pose in poses]),
-        ("U of least squares, k = 2", about, [(e.u_position, e.u_rotation) for e in estimates]),
+        ("first order, attained", about, [(e.attained, math.nan) for e in estimates]),
+        ("U, 95 %", about, [(e.u_position, e.u_rotation) for e in estimates]),
     ]
-    head, truth = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "U [mm]", "legs"], found.truth_known
+    head, truth = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "attained", "U [mm]", "legs"], found.truth_known
     if truth:
         true = [(e.true_position or 0.0, e.true_rotation or 0.0) for e in estimates]
         quantities.append(("simulator's truth", about, true))
@@ -202,21 +256,31 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     summary = []
     for name, text, values in quantities:
         position, rotation = np.array(values).T
-        sizes = (float(size(of)) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max))
-        summary.append((name, *map(text, sizes)))
+        sizes = [float(size(of)) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max)]
+        summary.append((name, *("" if math.isnan(size) else text(size) for size in sizes)))
     rows = []
     for pose in poses:
         box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
         legs = " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(pose.shares))[:2].tolist()))
         bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
         true_error = [about(pose.estimated.true_position or 0.0)] * truth
-        rows.append((pose.name, *bounds, *box, about(pose.estimated.u_position), legs, *true_error))
+        rows.append(
+            (
+                pose.name,
+                *bounds,
+                *box,
+                *map(about, (pose.estimated.attained, pose.estimated.u_position)),
+                legs,
+                *true_error,
+            )
+        )
     yield Section(
         "At the poses asked for",
         tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), summary)],
         notes=[
-            "Only the first row is proved (under the assumption). U and the truth are estimates: U takes what the "
-            "residuals scatter for noise, and speaks of 95 % of cases, not of all.",
+            "Only the first row is proved (under the assumption). What some parameters that the measurements allow "
+            "attain is estimated to first order. U is estimated: the parameters' uncertainty, and a model error like "
+            "that of the residuals; it speaks of 95 % of poses, not of all.",
         ],
         parts=[
             Section(
@@ -229,9 +293,15 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
 
 
 def _assumption(found: Accuracy) -> Section:
-    head = ("leg", *(f"{n} poses [mm]" for n in found.legs[0].poses), "refuted below [mm]", "assumed [mm]")
+    head = ("leg", *(f"{n} poses [mm]" for n in found.legs[0].poses), "refuted below [mm]", "far", "assumed [mm]")
     rows = [
-        (str(e.leg), *map(about, e.growth), at_least(e.refuted_below), stated(e.eps) if e.stated else about(e.eps))
+        (
+            str(e.leg),
+            *map(about, e.growth),
+            at_least(e.refuted_below),
+            f"{round(100 * e.far)} %",
+            stated(e.eps) if e.stated else about(e.eps),
+        )
         for e in found.legs
     ]
     return Section(
@@ -243,7 +313,9 @@ def _assumption(found: Accuracy) -> Section:
         tables=[Table(head, rows)],
         notes=[
             "Least errors are estimates: of readings as they are (noise included), the mean over draws of so many "
-            "poses. “Refuted below” is proved by the run's certificates. No finite number of poses proves the "
+            "poses. “Refuted below” is proved by the run's certificates. “Far”: the largest "
+            "distance of a length spoken of here from every measured one, as a share of the measured stroke; beyond "
+            f"{about(100 * FAR)} % the suggestion is raised. No finite number of poses proves the "
             "assumption."
         ],
     )
@@ -267,6 +339,7 @@ def _origin(found: Accuracy) -> Section:
 
 
 def _pose_text(pose: tuple[float, ...]) -> str:
-    turns = [math.degrees(v) for v in pose[3:]]
+    size = math.hypot(*pose[3:])  # twice the tangent of half the angle
+    turns = [math.degrees(2.0 * math.atan(0.5 * size) * v / size) if size else 0.0 for v in pose[3:]]
     text = f"({', '.join(nearest(v, 1) for v in pose[:3])}) mm"
     return text if not any(turns) else f"{text}, turned by ({', '.join(nearest(v, 2) for v in turns)})°"

@@ -129,7 +129,11 @@ def mapped(
     if not columns:
         told, form = columns_by_name(header, legs, form)
         return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
-    form = form or RotationForm.named("quaternion-wxyz")
+    if form is None:
+        matrix = "r11" in columns
+        if not matrix and any(name in columns for name in ("r1", "rx")):
+            raise unusable("rotation", "is not stated", f"state --rotation: {FORMS}")
+        form = RotationForm.named("matrix" if matrix else "quaternion-wxyz")
     needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
     names = ["pose", "run", *needed, *override_columns(legs)]
     found = column_map(columns, names)

@@ -166,7 +166,7 @@ def short(
         "infeasible": False,
         "epsilon": {"lo": number(lo[o]), "hi": number(best)},
         "enclosure": limits(Box(network.names, np.array(lo), np.array(hi))),
-        "point": {"at": [number(v) for v in point], "holds": "all", "fails": []},
+        "point": {"at": [number(v) for v in point], "holds": "all", "factor": None, "fails": []},
     }
     claims = with_readings(statement.problem, claims)
     step = {"pass": 0, "cap": record["cap"], "rows": record["rows"], "bounds": bounds}

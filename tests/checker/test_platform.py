@@ -48,7 +48,7 @@ def run(known, tmp_path_factory):
     poses = forward_kinematics(known.controller, readings, central_pose(known.controller, np.full(6, 70.0)))
     result = cpcal.certify(known.campaign, delta=8.0, support="none", gap=1e-2)
     named = NamedPoses(("p1", "p2", "p3"), poses)
-    found = certify_accuracy(known.campaign, result, poses=named, model_error=ERROR, certificates=folder, next_poses=0)
+    found = certify_accuracy(known.campaign, result, poses=named, assume=ERROR, certificates=folder, next_poses=0)
     save_accuracy(found, folder)
     save_campaign_json(known.campaign, folder)
     return folder, poses, found
@@ -146,7 +146,7 @@ def test_a_point_of_a_set_is_refused_for_it_may_need_a_larger_error(run, tmp_pat
         header, claims, *rest = path.read_text().splitlines(keepends=True)
         stated = json.loads(claims)
         at = [*stated["enclosure"]["lo"][:7], "0x1p-2", *stated["enclosure"]["lo"][8:]]
-        stated["point"] = {"at": at, "holds": [], "readings": None, "fails": []}
+        stated["point"] = {"at": at, "holds": [], "readings": None, "factor": None, "fails": []}
         path.write_text(header + json.dumps(stated) + "\n" + "".join(rest))
 
     assert "another claim" in forged(run, tmp_path, change)
@@ -169,7 +169,7 @@ def test_a_campaign_that_refutes_the_error_leaves_no_poses(run, known, tmp_path)
     campaign = replace(known.campaign, length=wrong)
     result = cpcal.certify(campaign, delta=8.0, support="none", gap=1e-1)
     poses = NamedPoses(("p1",), Pose(run[1].position[:1], run[1].quaternion[:1]))
-    found = certify_accuracy(campaign, result, poses=poses, model_error=ERROR, certificates=tmp_path, next_poses=0)
+    found = certify_accuracy(campaign, result, poses=poses, assume=ERROR, certificates=tmp_path, next_poses=0)
     assert found.refuted == (1,)
     assert not found.poses
     save_accuracy(found, tmp_path)

@@ -31,9 +31,10 @@ def asked(folder, *arguments):
 
 
 def test_the_first_line_is_what_is_assumed_and_what_is_proved_holds_the_truth_and_is_verified(folder):
-    said = done(*asked(folder, "--poses", folder / "poses.csv", "--model-error", ERROR))
-    first, *rest = said.splitlines()
-    assert first.startswith("ASSUMED: ")
+    said = done(*asked(folder, "--poses", folder / "poses.csv", "--assume", ERROR))
+    first, second, *rest = said.splitlines()
+    assert first.startswith("Simulated: the tool (origin of the mobile frame) is off by at most: ")
+    assert second.startswith("ASSUMED: ")
     assert any(line.startswith("PROVED under the assumption: at 2 of 2 poses") for line in rest)
     assert "truth is inside" in said
     out = folder / "out"
@@ -46,10 +47,9 @@ def test_the_first_line_is_what_is_assumed_and_what_is_proved_holds_the_truth_an
     assert "accuracy.json: REFUSED, states another delta than is proved" in done("verify", out, status=1)
 
 
-def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):
-    refused(*asked(folder))
+def test_half_a_workspace_and_a_run_that_is_not_one_are_refused(folder, tmp_path):
     refused("accuracy", tmp_path, "-o", tmp_path / "o", "--workspace", "x=0,y=0,z=400")
-    assert "lacks z" in refused(*asked(folder, "--workspace", "x=0,y=0", "--model-error", "much"))
+    assert "lacks z" in refused(*asked(folder, "--workspace", "x=0,y=0", "--assume", "much"))
 
 
 def test_a_damaged_certificate_of_the_run_is_refused(folder):

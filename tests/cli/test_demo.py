@@ -61,6 +61,8 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
         "The paper's timeout method",
         "accepted all 4 certificates",
         "report.html",
+        "Where this differs from the paper: ",
+        "Tolerance: 1 mm",
     ):
         assert text in outcome.stdout
     page = (folder / "report.html").read_text(encoding="utf-8")

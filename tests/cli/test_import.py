@@ -1,5 +1,6 @@
 """`cpcal import` and `cpcal robot`: from a tracker's log to a campaign. (tests/test_your_data.py goes on to a page.)"""
 
+import json
 import re
 
 import numpy as np
@@ -8,8 +9,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import cpcal
+from cpcal.calibration import LegEquations
+from cpcal.calibration.fit import robust_parameters
 from cpcal.files import load_settings
-from cpcal.robot import ROBOTS, rotation_matrix
+from cpcal.robot import DELTALAB, ROBOTS, rotation_matrix
 from cpcal.simulate import simulate
 from tests.cli.command import done, refused, run
 
@@ -145,3 +148,90 @@ def test_a_template_that_is_not_filled_in_is_refused_line_by_line(tmp_path):
 def test_the_catalogue_is_listed_with_its_sources():
     listed = run("robot", "list").stdout
     assert all(f"{name}: {known.robot.name}" in listed and known.source in listed for name, known in ROBOTS.items())
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The log of a tracker: metres, degrees, its own frame, a target anywhere on the platform, each pose read once.
+
+NAMES = ["No", "X [m]", "Y [m]", "Z [m]", *(f"R{axis} [deg]" for axis in "xyz"), *(f"L{i} [mm]" for i in range(1, 7))]
+STATED = {"position_sigma": 0.02, "rotation_sigma": 1e-4, "length_sigma": 0.01}
+WRONG = 16, 2  # row and leg, from 0
+
+
+def tracked(path, seed, side=1.0, count=40):
+    """Kinematics of the test's own: writes a log with 3 mm wrong in one cell; drawing, true poses, frames, readings."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.uniform(-0.25, 0.25, (count, 3)))
+    place = np.array([0.0, 0.0, side * 350.0]) + rng.uniform(-50.0, 50.0, (count, 3))
+    tracker, target = Rotation.random(random_state=seed), Rotation.random(random_state=seed + 1)
+    at, on = 3000.0 * rng.standard_normal(3), 50.0 * rng.standard_normal(3)
+    vectors = place[:, None] + np.einsum("kij,nj->kni", turn.as_matrix(), DELTALAB.mobile) - DELTALAB.base
+    length = np.linalg.norm(vectors, axis=2) - DELTALAB.offset + 0.01 * rng.standard_normal((count, 6))
+    length[WRONG] += 3.0
+    seen = tracker.inv().apply(turn.apply(on) + place - at) + 0.02 * rng.standard_normal((count, 3))
+    angles = (Rotation.from_rotvec(1e-4 * rng.standard_normal((count, 3))) * tracker.inv() * turn * target).as_euler(
+        "xyz", degrees=True
+    )
+    rows = np.column_stack([np.arange(1, count + 1), seen / 1000.0, angles, length])
+    lines = [",".join(NAMES), *(",".join([f"{row[0]:.0f}", *(f"{v:.7f}" for v in row[1:])]) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return place, turn, at, on, length
+
+
+@pytest.mark.parametrize(("seed", "side"), [(1, 1.0), (2, -1.0), (3, 1.0)])
+def test_frames_are_found_wherever_the_tracker_stands_in_spite_of_a_wrong_reading(tmp_path, seed, side):
+    place, turn, at, on, length = tracked(tmp_path / "log.csv", seed, side)
+    campaign = cpcal.load_log(tmp_path / "log.csv", robot=DELTALAB, rotation="euler-xyz-deg", **STATED)
+    assert_allclose(campaign.length, length, atol=1e-6)  # the wrong reading too
+    assert campaign.provenance["left_out"].endswith(": 17/1.")
+    # every pose, through frames that noise and 40 poses leave to a few mm along and a mrad
+    gauge = LegEquations.of(campaign).values(robust_parameters(campaign))
+    gauge[WRONG] = 0.0
+    assert np.abs(gauge).max() < 0.15
+    assert np.linalg.norm(campaign.position - place, axis=1).max() < 15.0
+    true = turn.as_quat(scalar_first=True)
+    assert np.abs(np.abs(np.sum(true * campaign.quaternion, axis=1)) - 1.0).max() < 1e-3
+    known = json.loads(campaign.provenance["tracker_in_base_pose"])["position"]
+    assert np.linalg.norm(np.array(known) - at) < 150.0
+    # a deviation of a turn moves the origin of the mobile frame, which is a lever away from the target
+    pose = json.loads(campaign.provenance["target_in_mobile_pose"])["position"]
+    assert np.linalg.norm(np.array(pose) - on) < 15.0
+    sigma = campaign.position_radius[0] / 3.0
+    assert np.sum(sigma**2) == pytest.approx(3 * 0.02**2 + 2 * (1e-4 * np.linalg.norm(pose)) ** 2, rel=1e-6)
+    assert_allclose(campaign.rotation_radius, 3e-4, rtol=1e-9)
+
+
+def test_a_log_goes_to_a_campaign_in_one_command(tmp_path):
+    tracked(tmp_path / "log.csv", 1)
+    sigma = "position=0.02[mm], rotation=1e-4[rad], length=0.01[mm]"
+    like = (tmp_path / "log.csv", "--robot", "deltalab", "-o", tmp_path / "c")
+    said = done("import", *like, "--rotation", "euler-xyz-deg", "--sigma", sigma)
+    for text in ('x="X [m]"[m]', "Tracker in base: (", "Target in mobile: (", "kept in the campaign: 17/1."):
+        assert text in said
+    stated = {**STATED, "robot": "deltalab", "rotation": "euler-xyz-deg"}
+    assert cpcal.load_campaign(tmp_path / "c") == cpcal.load_log(tmp_path / "log.csv", **stated)
+    assert "leg 3 reads" in done("check", tmp_path / "c", status=1)
+    far = done(
+        "import", *like, "--rotation", "euler-xyz-deg", "--sigma", sigma, "--frames", "base", "--force", status=1
+    )
+    assert "The drawing and the readings disagree" in far
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "message"),
+    [
+        ((), ("--exact",), "is not stated: with euler-xyz-deg .* -> say --rotation euler-xyz-deg"),
+        ((), ("--exact", "--rotation", "euler-zyx-deg"), "is not euler-zyx-deg: with euler-xyz-deg"),
+        ((), ("--rotation", "euler-xyz-deg"), r"uncertainty: is not stated; .* residuals of 0\.0[12]\d* mm"),
+        ((" [m]", ""), ("--exact", "--rotation", "euler-xyz-deg"), r"'X' \(.* to .*\), .*--map '.*x=\"X\"\[m\]"),
+        (("L3 [mm]", "S3 [mm]"), ("--exact", "--rotation", "euler-xyz-deg"), "add L1, L2, L3, L4, L5, L6"),
+        ((".", ","), ("--exact",), "has decimal commas, and commas between columns too"),
+    ],
+)
+def test_what_a_log_does_not_tell_is_asked_for_with_a_proposal(tmp_path, change, options, message):
+    tracked(tmp_path / "log.csv", 1)
+    if change:
+        (tmp_path / "log.csv").write_text((tmp_path / "log.csv").read_text().replace(*change))
+    said = refused("import", tmp_path / "log.csv", "--robot", "deltalab", "-o", tmp_path / "c", *options)
+    assert re.search(message, " ".join(said.split()))
+    assert not (tmp_path / "c").exists()

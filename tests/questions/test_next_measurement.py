@@ -34,7 +34,8 @@ def test_each_pose_measured_narrows_the_worst_bound_that_is_expected(known):
     centre = central_pose(known.controller, np.full(6, 70.0))
     worst = type(centre)(centre.position[None], centre.quaternion[None])
     today = pose_bounds(worst, known.sets).position[0]
-    found = next_poses(known.campaign, known.sets, worst, 4)
+    polytopes = [Polytope.about(known.campaign, one) for one in known.sets]
+    found = next_poses(known.campaign, known.sets, polytopes, worst, 4)
     assert [n.by for n in found] == [CERTIFIED] * 4 + [DETERMINANT] * 4
     for by in (CERTIFIED, DETERMINANT):
         expected = [n.expected for n in found if n.by == by]

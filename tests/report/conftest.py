@@ -16,7 +16,7 @@ from cpcal.questions.points import CertifiedFits, VerifiedFit
 from cpcal.report import write_report
 from cpcal.report.comparison_page import write_comparison
 from cpcal.report.study_page import StudyFound, render_study
-from cpcal.simulate import simulate_study
+from cpcal.simulate import simulate_study, true_robot
 from tests.changed import leg_with
 from tests.report.made import made_leg, made_result
 
@@ -128,7 +128,7 @@ def study():
 
     fits = CertifiedFits(campaign_sha256(campaign), verified("x_c", ()), verified("x_c_sigma", (6,)))
     said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
-    return StudyFound(campaign, record, fits, bound, timeout, said)
+    return StudyFound(campaign, record, fits, bound, timeout, said, true_robot(campaign))
 
 
 @pytest.fixture(scope="package")

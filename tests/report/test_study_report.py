@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from tinyhtml5.parser import HTMLParser
 
@@ -40,6 +41,12 @@ def test_every_table_and_figure_has_its_heading_and_the_papers_values(study, pag
     assert page.count("s of the validation poses with ") == 4
     assert study.checked.split("(")[0] in page
     assert "#0102" not in page
+    boxes = np.array([[leg.ranges.box.lo, leg.ranges.box.hi] for leg in study.result.legs])
+    true = study.truth.parameters
+    held = int(np.sum((boxes[:, 0] <= true) & (true <= boxes[:, 1])))
+    of_u = np.abs(np.array(study.record.x_c.values) - true) <= 2.0 * np.array(study.record.x_c.standard_errors)
+    assert f"True parameters: {held} of 42 inside proved ranges; {of_u.sum()} of 42 inside x_c ± U" in page
+    assert "x_c minimises g (mm) instead of f" in page
 
 
 def test_the_drawing_is_the_papers_table_1():

@@ -1,11 +1,11 @@
 "use strict";
-// Checks certificates of the format cpcal-certificate/4, as docs/certificate-format.md says: plain JavaScript, whole
+// Checks certificates of the format cpcal-certificate/5, as docs/certificate-format.md says: plain JavaScript, whole
 // numbers of any size, no library. It shares nothing with the checker in Python but that page.
 //
 //   checkCertificate(bytes, campaign) -> {claims, ...}      throws Refused {line, code, message}
 //   readCampaign(bytes)               -> campaign           bytes: Uint8Array
 
-const FORMAT = "cpcal-certificate/4", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
+const FORMAT = "cpcal-certificate/5", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
 const LIMIT = {line: 4194304, unknowns: 1000, constraints: 100000, boxes: 100000, terms: 100000, bits: 4096, work: 40000000};
 
 class Refused extends Error {
@@ -209,8 +209,8 @@ class Leg {
     const {campaign: {rows, legs}, number} = this, v = rows[k], at = j => floatNumber(v[j]), cut = (from, to) => Array.from(v.subarray(from, to), floatNumber);
     return {P: cut(0, 3), q: cut(3, 7), L: at(6 + number), rho: [...cut(7 + legs, 10 + legs), ...cut(10 + legs, 13 + legs).map(half), at(12 + legs + number)]};
   }
-  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials
-  parts(k, x, m) {
+  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials; eased: the rows of `linear` on a box
+  parts(k, x, m, eases = false) {
     const {P, q, L} = this.row(k), [w0, x0, y0, z0] = q.map(constant), [a1, a2, a3, s1, s2, s3, e] = m;
     const w = minus(w0, total([times(s1, x0), times(s2, y0), times(s3, z0)]));
     const X = plus(plus(x0, times(s1, w0)), minus(times(s2, z0), times(s3, y0)));
@@ -238,7 +238,7 @@ class Leg {
     const along = plus(times(kappa, length), turn), eased = times(kappa, eps);
     const found = {factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
     const rho = this.rho(k);
-    if (rho.every(v => v.m === 0n)) return found;
+    if (!eases || rho.every(v => v.m === 0n)) return found;
     // rows divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
     const norm = constant(q.reduce((sum, v) => add(sum, mul(v, v)), ZERO)), widest = rho.slice(3, 6).reduce((sum, v) => add(sum, mul(v, v)), ZERO);
     const over = end => plus(times(kappa, times(end, end)), twice(times(end, turn))), of = times(turn, turn);
@@ -246,9 +246,9 @@ class Leg {
     found.lower = () => plus(times(norm, minus(over(minus(length, eps)), body)), scaled(of, sub(ONE, widest)));
     return found;
   }
-  lengthRow(k, x) {  // eps - l - (L - lambda)
+  lengthRow(k, x, scale = ONE) {  // eps - l - (L - lambda)
     const {L, rho} = this.row(k);
-    return minus(minus(x[this.n - 1], x[6]), constant(sub(L, rho[6])));
+    return minus(minus(x[this.n - 1], x[6]), constant(sub(L, mul(scale, rho[6]))));
   }
   get positive() { return this.model === "plain" || this.model === "lateral"; }
   rho(k) { return this.row(k).rho; }
@@ -295,9 +295,11 @@ class Stated {
 // ---- rows in u -----------------------------------------------------------------------------------------------------
 function rowInU(problem, [side, k, signs], box) {
   const x = box.lo.map((lo, i) => line1(half(add(lo, box.hi[i])), half(sub(box.hi[i], lo)), U(i)));
-  const m = problem.rho(k).map((rho, j) => signs[j] === "0" ? line1(ZERO, rho, Y(j)) : signs[j] === "+" ? line1(rho, mul(rho, D(-2)), Y(j)) : line1(neg(rho), mul(rho, D(2)), Y(j)));
-  return withoutReadings(side === "length" ? problem.lengthRow(k, x) : sideOf(problem, side, problem.parts(k, x, m), signs), signs);
+  const wide = box.lo.some((v, i) => cmp(v, box.hi[i]));
+  return withoutReadings(side === "length" ? problem.lengthRow(k, x) : sideOf(problem, side, problem.parts(k, x, readingSet(problem, k, signs), wide), signs), signs);
 }
+const readingSet = (problem, k, signs, scale = ONE) => problem.rho(k).map(v => mul(v, scale)).map((rho, j) =>
+  signs[j] === "0" ? line1(ZERO, rho, Y(j)) : signs[j] === "+" ? line1(rho, mul(rho, D(-2)), Y(j)) : line1(neg(rho), mul(rho, D(2)), Y(j)));
 function sideOf(problem, side, {factor, body, least: low, most: high, root, upper, lower}, signs) {
   if (side === "upper" && upper) return upper();
   if (side === "upper" && high !== null) return root ? minus(body, times(factor, times(high, high))) : minus(body, high);
@@ -450,18 +452,19 @@ function readClaims(problem, value) {
   return claims;
 }
 function readPoint(problem, value) {
-  const [at, holds, readings, fails] = fields(value, "at", "holds", "readings", "fails");
+  const [at, holds, readings, factor_, fails] = fields(value, "at", "holds", "readings", "factor", "fails"), factor = orNull(factor_, hexNumber);
+  need(factor === null || cmp(factor, ZERO) >= 0 && cmp(factor, ONE) <= 0, "the factor is not from 0 to 1");
   if (typeof holds === "string") need(holds === "all", "holds is neither all nor a list");
   const held = holds === "all" ? problem.numbers : ascending(holds, Number.MAX_SAFE_INTEGER);
   need(held.every(k => problem.spoken.has(k)), "a point holds where a measurement is left out");
   const signs = readings === null ? held.map(() => "0".repeat(problem.signs)) : list(readings, held.length).map(v => readSigns(problem, v));
   const failing = list(fails).map(row => readRow(problem, row));
   need(new Set(failing.map(row => row[1])).size === failing.length, "a measurement stands twice in fails");
-  return {at: numbers(at, problem.n), held, signs, fails: failing, all: held.length === problem.numbers.length};
+  return {at: numbers(at, problem.n), held, signs, factor, fails: failing, all: held.length === problem.numbers.length};
 }
-function provePoint(problem, {at, held, signs, fails}) {
+function provePoint(problem, {at, held, signs, factor, fails}) {
   const x = at.map(constant), here = {lo: at, hi: at}, value = poly => poly.t.size ? D(poly.t.get(""), poly.e) : ZERO;
-  held.forEach((k, i) => need(holdsAt(problem, k, x, signs[i], value), `the point is not proved to hold at ${k}`, "proof"));
+  held.forEach((k, i) => need(factor === null ? holdsAt(problem, k, x, signs[i], value) : holdsForAll(problem, k, x, signs[i], value, factor), `the point is not proved to hold at ${k}`, "proof"));
   for (const row of fails) need(least(rowInU(problem, row, here)).m > 0n, `the point is not proved to fail at ${row[1]}`, "proof");
 }
 function holdsAt(problem, k, x, signs, value) {
@@ -473,10 +476,21 @@ function holdsAt(problem, k, x, signs, value) {
   if (second.most !== null && (second.most.m < 0n || cmp(second.body, mul(second.factor, mul(second.most, second.most))) > 0)) return false;
   return value(problem.lengthRow(k, x)).m <= 0n && !(problem instanceof Leg && value(x[problem.n - 1]).m < 0n);
 }
+function holdsForAll(problem, k, x, signs, value, scale) {
+  const opposite = signs.replace(/[+-]/g, sign => sign === "+" ? "-" : "+");
+  const [first, second] = [opposite, signs].map(s => problem.parts(k, x, readingSet(problem, k, s, scale)));
+  if (!first.root) return holdsAt(problem, k, x, signs, value);
+  const never = (poly, s) => value(withoutReadings(poly, s)).m >= 0n;  // is it negative
+  const square = ({factor, body}, end) => minus(times(factor, times(end, end)), body), less = poly => scaled(poly, D(-1));
+  if (!never(first.body, opposite)) return false;
+  if (first.least !== null && !never(less(first.least), opposite) && !never(less(square(first, first.least)), opposite)) return false;
+  if (second.most !== null && !(never(second.most, signs) && never(square(second, second.most), signs))) return false;
+  return value(problem.lengthRow(k, x, scale)).m <= 0n && !(problem instanceof Leg && value(x[problem.n - 1]).m < 0n);
+}
 function checkEnds(problem, {epsilon, point}) {  // eps hi is that of the point
   if (!epsilon || epsilon.hi === null) return;
   need(cmp(epsilon.hi, epsilon.lo) >= 0, "eps hi is below eps lo", "proof");
-  need(point !== null && point.all, "eps hi without a point that holds everywhere", "proof");
+  need(point !== null && point.all && point.factor === null, "eps hi without a point that holds everywhere for some readings", "proof");
   need(cmp(point.at[problem.objective], epsilon.hi) === 0, "eps hi is not the point's", "proof");
   need(point.at.every((v, i) => cmp(v, problem.lo[i]) >= 0 && cmp(v, problem.hi[i]) <= 0), "the point is not in the problem's box", "proof");
 }
@@ -539,7 +553,7 @@ function readCampaign(bytes, sha256) {
   try {
     const [format, files, robot, uncertainty, model, provenance, list_] = fields(parseJson(utf8(bytes), each), "format", "files", "robot", "uncertainty", "model", "provenance", "measurements");
     need(format === CAMPAIGN_FORMAT && Array.isArray(list_) && rows.length, "is no campaign");
-    return {sha256, legs, rows};
+    return {sha256, legs, rows, names: [...names]};
   } catch (error) {
     throw error instanceof Refused ? new Refused(0, "campaign", error.message) : error;
   }

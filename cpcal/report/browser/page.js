@@ -62,7 +62,7 @@ function proofOf({leg, name, bytes}, campaign, digest) {
 
 // The bracket that is proved; hi: null without a point of the box that satisfies every equation.
 function bracket({lo, hi, claims: {epsilon, point, infeasible, cap}}) {
-  const last = lo.length - 1, inside = point && point.all && point.at.every((v, i) => (i === last || cmp(v, lo[i]) >= 0) && cmp(v, hi[i]) <= 0);
+  const last = lo.length - 1, inside = point && point.all && point.factor === null && point.at.every((v, i) => (i === last || cmp(v, lo[i]) >= 0) && cmp(v, hi[i]) <= 0);
   return {lo: infeasible ? cap : epsilon ? epsilon.lo : ZERO, hi: inside ? point.at[last] : null};
 }
 

@@ -39,8 +39,7 @@ class FloatRow(NamedTuple):
 def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
     """`Problem.row`, nearly, of constraints that have one program; of `sure` sides, whose rows are all that it says."""
     plan = _plan(legs[0], side)
-    ends = np.array([[sign != "0" for sign in leg.signs] if plan.reads else [False] * READINGS for leg in legs])
-    found, errors = _settled(*plan.swept(legs), plan.first, plan.odd, plan.alone, plan.kept, ends)
+    found, errors = plan.settled(*plan.swept(_given(legs)), _ends(legs))
     return [FloatRow(plan.monomials, *row) for row in zip(found, errors.tolist(), strict=True)]
 
 
@@ -49,7 +48,7 @@ def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
     at the centres of the sets, and have one program."""
     plan = _plan(legs[0], side)
     chosen = np.flatnonzero(plan.linear >= 0)
-    values, alone = plan.swept(legs)[0].T[chosen], plan.alone[chosen, None]
+    values, alone = plan.swept(_given(legs))[0].T[chosen], plan.alone[chosen, None]
     low, high = np.zeros((2, READINGS, len(legs)))
     np.add.at(low, plan.linear[chosen], np.where(alone, values, -np.abs(values)))
     np.add.at(high, plan.linear[chosen], np.where(alone, values, np.abs(values)))
@@ -62,11 +61,10 @@ def _cheapest(low: float, high: float) -> str:
     return min(choices, key=lambda choice: choice[0])[1]
 
 
-def linear_parts(legs: Sequence[LegConstraint], name: str) -> tuple[Floats, Floats]:
+def linear_parts(plan: _Plan, given: Floats) -> tuple[Floats, Floats]:
     """Of a part of the constraints the values (B,) at the centres of the sets, and the derivatives (B, 7) by each
     reading there; they have one program."""
-    plan = _plan(legs[0], name)
-    values, slopes = plan.swept(legs)[0], np.zeros((len(legs), READINGS))
+    values, slopes = plan.swept(given)[0], np.zeros((len(given), READINGS))
     alone = np.flatnonzero((plan.linear >= 0) & plan.alone)
     slopes[:, plan.linear[alone]] = values[:, alone]
     return values[:, plan.kept == 0].sum(axis=1), slopes
@@ -91,17 +89,30 @@ class _Plan:
     linear: Indices
     kept: Indices
 
-    def swept(self, legs: Sequence[LegConstraint]) -> tuple[Floats, Floats]:
+    def swept(self, given: Floats) -> tuple[Floats, Floats]:
         """The coefficients (B, T) of constraints on one box, and their errors."""
-        x = legs[0].x.numbers
-        floats = [value / (1 << x.power) for value in x.values]
-        given = np.array([[*_measured(leg), *floats, *_reading(leg)] for leg in legs])
         return _swept(self.notes, given, self.fixed, self.numbers, self.size, self.places)
+
+    def settled(self, values: Floats, errors: Floats, ends: Bools) -> tuple[Floats, Floats]:
+        """What is left of them (B, monomials) without their readings, and the errors (B,)."""
+        return _settled(values, errors, self.first, self.odd, self.alone, self.kept, ends)
+
+
+def _given(legs: Sequence[LegConstraint]) -> Floats:
+    """(B, G) what their program takes: measurements, unknowns, readings."""
+    x = legs[0].x.numbers
+    floats = [value / (1 << x.power) for value in x.values]
+    return np.array([[*_measured(leg), *floats, *_reading(leg)] for leg in legs])
+
+
+def _ends(legs: Sequence[LegConstraint]) -> Bools:
+    """(B, 7) the readings that begin at an end."""
+    return np.array([[leg.m.uncertain and sign != "0" for sign in leg.signs or "0" * READINGS] for leg in legs])
 
 
 def _measured(leg: LegConstraint) -> list[float]:
-    m = leg.m
-    return [*map(float, m.given), float(m.shortest) if m.uncertain else float(m.given[-1])]
+    m = leg.m  # of one kind of numbers, so that the difference is rounded once
+    return [*map(float, m.given), float(m.given[-1] - m.radii[-1])]
 
 
 def _reading(leg: LegConstraint) -> list[float]:
@@ -110,7 +121,7 @@ def _reading(leg: LegConstraint) -> list[float]:
         return []
     widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
     ends = [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
-    return ends + (widths[3:6] if eased(leg.model, leg.reads) else [])
+    return ends + (widths[3:6] if eased(leg.model, leg.x.moves, leg.reads) else [])
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:
@@ -312,7 +323,7 @@ class FloatRule:
         side, k, signs = self._table[n]
         if self._problem.model is None:
             return None
-        leg = self._problem.constraint(k, self._rule.x, signs, 0)
+        leg = self._problem.constraint(k, self._rule.x, signs, True)
         return leg if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure) else None
 
     def _column(self, monomial: int) -> int:
@@ -392,7 +403,7 @@ def rows_of(problem: Problem, x: Unknowns, places: Sequence[tuple[str, int]]) ->
 
 def _leg(problem: Problem, x: Unknowns, k: int) -> LegConstraint:
     """The constraint at the centres of its reading sets."""
-    leg = problem.constraint(k, x, "0" * len(problem.radii(k)), 0)
+    leg = problem.constraint(k, x, "0" * len(problem.radii(k)), True)
     assert isinstance(leg, LegConstraint)
     return leg
 
@@ -403,8 +414,10 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
     if mine:
         legs = [_leg(problem, x, numbers[n]) for n in mine]
-        (body, of_body), (factor, of_factor) = (linear_parts(legs, name) for name in ("under_root", "factor"))
-        of_bounds = linear_parts(legs, "at_least")[1] + linear_parts(legs, "at_most")[1]
+        names, given = ("under_root", "factor", "at_least", "at_most"), _given(legs)
+        parts = [linear_parts(_plan(legs[0], name), given) for name in names]
+        (body, of_body), (factor, of_factor), (_, of_least), (_, of_most) = parts
+        of_bounds = of_least + of_most
         square = (body / factor)[:, None]
         slopes = (of_body - square * of_factor) / factor[:, None] - np.sqrt(np.maximum(square, 0.0)) * of_bounds
         for n, row in zip(mine, slopes.tolist(), strict=True):
@@ -428,3 +441,98 @@ def holding(problem: Problem, x: Unknowns, k: int) -> str | None:
     """The signs of the readings that prove that it satisfies k."""
     signs = stretchings(problem, x, [k])[0]
     return signs if problem.holds(x, k, signs) else None
+
+
+class AllReadings:
+    """A point of a leg (n,), without eps: where it is proved to satisfy measurements for all readings of their sets.
+
+    The checker's sums in float64, with a bound of their errors, for all measurements at once; at eps and with `factor`
+    times the half-widths. `least_eps` is what a certificate can claim; what `slack` does not prove the exact rule may.
+    """
+
+    def __init__(self, problem: Problem, point: Sequence[float], numbers: Sequence[int]) -> None:
+        x, self._eps = at_point([*point, 0.0]), 8 + len(problem.unknowns)
+        self.count = len(numbers)
+        signs, falling = stretchings(problem, x, numbers), str.maketrans("+-", "-+")
+        self._groups: list[tuple[Indices, list[_Plan], Floats, Bools]] = []
+        for sides, turned in ((("upper", "sign"), {}), (("lower", "length"), falling)):
+            given = zip(numbers, (one.translate(turned) for one in signs), strict=True)
+            every = [problem.constraint(k, x, one, True) for k, one in given]
+            for uncertain in (True, False):
+                places = np.array([n for n, leg in enumerate(every) if leg.m.uncertain is uncertain], np.intp)
+                if places.size:
+                    legs = [every[n] for n in places]
+                    plans = [_plan(legs[0], side) for side in sides]
+                    self._groups.append((places, plans, _given(legs), _ends(legs)))
+
+    def slack(self, eps: float, factor: float = 1.0, some: Bools | None = None) -> tuple[Floats, Indices]:
+        """How far each of their inequalities is proved to hold, in its own unit, and the place of its measurement."""
+        found, whose = list[Floats](), list[Indices]()
+        for places, plans, given, ends in self._groups:
+            mine = slice(None) if some is None else some[places]
+            values = given[mine].copy()
+            values[:, self._eps] = eps
+            values[:, self._eps + 1 :] *= factor
+            values[:, 8] = given[mine, 7] - factor * (given[mine, 7] - given[mine, 8])
+            values[:, 8] -= 4.0 * _UNIT * np.abs(given[mine, 7]) * (factor != 1.0)
+            for plan in plans:
+                coefficients, errors = plan.swept(values)
+                lowest, error = plan.settled(-coefficients, errors, ends[mine])
+                found.append(lowest[:, 0] - error)
+                whose.append(places[mine])
+        return np.concatenate(found), np.concatenate(whose)
+
+    def hold(self, eps: float, factor: float = 1.0) -> Bools:
+        """(N,) which measurements it is proved of."""
+        slack, whose = self.slack(eps, factor)
+        good = np.ones(self.count, np.bool_)
+        good[whose[~(slack >= 0.0)]] = False
+        return good
+
+    def least_eps(self, factor: float = 1.0) -> float:
+        """The least eps (to some 1e-12 of it) at which it is proved of all; infinite where there is none."""
+        low = 0.0
+        for _ in range(_TRIES):
+            below, whose = self.slack(low, factor)
+            bad = below < 0.0
+            if not bad.any():
+                return low
+            rise = (self.slack(low + _STEP, factor)[0] - below)[bad]
+            if not (rise > 0.0).all():
+                break
+            needed = -below[bad] * _STEP / rise
+            some = np.zeros(self.count, np.bool_)
+            some[whose[bad][np.argsort(needed)[-_WORST:]]] = True
+            low = self._least_of(some, low, low + 1.01 * float(needed.max()), factor)
+        return float("inf")
+
+    def _least_of(self, some: Bools, low: float, high: float, factor: float) -> float:
+        """The same of `some`, of which it is not proved at `low`: where the chords of all rows are above zero."""
+        below, above = (self.slack(eps, factor, some)[0] for eps in (low, high))
+        for _ in range(_TRIES):
+            if (above >= 0.0).all():
+                bad = below < 0.0
+                eps = low + float((-below[bad] * (high - low) / (above - below)[bad]).max()) * (1.0 + 2.0**-42)
+                if not low < eps < high * (1.0 - 2.0**-40):
+                    break
+            else:
+                eps = low + 2.0 * (high - low)
+            here = self.slack(eps, factor, some)[0]
+            if eps > high or (here >= 0.0).all():
+                high, above = eps, here
+            else:
+                low, below = eps, here
+        return high
+
+    def largest_factor(self, eps: float) -> float:
+        """The largest factor, a multiple of 1/1024 up to 1, at which it is proved of all at eps; 0 where none is."""
+        low, high = 0, 1024
+        if self.hold(eps).all():
+            return 1.0
+        while high - low > 1:
+            middle = low + high >> 1
+            low, high = (middle, high) if self.hold(eps, middle / 1024).all() else (low, middle)
+        return low / 1024
+
+
+_TRIES, _WORST, _STEP = 60, 64, 1e-3  # rounds; measurements that are tried alone; mm

@@ -51,17 +51,20 @@ def claims(
     enclosure: Box | ExactBox | None = None,
     point: Sequence[float] | Floats | None = None,
     holds: str | Sequence[int] = "all",
+    factor: float | None = None,
     fails: Sequence[int] = (),
 ) -> Claims:
     """What a certificate says of all points with an objective up to `cap`: that there is no solution, where they lie,
-    the bracket of the objective, and a point, with the measurements that it satisfies and those that it fails."""
+    the bracket of the objective, and a point, with the measurements that it satisfies and those that it fails: for some
+    reading, or with a `factor` for all readings of sets with so many times the stated half-widths."""
+    scale, at = None if factor is None else number(factor), None if point is None else [number(v) for v in point]
     bracket = None if lo is None else {"lo": number(lo), "hi": None if hi is None else number(hi)}
     return {
         "cap": None if cap is None else number(cap),
         "infeasible": refuted,
         "epsilon": bracket,
         "enclosure": None if enclosure is None else limits(enclosure),
-        "point": None if point is None else {"at": [number(v) for v in point], "holds": holds, "fails": list(fails)},
+        "point": None if at is None else {"at": at, "holds": holds, "factor": scale, "fails": list(fails)},
     }
 
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from fractions import Fraction as F
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -83,7 +84,9 @@ def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
     x = Unknowns(_point(point).box, spent.append)
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
     sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
-    problem.unproved(x, [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample])
+    points = [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample]
+    every = point["factor"] is not None
+    (problem.scaled(F(float.fromhex(point["factor"]))) if every else problem).unproved(x, points, every)
     return sum(spent) * len(holds) // max(1, len(sample))
 
 

@@ -6,6 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from cpcal.solver.certificate.float_rows import AllReadings
+from cpcal.solver.certificate.prover import claims as claimed
+from cpcal.solver.certificate.recording import with_readings
+
 # the true certificates: header, (constraints,) claims, split, exclude, pass, halve (a split of what is left)
 Lines = list[dict[str, Any]]
 Change = Callable[[Lines, Any], object]
@@ -54,7 +58,7 @@ ROW = ("rows", "first")  # the row of the step that the first bound has the firs
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/3")
-place("format is a list", "header", "format", value=["cpcal-certificate/4"])
+place("format is a list", "header", "format", value=["cpcal-certificate/5"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)
@@ -411,7 +415,8 @@ def point_judged(lines: Lines, proof: Any, eps: float, judged: Callable[[list[An
     x = [*proof.point[:-1], eps]
     rows = [proof.fails(k, x) for k in range(proof.problem.count)]
     lines[proof.head]["epsilon"]["hi"] = None
-    lines[proof.head]["point"] = {"at": [v.hex() for v in x], "holds": [], "readings": None, "fails": []} | judged(rows)
+    point = {"at": [v.hex() for v in x], "holds": [], "readings": None, "factor": None, "fails": []}
+    lines[proof.head]["point"] = point | judged(rows)
 
 
 def holds_where_it_fails(rows: list[Any]) -> dict[str, Any]:
@@ -427,6 +432,29 @@ def fails_twice(rows: list[Any]) -> dict[str, Any]:
     """Counts of what a point fails are made of these rows."""
     bad = next([row[0], k, *row[2:]] for k, row in enumerate(rows) if row)
     return {"fails": [bad, bad]}
+
+
+def for_all_readings(lines: Lines, proof: Any, scale: float = 1.0, **changes: Any) -> None:
+    """The true claim for all readings of sets with a part of the half-widths, and what is changed of it."""
+    every = AllReadings(proof.problem, proof.point[:-1], range(proof.problem.count))
+    at = [*proof.point[:-1], every.least_eps(scale)]
+    claims = with_readings(proof.problem, lines[proof.head] | {"point": claimed(None, point=at, factor=scale)["point"]})
+    claims["epsilon"]["hi"] = None
+    lines[proof.head] = claims
+    for key, value in changes.items():
+        claims["point"][key] = value(claims["point"][key]) if callable(value) else value
+
+
+def at(k: int, value: Callable[[float], float]) -> Callable[[list[str]], list[str]]:
+    """A coordinate of a point changed."""
+    return lambda x: [value(valued(c)).hex() if i == k % len(x) else c for i, c in enumerate(x)]
+
+
+def attained_by_all(lines: Lines, proof: Any) -> None:
+    """An upper bound by a claim for all readings, which is another claim."""
+    for_all_readings(lines, proof, 0.5)
+    eps = lines[proof.head]["point"]["at"][-1]
+    lines[proof.head]["epsilon"]["hi"] = lines[0]["hi"][-1] = eps
 
 
 # the line that must be refused: by its name, or counted from the first one or from the claims
@@ -459,7 +487,33 @@ of_gain: Changes = {
     "the header of version 3": ("header", lambda a, p: (a[0].update(format="cpcal-certificate/3"), a[0].pop("model"))),
     "a proof of the plain model for the gain model": ("last", no_gain),
 }
+FALSE: dict[str, dict[str, Any]] = {
+    "eps below that of all readings": {"at": at(-1, lambda e: e * (1.0 - 1e-9))},
+    "all readings of larger sets": {"factor": "0x1.01p+0"},
+    "all readings by a point moved": {"at": at(0, lambda c: c + 1.0)},
+    "all readings with a negative length": {"at": at(6, lambda c: -c - 4096.0)},
+    "all readings with a negative eps": {"at": at(-1, lambda e: -e)},
+    "a factor of two": {"factor": "0x1p+1"},
+    "a negative factor": {"factor": "-0x1p-1"},
+    "a factor in decimal": {"factor": "0.5"},
+    "a factor as a float": {"factor": 0.5},
+    "a factor true": {"factor": True},
+    "a factor for each": {"factor": ["0x1p+0"]},
+}
+for_all: Changes = {
+    name: ("claims", lambda a, p, changes=changes: for_all_readings(a, p, **changes)) for name, changes in FALSE.items()
+}  # fmt: skip
+of_gain |= {
+    "eps hi of a claim for all readings": ("claims", attained_by_all),
+    "a factor too large": ("claims", lambda a, p: for_all_readings(a, p, 0.5, factor="0x1.02p-1")),
+    "a point that holds for some readings alone": (
+        "claims", lambda a, p: (a[p.head]["epsilon"].update(hi=None), a[p.head]["point"].update(factor="0x1p+0"))),
+    "all readings from the opposite ends": (
+        "claims", lambda a, p: for_all_readings(
+            a, p, readings=lambda r: [t.translate(str.maketrans("+-", "-+")) for t in r])),
+}  # fmt: skip
 of_both: Changes = {
+    "no factor": ("claims", lambda a, p: a[p.head]["point"].pop("factor")),
     "the point holds where it fails": ("claims", lambda a, p: point_judged(a, p, 0.0, holds_where_it_fails)),
     "the point fails where it holds": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_where_it_holds)),
     "the point fails twice at one measurement": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_twice)),
@@ -490,6 +544,8 @@ of_both: Changes = {
     "no claims": ("claims", lambda a, p: a.__delitem__(slice(p.head, None))),
     "no steps": ("last", lambda a, p: a.__delitem__(slice(p.head + 1, None))),
 }  # fmt: skip
-for kinds, changes in ((NETWORK, of_network), (LEG, of_a_leg), (GAIN, of_gain), (BOTH, of_both)):
+for kinds, changes in (
+    (NETWORK, of_network), (LEG, of_a_leg), (GAIN, of_gain), (BOTH, of_both), ((*LEG, *GAIN), for_all)
+):  # fmt: skip
     FORGERIES |= {name: (where, change, kinds) for name, (where, change) in changes.items()}
 FORGERIES["the model left out"] = ("header", lambda a, p: a[0].pop("model"), (*LEG, *GAIN))

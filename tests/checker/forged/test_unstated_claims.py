@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker import check
+from cpcal.checker import check, check_run
+from cpcal.models import leg_statement
 from cpcal.questions import save_result
+from cpcal.questions.result import PassesFrom, Recommended, Reduced
+from cpcal.solver.certificate.float_rows import AllReadings
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
+from cpcal.solver.interval import Box
 from tests.checker.forged.test_checker_run import refused, up
 
 Data = dict[str, Any]
@@ -20,11 +28,32 @@ Data = dict[str, Any]
 
 @pytest.fixture(scope="session")
 def stating(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A leg with a certificate of each kind: of its bracket, of its ranges, of its support."""
+    """A leg with a certificate of each kind: of its bracket, ranges, support, and of what is met by all readings."""
     folder = tmp_path_factory.mktemp("stating")
     campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=1.0)
     asked = {"legs": [1], "delta": 2.0, "support": "irreducible", "ranges": True}
-    save_result(cpcal.certify(campaign, certificates=folder, **asked), folder)
+    result = cpcal.certify(campaign, certificates=folder, **asked)
+    (leg,), statement = result.legs, leg_statement(campaign, 1)
+    best = leg.bracket.point
+    assert best is not None
+    point = tuple(v + 0.01 for v in best)
+    here, there = (AllReadings(statement.problem, x, range(16)) for x in (point, best))
+    largest, tolerance = here.least_eps(), (here.least_eps() + here.least_eps(0.0)) / 2
+    part = here.largest_factor(tolerance)
+    for name, x, eps, factor in (
+        (RECOMMENDED, point, largest, 1.0), (PASSES, best, there.least_eps(), 1.0), (REDUCED, point, tolerance, part),
+    ):  # fmt: skip
+        at = np.append(x, eps)
+        with Recording(statement, Box((*leg.bracket.enclosure.names, "eps"), at, at)) as recording:
+            recording.write(folder / name, claims(eps, point=at, factor=factor))
+    found = replace(
+        leg,
+        recommended=Recommended(point, "least squares", largest, RECOMMENDED),
+        passes_from=PassesFrom(there.least_eps(), best, PASSES),
+        reduced=Reduced(part, REDUCED),
+    )
+    options = replace(result.options, tolerance=tolerance)
+    save_result(replace(result, legs=(found,), options=options), folder)
     return folder
 
 
@@ -50,23 +79,74 @@ def at_the_lower_bound(claims: Data, run: Path) -> None:
     claims["cap"] = claims["epsilon"]["lo"]
 
 
+def at_point(**changes: Any) -> Callable[[Data, Path], None]:
+    """Of the claimed point."""
+
+    def change(claims: Data, run: Path) -> None:
+        point = claims["point"]
+        point.update({key: new(point[key]) if callable(new) else new for key, new in changes.items()})
+
+    return change
+
+
+def best_in_place(claims: Data, run: Path) -> None:
+    """Of parameters that meet more than the tolerance, so its claim is true with any factor."""
+    factor, eps = claims["point"]["factor"], claims["point"]["at"][-1]
+    as_in(PASSES, "point")(claims, run)
+    claims["point"].update(factor=factor, at=[*claims["point"]["at"][:-1], eps])
+
+
+def own_box(run: Path) -> Data:
+    head = json.loads((run / REDUCED).read_text().splitlines()[0])
+    return {"lo": head["lo"], "hi": head["hi"]}
+
+
 def everything(run: Path) -> Data:
     head = json.loads((run / SUPPORT).read_text().splitlines()[0])
     return {"lo": head["lo"], "hi": head["hi"]}
 
 
+RECOMMENDED, PASSES, REDUCED = (f"leg1.{what}.cert.jsonl" for what in ("recommended", "passes", "reduced"))
 BRACKET, RANGES, SUPPORT = "leg1.cert.jsonl", "ranges-leg1.cert.jsonl", "leg1.support.cert.jsonl"
-TRUE: dict[str, tuple[str, Callable[[Data, Path], object]]] = {
-    "the enclosure of fewer": (BRACKET, at_the_lower_bound),
-    "a wider enclosure": (BRACKET, wider),
-    "a smaller lower bound": (BRACKET, least),
-    "no point": (BRACKET, lambda c, run: c.update(point=None) or c["epsilon"].update(hi=None)),
-    "wider ranges": (RANGES, wider),
-    "a point of the ranges": (RANGES, as_in(BRACKET, "point")),
-    "ranges at less": (RANGES, as_in(BRACKET, "cap")),
-    "a support of less": (SUPPORT, least),
-    "a support with an enclosure": (SUPPORT, lambda c, run: c.update(enclosure=everything(run))),
-    "a support up to more": (SUPPORT, as_in(BRACKET, "cap")),
+TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
+    "the enclosure of fewer": (BRACKET, at_the_lower_bound, "eps up to which the enclosure holds"),
+    "a wider enclosure": (BRACKET, wider, "enclosure"),
+    "a smaller lower bound": (BRACKET, least, "eps_lo"),
+    "no point": (
+        BRACKET,
+        lambda c, run: c.update(point=None) or c["epsilon"].update(hi=None),
+        "eps up to which the enclosure holds",
+    ),
+    "wider ranges": (RANGES, wider, "enclosure"),
+    "a point of the ranges": (RANGES, as_in(BRACKET, "point"), "point of the ranges"),
+    "ranges at less": (RANGES, as_in(BRACKET, "cap"), "the cap is not an eps of the problem"),
+    "a support of less": (SUPPORT, least, "eps_lo of the support"),
+    "a support with an enclosure": (
+        SUPPORT,
+        lambda c, run: c.update(enclosure=everything(run)),
+        "claims of the support",
+    ),
+    "a support up to more": (SUPPORT, as_in(BRACKET, "cap"), "eps of the support"),
+    "all readings of smaller sets": (RECOMMENDED, at_point(factor="0x1p-1"), "factor of recommended"),
+    "some readings": (PASSES, at_point(factor=None), "factor of passes_from"),
+    "a larger error": (
+        RECOMMENDED,
+        at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
+        "eps of recommended",
+    ),
+    "fewer measurements": (
+        PASSES,
+        at_point(holds=list(range(15)), readings=lambda signs: signs[:-1]),
+        "of which its certificate claims nothing",
+    ),
+    "another factor": (REDUCED, at_point(factor=lambda f: (float.fromhex(f) / 2).hex()), "factor of reduced"),
+    "another tolerance": (
+        REDUCED,
+        at_point(at=lambda x: [*x[:-1], (float.fromhex(x[-1]) + 1.0).hex()]),
+        "eps of reduced",
+    ),
+    "reduced for other parameters": (REDUCED, best_in_place, "point of reduced"),
+    "an enclosure of nothing": (REDUCED, lambda c, run: c.update(enclosure=own_box(run)), "another claims"),
 }
 
 
@@ -74,35 +154,70 @@ TRUE: dict[str, tuple[str, Callable[[Data, Path], object]]] = {
 def test_a_true_claim_that_the_run_does_not_state_is_refused(name: str, stating: Path, tmp_path: Path) -> None:
     """The certificate is accepted by itself, and claims something else than result.json says."""
     run = Path(shutil.copytree(stating, tmp_path / "run"))
-    file, change = TRUE[name]
+    file, change, reason = TRUE[name]
     head, claims, *steps = (run / file).read_text().splitlines()
     value = json.loads(claims)
     change(value, run)
     (run / file).write_text("\n".join([head, json.dumps(value), *steps]) + "\n")
     if name not in ("a support up to more", "ranges at less"):  # which need other steps
         check(run / file)
-    assert refused(run)
+    assert reason in refused(run)
 
 
-STATED: dict[str, Callable[[Data], object]] = {
-    "more": lambda leg: leg["support"]["proof"].update(eps_lo=up(leg["support"]["proof"]["eps_lo"])),
-    "less": lambda leg: leg["support"]["proof"].update(eps_lo=leg["support"]["proof"]["eps_lo"] / 2),
-    "of fewer": lambda leg: leg["support"]["information"]["ids"].pop(),
-    "of others": lambda leg: leg["support"]["information"].update(ids=["p1/1"]),
-    "of another file": lambda leg: leg["support"]["proof"].update(certificate=BRACKET),
-    "of none": lambda leg: leg["support"].update(proof=None),
-    "nothing": lambda leg: leg["support"].update(proof={}),
+def of(key: str, **changes: Any) -> Callable[[Data], object]:
+    return lambda leg: leg[key].update({name: new(leg[key][name]) for name, new in changes.items()})
+
+
+BESIDE = "does not name the certificate"
+STATED: dict[str, tuple[Callable[[Data], object], str]] = {
+    "a smaller error": (of("recommended", largest=lambda v: v / 2), "eps of recommended"),
+    "a larger error": (of("recommended", largest=up), "eps of recommended"),
+    "another point": (of("recommended", point=lambda x: [up(x[0]), *x[1:]]), "point of recommended"),
+    "each by the file of the other": (
+        lambda leg: (leg["recommended"].update(certificate=PASSES), leg["passes_from"].update(certificate=RECOMMENDED)),
+        "point of recommended",
+    ),
+    "passes from less": (of("passes_from", eps=lambda v: v / 2), "eps of passes_from"),
+    "passes from more": (of("passes_from", eps=up), "eps of passes_from"),
+    "passes elsewhere": (of("passes_from", point=lambda x: [*x[:-1], up(x[-1])]), "point of passes_from"),
+    "a larger factor": (of("reduced", factor=up), "factor of reduced"),
+    "a smaller factor": (of("reduced", factor=lambda f: f / 2), "factor of reduced"),
+    "no recommendation, and its file beside": (lambda leg: leg.update(recommended=None), BESIDE),
+    "more": (
+        lambda leg: leg["support"]["proof"].update(eps_lo=up(leg["support"]["proof"]["eps_lo"])),
+        "eps_lo of the support",
+    ),
+    "less": (
+        lambda leg: leg["support"]["proof"].update(eps_lo=leg["support"]["proof"]["eps_lo"] / 2),
+        "eps_lo of the support",
+    ),
+    "of fewer": (lambda leg: leg["support"]["information"]["ids"].pop(), "measurements"),
+    "of others": (lambda leg: leg["support"]["information"].update(ids=["p1/1"]), "another support"),
+    "of another file": (lambda leg: leg["support"]["proof"].update(certificate=BRACKET), BESIDE),
+    "of none": (lambda leg: leg["support"].update(proof=None), BESIDE),
+    "nothing": (lambda leg: leg["support"].update(proof={}), BESIDE),
 }
 
 
 @pytest.mark.parametrize("name", STATED)
-def test_the_support_states_what_its_certificate_proves(name: str, stating: Path, tmp_path: Path) -> None:
+def test_a_leg_states_what_its_certificates_prove(name: str, stating: Path, tmp_path: Path) -> None:
     run = Path(shutil.copytree(stating, tmp_path / "run"))
     assert not refused(run)
     data = json.loads((run / "result.json").read_text())
-    STATED[name](data["legs"][0])
+    change, reason = STATED[name]
+    change(data["legs"][0])
     (run / "result.json").write_text(json.dumps(data))
-    assert refused(run)
+    assert reason in refused(run)
+
+
+def test_a_factor_is_of_the_tolerance_that_was_asked_about(stating: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(stating, tmp_path / "run"))
+    data = json.loads((run / "result.json").read_text())
+    options = data["options"] if "tolerance" in data["options"] else data["options"]["information"]
+    options["tolerance"] *= 2
+    (run / "result.json").write_text(json.dumps(data))
+    (leg,) = check_run(run)
+    assert leg.refused == "states another eps of reduced than is proved"
 
 
 def test_a_support_in_a_smaller_box_is_refused(stating: Path, tmp_path: Path) -> None:

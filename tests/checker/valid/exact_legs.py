@@ -29,7 +29,7 @@ class Exact(NamedTuple):
     def given(self) -> Measurement:
         """As the checker takes it."""
         widths = [r * (2 if 3 <= j < 6 else 1) for j, r in enumerate(self.radii)]
-        return Measurement(self.quaternion, self.position, self.length, widths)
+        return Measurement((*self.quaternion, *self.position, self.length), widths)
 
 
 def in_fractions(m: Measurement) -> Exact:

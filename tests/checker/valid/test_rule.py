@@ -6,6 +6,8 @@ import math
 import os
 import random
 from fractions import Fraction as F
+from itertools import product
+from operator import mul
 
 import pytest
 from hypothesis import assume, given, seed, settings
@@ -16,7 +18,7 @@ from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, constant, sign
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns, Weights, beyond
 from cpcal.solver.certificate.exact_network import free
-from cpcal.solver.certificate.float_rows import failing, holding, rows_of, stretchings
+from cpcal.solver.certificate.float_rows import AllReadings, failing, holding, rows_of, stretchings
 from tests.checker.valid.exact_legs import (
     REACH,
     SIDES,
@@ -66,7 +68,7 @@ def test_rows_are_the_formula_and_penalties_cover_the_set(model: str, side: str,
         problem, x = leg(m, model), unknowns(box)
         ends = "".join(rng.choice("-0+") for _ in range(7))
         for signs in (rows_of(problem, x, [(side, 0)])[0][2], ends, "0" * 7):
-            row = unsettled(LegConstraint(m.given(), model, x, signs, 0), side)
+            row = unsettled(LegConstraint(m.given(), model, x, signs, True), side)
             settled = problem.row(x, side, 0, signs)
             assert all(monomial >> FIELD * READINGS or not monomial for monomial in settled.terms)
             for _ in range(3):
@@ -321,3 +323,30 @@ def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureReque
         assert not rule.excludes(weights)
         for i in range(n):
             assert rule.bound(i, "lo", weights) <= x[i] <= rule.bound(i, "hi", weights)
+
+
+@pytest.mark.parametrize("factor", [F(1), F(1, 2), F(0)])
+@pytest.mark.parametrize("model", EXTRA)
+def test_what_holds_for_all_readings_holds_for_each_and_eps_is_the_least(model: str, factor: F) -> None:
+    """At every corner and inside, with the leg's own formula; a little less is refused, and some reading needs it."""
+    rng = random.Random(f"all {model}")
+    for _ in range(3):
+        m, box = some(rng, 3, model)
+        x = point_of(rng, box)
+        x[6] += F(1500) - m.length  # no leg is shorter than eps
+        eps = F(AllReadings(leg(m, model), [float(v) for v in x[:-1]], [0]).least_eps(float(factor)))
+        x = [F(float(v)) for v in x]
+
+        def holds(eps: F, factor: F = factor, m: Exact = m, x: Vector = x) -> bool:
+            at = unknowns(ExactBox((*x[:-1], eps), (*x[:-1], eps)))
+            signs = stretchings(leg(m, model), at, [0])[0]
+            return leg(m, model).scaled(factor).holds(at, 0, signs, every=True)
+
+        assert holds(eps)
+        assert not holds(eps * (1 - F(1, 10**6)))
+        assert not factor or not holds(eps, factor=factor * F(9, 8)) or not any(m.radii)
+        radii = [factor * r for r in m.radii]
+        readings = [[*map(mul, radii, signs)] for signs in product((-1, 1), repeat=7)]
+        readings += [[within(rng, r) for r in radii] for _ in range(20)]
+        worst = max(abs(apart(m, model, x, reading)) for reading in readings)
+        assert eps * (1 - F(1, 1000)) <= worst <= eps + F(1, 10**6)
