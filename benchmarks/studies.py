@@ -3,6 +3,7 @@
     python -m benchmarks.studies accuracy [--poses 100] [--seeds 2]
     python -m benchmarks.studies default [--campaigns 20] [--poses 100]
     python -m benchmarks.studies outliers [--campaigns 50] [--outliers 1,2,3]
+    python -m benchmarks.studies mistakes [--clean 100] [--wrong 3]
 
 accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise) seen in
 the true base frame; reading sets are three standard deviations of the means. Bounds and U at random poses of the stroke
@@ -18,6 +19,11 @@ not, and the pose is named (a length far from every measured one), or not.
 outliers: campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the paper's noise, sets of three standard
 deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly these are
 left out, as proved when the bracket is closed and the checker accepts the claim.
+
+mistakes: what `check` says of campaigns as they should be (the robots of the catalogue; 12 to 200 measurements,
+extremal and random poses; drawings off by up to 10 mm, model errors up to 1 mm, a twentieth of both for the small
+hexapod; the paper's noise), and of DeltaLab campaigns with each of the mistakes of `wrong_ways` (drawings off by 1, 2,
+... mm). A mistake counts as named when the first sentence has its name.
 """
 
 from __future__ import annotations
@@ -31,6 +37,7 @@ from typing import Any
 import numpy as np
 
 import cpcal
+from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
 from cpcal.common.values import Floats
@@ -46,8 +53,9 @@ from cpcal.questions.accuracy import (
 )
 from cpcal.questions.next_measurement import Polytope, attained
 from cpcal.questions.points import verified_rows
-from cpcal.robot import Campaign, Pose, Robot, forward_kinematics
+from cpcal.robot import ROBOTS, Campaign, Pose, Robot, forward_kinematics
 from cpcal.robot.campaign import ARRAYS
+from cpcal.robot.mistakes import spread_of, suspicions
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE
 from cpcal.simulate.studies import true_poses
@@ -209,6 +217,55 @@ def outliers(asked: argparse.Namespace) -> None:
         print(f"{q:2} {found:5} {proved:6} {asked.campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")
 
 
+def mistakes(asked: argparse.Namespace) -> None:
+    """Clean campaigns that are named, and mistakes that are not."""
+    named, most, seconds = 0, 0.0, 0.0
+    for seed in range(asked.clean):
+        campaign = clean(seed)
+        began = time.process_time()
+        said = suspicions(campaign)
+        seconds = max(seconds, time.process_time() - began)
+        named += bool(said)
+        ratio = spread_of(campaign).ratio
+        most = max(most, 0.0 if ratio is None else float(ratio.max()))
+        print(*(f"clean campaign {seed}, {campaign.robot.name}: {sentence}" for sentence in said), sep="\n", end="")
+    print(
+        f"{named} of {asked.clean} clean campaigns named; residuals up to {most:.1f} times the stated; {seconds:.1f} s"
+    )
+    right, of, seconds = 0, 0, 0.0
+    for seed in range(1, 1 + asked.wrong):
+        campaign = simulate(seed=seed, deviation=float(seed), joint_error=0.1, random_poses=20 * (seed % 2))
+        for way, (wrong, name) in WRONG_WAYS.items():
+            if way in UNNAMED:
+                continue
+            began = time.process_time()
+            said = suspicions(wrong(campaign))
+            seconds = max(seconds, time.process_time() - began)
+            good = bool(said) and name in said[0]
+            right, of = right + good, of + 1
+            if not good:
+                print(f"{way}, drawing off by {seed} mm: {said}")
+    print(f"{right} of {of} mistakes named ({len(WRONG_WAYS) - len(UNNAMED)} kinds); {seconds:.1f} s at most")
+
+
+UNNAMED = ("duplicate rows", "one outlier", "one wrong pose", "constant pose")  # `check` finds them otherwise
+
+
+def clean(seed: int) -> cpcal.Campaign:
+    """A campaign as it should be: every other one of the DeltaLab platform."""
+    rng = np.random.default_rng(seed)
+    known = list(ROBOTS.values())[(seed // 2) % len(ROBOTS) if seed % 2 else 0]
+    count, small = int(rng.integers(12, 201)), 0.05 if known.robot.name.startswith("Rubin") else 1.0
+    extremal = bool(seed % 3) and count > 64 and known.workspace is None
+    options: dict[str, Any] = {
+        "deviation": small * rng.uniform(0.0, 10.0),
+        "joint_error": small * (0.0, 0.1, 0.3, 1.0)[seed % 4],
+    }
+    options |= {"workspace": known.workspace} if known.workspace else {"stroke": known.stroke}
+    number = count - 64 * extremal
+    return simulate(known.robot, seed=seed, random_poses=number, extremal=extremal, **options)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     studies = parser.add_subparsers(dest="study", required=True)
@@ -216,13 +273,15 @@ def main() -> None:
         "accuracy": {"poses": 100, "seeds": 2},
         "default": {"campaigns": 20, "poses": 100},
         "outliers": {"campaigns": 50, "outliers": "1,2,3"},
+        "mistakes": {"clean": 100, "wrong": 3},
     }
     for name, given in options.items():
         study = studies.add_parser(name)
         for option, value in given.items():
             study.add_argument(f"--{option}", type=type(value), default=value)
     asked = parser.parse_args()
-    {"accuracy": accuracy, "default": default, "outliers": outliers}[asked.study](asked)
+    verbs = {"accuracy": accuracy, "default": default, "outliers": outliers, "mistakes": mistakes}
+    verbs[asked.study](asked)
 
 
 if __name__ == "__main__":

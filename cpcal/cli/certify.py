@@ -58,8 +58,9 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
+from cpcal.report.run_page import advice, answer_section
 from cpcal.report.section import Mark, Section, Table, Words
-from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, fitted, overall, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
@@ -118,7 +119,10 @@ def text_of(words: Words, style: str = "") -> Text:
     if isinstance(words, str):
         return Text(printable(words), style=style)
     if isinstance(words, Mark):
-        return text_of(words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style))
+        start = "\n    " if words.style == "second" else ""
+        return Text(start) + text_of(
+            words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style)
+        )
     return Text().join(text_of(part, style) for part in words)
 
 
@@ -129,38 +133,27 @@ _MOST_LEGS = 6  # of which each has a line
 
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
-    """The answer in ten lines at most, or all of it."""
-    title = Text(f"{printable(result.campaign.robot)}: {result.campaign.measurements:,} measurements", style="bold")
+    """The first screen of the page; with --verbose all of the answer."""
+    title = Text(f"{printable(campaign.title)}: {result.campaign.measurements:,} measurements", style="bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
     talk.say(title)
+    fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs}
+    answer = answer_section(result, advice(campaign, result, model, fits))
     legs = result.legs if talk.verbose else result.legs[:_MOST_LEGS]
+    show(talk, replace(answer, items=answer.items[: len(legs)]))
+    if more := len(result.legs) - len(legs):
+        talk.say(f"and {more} more legs, which the report shows")
     if result.options.outliers:
         show(talk, outliers_section(result))
-        legs = ()
     elif talk.verbose:
         show_table(talk, bounds_table(result))
-    for leg in legs:
-        verdict, fit = verdict_of(result, leg), fitted(campaign, result, leg, model)
-        text = Text(f"Leg {leg.leg}: ")
-        if talk.verbose:
-            sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
-            talk.say(
-                text.append(verdict.word, style=STYLES[verdict.kind]).append(f". {printable(' '.join(sentences))}")
-            )
-            if leg.ranges is not None:
-                show(talk, parameters_section(campaign, result, leg, fit))
-            continue
-        found = advise(campaign, result, leg, model, fit)
-        text.append(short_fit(verdict), style=STYLES[verdict.kind])
-        if found.first:
-            text.append(f"; look at {', '.join(str(k + 1) for k in found.first)}")
-        talk.say(text.append(f"; next: {found.short}"))
-    if legs:
-        more = len(result.legs) - len(legs)
-        talk.say(*([FRAME] if talk.verbose else [f"and {more} more legs, which the report shows"] if more else []))
-        talk.say(f"{QUANTIFIER} {LONGER}" if talk.verbose else SHORT_QUANTIFIER, style="italic")
+    for leg in legs if talk.verbose else ():
+        sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
+        talk.say(f"Leg {leg.leg}: {' '.join(sentences)}")
+        show(talk, parameters_section(campaign, result, leg, fits[leg.leg]))
+    talk.say(*([FRAME, f"{QUANTIFIER} {LONGER}"] if talk.verbose else [SHORT_QUANTIFIER]), style="italic")
     for missing in filter(None, (notices(result, campaign.legs), uncertified_legs(result))):
         talk.say(missing, style="bold yellow")
 

@@ -165,7 +165,7 @@ def test_results_without_a_point_or_bounds(campaign, changes, text):
     page = render(campaign, result_of(campaign, leg_result(campaign, **changes)))
     harmless(page)
     assert text in page
-    assert ("residuals of the proved point over" in page) == (changes.get("point", ()) is not None)
+    assert ("residuals over the measurements" in page) == (changes.get("point", ()) is not None)
 
 
 def test_ranges_of_a_leg_without_any_error_are_shown(campaign):
