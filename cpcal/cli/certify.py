@@ -58,8 +58,9 @@ from cpcal.report.comparison_page import (
     write_campaigns,
     write_comparison,
 )
+from cpcal.report.run_page import advice, answer_section
 from cpcal.report.section import Mark, Section, Table, Words
-from cpcal.report.words import SHORT_QUANTIFIER, advise, fitted, overall, short_fit, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, fitted, overall, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
@@ -118,7 +119,10 @@ def text_of(words: Words, style: str = "") -> Text:
     if isinstance(words, str):
         return Text(printable(words), style=style)
     if isinstance(words, Mark):
-        return text_of(words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style))
+        start = "\n    " if words.style == "second" else ""
+        return Text(start) + text_of(
+            words.words, next((_LOOKS[name] for name in words.style.split() if name in _LOOKS), style)
+        )
     return Text().join(text_of(part, style) for part in words)
 
 
@@ -129,38 +133,27 @@ _MOST_LEGS = 6  # of which each has a line
 
 
 def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel) -> None:
-    """The answer in ten lines at most, or all of it."""
-    title = Text(f"{printable(result.campaign.robot)}: {result.campaign.measurements:,} measurements", style="bold")
+    """The first screen of the page; with --verbose all of the answer."""
+    title = Text(f"{printable(campaign.title)}: {result.campaign.measurements:,} measurements", style="bold")
     if (whole := overall(result)) is not None:
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
     talk.say(title)
+    fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs}
+    answer = answer_section(result, advice(campaign, result, model, fits))
     legs = result.legs if talk.verbose else result.legs[:_MOST_LEGS]
+    show(talk, replace(answer, items=answer.items[: len(legs)]))
+    if more := len(result.legs) - len(legs):
+        talk.say(f"and {more} more legs, which the report shows")
     if result.options.outliers:
         show(talk, outliers_section(result))
-        legs = ()
     elif talk.verbose:
         show_table(talk, bounds_table(result))
-    for leg in legs:
-        verdict, fit = verdict_of(result, leg), fitted(campaign, result, leg, model)
-        text = Text(f"Leg {leg.leg}: ")
-        if talk.verbose:
-            sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
-            talk.say(
-                text.append(verdict.word, style=STYLES[verdict.kind]).append(f". {printable(' '.join(sentences))}")
-            )
-            if leg.ranges is not None:
-                show(talk, parameters_section(campaign, result, leg, fit))
-            continue
-        found = advise(campaign, result, leg, model, fit)
-        text.append(short_fit(verdict), style=STYLES[verdict.kind])
-        if found.first:
-            text.append(f"; look at {', '.join(str(k + 1) for k in found.first)}")
-        talk.say(text.append(f"; next: {found.short}"))
-    if legs:
-        more = len(result.legs) - len(legs)
-        talk.say(*([FRAME] if talk.verbose else [f"and {more} more legs, which the report shows"] if more else []))
-        talk.say(f"{QUANTIFIER} {LONGER}" if talk.verbose else SHORT_QUANTIFIER, style="italic")
+    for leg in legs if talk.verbose else ():
+        sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
+        talk.say(f"Leg {leg.leg}: {' '.join(sentences)}")
+        show(talk, parameters_section(campaign, result, leg, fits[leg.leg]))
+    talk.say(*([FRAME, f"{QUANTIFIER} {LONGER}"] if talk.verbose else [SHORT_QUANTIFIER]), style="italic")
     for missing in filter(None, (notices(result, campaign.legs), uncertified_legs(result))):
         talk.say(missing, style="bold yellow")
 
@@ -358,7 +351,7 @@ def _earlier(run: Path, question: Question) -> Result | None:
 # ------------------------------------------------------------------------------------------------------------------
 # The verb.
 
-_NOT_WITH_OUTLIERS = ("tolerance", "eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
+_NOT_WITH_OUTLIERS = ("eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
 _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_width")
 
 
@@ -366,7 +359,9 @@ _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_widt
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
 
-    tolerance: float | None = option(None, "The error that the legs may have: each passes or fails.", "MM")
+    tolerance: float | None = option(
+        None, "The error that a leg may have, whatever the readings are: does it pass?", "MM"
+    )
     outliers: int = option(0, "Measurements of a leg that may be wrong, at most, nobody knows which.", "Q", min=0)
     model: str | None = option(
         None, "Leg model, such as plain or gain; several are compared.", "A,B", show_default="the campaign's"
@@ -386,6 +381,7 @@ class CertifyFlags:
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
+    projections: bool = expert(False, "Polygons of two parameters each, around all that reach the tolerance.")
     half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
     no_checker: bool = NO_CHECKER
 
@@ -428,12 +424,12 @@ def certify(
     where: Where,
     talk: Talk,
 ) -> Status:
-    """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
+    """Two proved tolerances of each leg of each CAMPAIGN: below the one it fails, from the other on it passes.
 
-    A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
-    equation is off by at most eps (mm). With --tolerance the exit status is 0 if every leg passes, else 1: one fails,
-    or is undecided. With --outliers the bracket holds whichever so many measurements are left out. Several models by
-    commas are compared: which does the data refute, and does any pass?
+    It fails when no parameters meet the tolerance at every measured pose, whatever the readings in their sets are. It
+    passes when the recommended parameters meet it for ALL readings: worse sensors make passing harder. Between them
+    the readings are too uncertain to say. With --tolerance the exit status is 0 if every leg passes, else 1. With
+    --outliers all this holds whichever so many measurements are left out. Several models by commas are compared.
 
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """

@@ -20,12 +20,21 @@ from cpcal.common.errors import InputError, PluginError, Problem, Problems, unus
 from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
-from cpcal.files.run_folder import REPORT_NAME, unfinished
+from cpcal.files.run_folder import unfinished
 from cpcal.files.tables import JSON_MAX, json_object, unguarded
 from cpcal.models import leg_model
-from cpcal.questions import INFORMATION, RESULT_NAME, LegResult, Result, Uncertified, information, load_result
+from cpcal.questions import (
+    INFORMATION,
+    RESULT_NAME,
+    LegResult,
+    Result,
+    Uncertified,
+    information,
+    load_result,
+    verdict_of,
+)
 from cpcal.questions.data_check import determination
-from cpcal.report.words import notices
+from cpcal.report.words import notices, overall
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
@@ -44,8 +53,11 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 # A run of legs, accuracy, and a folder of runs: of many campaigns, or of one in several models.
 
 
-def of_run(run: Path, checked: Callable[[], list[LegChecked]]) -> Iterator[Statement]:
-    """What is accepted of a run; `checked` gives its legs. Raises InputError, Refused."""
+def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool = False) -> Iterator[Statement]:
+    """What is accepted of a run; `checked` gives its legs; `verbose`: what nobody proves, too.
+
+    Raises InputError, Refused.
+    """
     if unfinished(run):
         yield True, "Another run into this folder is at work, or was killed: these are the answers before it."
     result, legs = _read(load_result, run), checked()
@@ -63,18 +75,30 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]]) -> Iterator[State
             yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
         ranges = None if found.ranges is None else found.ranges.certificate
         support = None if found.support.proof is None else found.support.proof.certificate
-        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
+        points = [(getattr(found, key).certificate, accepted) for key, accepted in leg.points]
+        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges), *points):
             if accepted is not None and name is not None:
-                yield from told(name, accepted)
+                yield told(name, accepted)
         if found.ranges is not None and ranges is None:
             yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
-        yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in information(result.options, found))
-    yield True, INFORMATION
-    if (run / REPORT_NAME).exists():
-        yield True, f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again."
+        if verbose:
+            yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in information(result.options, found))
+    if verbose:
+        yield True, INFORMATION
     if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise NothingCertifiedError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
+
+
+def verdict_words(run: Path) -> str:
+    """The verdict on the robot, and the legs that it is of."""
+    result = load_result(run)
+    if (every := overall(result)) is None:
+        return "no tolerance was given, so nothing passes or fails"
+    open_ = ", ".join(str(leg.leg) for leg in result.legs if not leg.certified)
+    those = [str(leg.leg) for leg in result.legs if verdict_of(result, leg).kind == every.kind]
+    legs = "" if every.word == "PASS" else f" (leg {', '.join(those)})" * bool(those)
+    return f"verdict: {every.word}{legs}" + f", not certified for leg {open_}" * bool(open_)
 
 
 def _read(load: Callable[[Path], Any], folder: Path) -> Any:
@@ -116,8 +140,10 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
 
 def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> object:
     """What the campaign leaves open at the proved point, or the center."""
-    if result.options.outliers or result.options.delta == 0.0:
+    if result.options.delta == 0.0:
         return None
+    left = [k for k, name in enumerate(campaign.measurement_ids) if name not in leg.bracket.left_out]
+    campaign = campaign if len(left) == len(campaign) else campaign.rows(left)
     try:
         with np.errstate(all="ignore"):
             at = leg.center if leg.bracket.point is None else leg.bracket.point
@@ -134,7 +160,7 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
     yield from check_accuracy(folder)
 
 
-def of_runs(folder: Path) -> Iterator[Statement]:
+def of_runs(folder: Path, *, verbose: bool = False) -> Iterator[Statement]:
     """Each run of a folder, and the table of many campaigns. Raises InputError."""
     from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
         SUMMARY_TABLE,
@@ -145,7 +171,7 @@ def of_runs(folder: Path) -> Iterator[Statement]:
     rows, table = [], folder / SUMMARY_TABLE
     for run in runs_in(folder):
         yield True, f"{run.name}:"
-        yield from statements(run)
+        yield from statements(run, verbose=verbose)
         with suppress(InputError):  # which is refused already
             found = load_result(run)
             rows += [CampaignRow(run.name, found)] if found.legs else []

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from fractions import Fraction as F
+from itertools import chain
 from pathlib import Path
 
 from cpcal.checker import (
@@ -23,7 +24,7 @@ from cpcal.checker import (
 from cpcal.cli.options import ORIGINAL_CAMPAIGN, Status, argument, option
 from cpcal.cli.terminal import Talk, record
 from cpcal.common.errors import InputError, printable, unusable
-from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
+from cpcal.common.numbers import bracket_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
@@ -33,28 +34,25 @@ Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
 
 
-def told(name: str, accepted: Accepted | str) -> Iterator[Statement]:
+VACUOUS = "PROVED, which says nothing"  # of a claim that holds of every leg
+
+
+def told(name: str, accepted: Accepted | str) -> Statement:
     """What a certificate proves, and how much work the check was; or why it is refused."""
     if isinstance(accepted, str):
-        yield False, f"{name}: REFUSED, {accepted}"
-    else:
-        yield from ((True, f"{name}: {sentence}: PROVED, {accepted.steps} steps") for sentence in sentences(accepted))
+        return False, f"{name}: REFUSED, {accepted}"
+    said = sentences(accepted)
+    if not said:
+        return True, f"{name}: {VACUOUS}"
+    return True, f"{name}: {_of(accepted)}: {'; '.join(said)}: PROVED, {accepted.steps} steps"
 
 
 def sentences(accepted: Accepted) -> list[str]:
-    """One for each claim: absence is stated of a part of the box at most, existence of all of it."""
+    """One for each claim that says something: absence is stated of the certificate's box."""
     claims, cap = accepted.claims, accepted.claims.cap
-    if accepted.leg is not None:
-        name, unit = "|g|", " mm"
-        for_any = " for any readings in their sets, with legs longer than that"
-        for_some, longer = " for some readings in their sets", ", with legs longer than that,"
-        every = "x of the certificate's box"
-        thing, of_all = _inside(accepted) or every, _equations(accepted)
-    else:
-        name = "" if accepted.objective is None else printable(accepted.unknowns[accepted.objective])
-        unit = for_any = for_some = longer = ""
-        thing = every = "point of the box"
-        of_all = f"all {accepted.count} constraints"
+    is_leg = accepted.leg is not None
+    name = "|g|" if is_leg else "" if accepted.objective is None else printable(accepted.unknowns[accepted.objective])
+    unit, whatever, some = (" mm", ", whatever the readings", ", for some readings") if is_leg else ("", "", "")
 
     def goal(sign: str, value: F | None) -> str:
         """What none reaches, with the digits of the bracket; or, "attained", what is reached."""
@@ -68,51 +66,47 @@ def sentences(accepted: Accepted) -> list[str]:
 
     out = []
     if claims.infeasible:
-        out.append(f"No {thing} satisfies {of_all}{goal('<=', cap)}{for_any}")
-    elif claims.eps_lo is not None:
-        out.append(f"No {thing} satisfies {of_all}{goal('<', claims.eps_lo)}{for_any}")
+        out.append(f"none in the box{goal('<=', cap)}{whatever}")
+    elif claims.eps_lo:
+        out.append(f"none in the box{goal('<', claims.eps_lo)}{whatever}")
     if claims.eps_hi is not None:
-        out.append(f"Some {every} satisfies {of_all}{goal('attained', claims.eps_hi)}{for_some}")
+        out.append(f"some in the box{goal('attained', claims.eps_hi)}{some}")
     elif (point := claims.point) is not None:
+        if point.factor is not None:
+            times = (
+                ""
+                if point.factor == 1
+                else f" with {bracket_text(point.factor, point.factor)[0]} times the half-widths"
+            )
+            some = f", for ALL readings{times}"
         eps = None if accepted.objective is None else point.at[accepted.objective]
-        holds = f"satisfies {len(point.holds)}{goal('attained', eps)}{for_some}"
         out.append(
-            f"The point given satisfies {of_all}{goal('attained', eps)}{for_some}"
+            f"the point given{goal('attained', eps)}{some}"
             if point.holds == accepted.chosen
-            else f"Of {of_all} the point given {holds}, and it fails {len(point.fails)}{goal('<=', eps)}{for_any}"
+            else f"the point given holds at {len(point.holds)} of {len(accepted.chosen)}{goal('attained', eps)}{some}, "
+            f"and fails at {len(point.fails)}{goal('<=', eps)}{whatever}"
         )
     if claims.enclosure is not None:
-        reached = " as well as that one" if cap is not None and cap == claims.eps_hi else goal("<=", cap)
+        reached = "" if cap is not None and cap == claims.eps_hi else goal("<=", cap)
         sides = [side for k, side in enumerate(zip(*claims.enclosure, strict=True)) if k != accepted.objective]
-        lengths = sides if accepted.leg is None else sides[:7]
-        lo, hi = max(lengths, key=lambda side: side[1] - side[0], default=(F(0), F(0)))
-        others = (
-            zip(map(printable, accepted.unknowns[7:-1]), sides[7:], strict=True) if accepted.leg is not None else ()
-        )
+        lo, hi = max(sides[:7] if is_leg else sides, key=lambda side: side[1] - side[0], default=(F(0), F(0)))
+        others = zip(map(printable, accepted.unknowns[7:-1]), sides[7:], strict=True) if is_leg else ()
         out.append(
-            f"Every {every} that satisfies them{reached}{for_some}{longer} lies in the enclosure, whose sides are at "
-            f"most {plain_gap(lo, hi)}{unit} long"
+            f"all{reached} within sides of {plain_gap(lo, hi)}{unit}"
             + "".join(f", {name} in {_range(bracket_text(*side))}" for name, side in others)
         )
     return out
 
 
-def _equations(accepted: Accepted) -> str:
-    leg = f"of leg {accepted.leg}"
-    if accepted.model not in (None, "plain"):
-        leg += f" in the {printable(str(accepted.model))} model"
-    if len(accepted.chosen) == accepted.count:
-        return f"all {accepted.count} equations {leg}"
-    return f"the equations {leg} for measurements {', '.join(map(str, accepted.chosen))} (from 0)"
-
-
-def _inside(accepted: Accepted) -> str | None:
-    """The box of all unknowns but the objective, rounded inward; None where nothing would be left of a side."""
-    inner = [inner_text(lo, hi) for lo, hi in zip(accepted.lo[:-1], accepted.hi[:-1], strict=True)]
-    if any(F(lo) > F(hi) for lo, hi in inner):
-        return None
-    names = map(printable, accepted.unknowns[:-1])
-    return f"x with {', '.join(f'{name} in {_range(side)}' for name, side in zip(names, inner, strict=True))}"
+def _of(accepted: Accepted) -> str:
+    """What the claims are about."""
+    if accepted.leg is None:
+        return f"points that satisfy all {accepted.count} constraints"
+    model = "" if accepted.model in (None, "plain") else f", model {printable(str(accepted.model))}"
+    some = ", ".join(str(k + 1) for k in accepted.chosen)
+    every = len(accepted.chosen) == accepted.count
+    which = f"all {accepted.count} measurements" if every else f"measurements {some}"
+    return f"leg {accepted.leg}{model}, {which}"
 
 
 def _range(texts: tuple[str, str]) -> str:
@@ -197,8 +191,11 @@ class NothingCertifiedError(InputError):
     """All that a run states is accepted, and none of it is certified."""
 
 
-def statements(target: Path, sources: Sequence[Path] = ()) -> Iterator[Statement]:
-    """What is accepted of a folder or a certificate, and what is refused. Raises InputError where there is nothing."""
+def statements(target: Path, sources: Sequence[Path] = (), *, verbose: bool = False) -> Iterator[Statement]:
+    """What is accepted of a folder or a certificate, and what is refused; `verbose`: what nobody proves, too.
+
+    Raises InputError where there is nothing.
+    """
     heads = [kind.head for kind in (RUN, ACCURACY, HANDEYE) if (target / kind.head).exists()]
     try:
         if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob(f"*{POSE_SET_SUFFIX}")):
@@ -219,13 +216,13 @@ def statements(target: Path, sources: Sequence[Path] = ()) -> Iterator[Statement
             with legs_beside(target) as legs:
                 from cpcal.cli.verified import of_run  # while the legs are being checked
 
-                yield from of_run(target, legs)
+                yield from of_run(target, legs, verbose=verbose)
         elif runs_in(target):
             from cpcal.cli.verified import of_runs
 
-            yield from of_runs(target)
+            yield from of_runs(target, verbose=verbose)
         elif not target.is_dir():
-            yield from told(target.name, _accepted(target, check))
+            yield told(target.name, _accepted(target, check))
         elif unfinished(target):
             what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
             raise unusable(str(target), what, "wait for it, or run certify again")
@@ -233,7 +230,7 @@ def statements(target: Path, sources: Sequence[Path] = ()) -> Iterator[Statement
             raise Unusable(f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)")
         else:
             for name, accepted in checked_certificates(target).items():
-                yield from told(name, accepted)
+                yield told(name, accepted)
     except Refused as reason:
         name = heads[0] if len(heads) == 1 else target.name
         yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
@@ -294,10 +291,31 @@ def verify(
     numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
-    good = True
-    for stated in ([] if campaign is None else _other_campaign(target, campaign), statements(target, source or [])):
-        for accepted, sentence in stated:
-            talk.say(sentence)
-            good = good and accepted
+    said = []
+    for one in chain(
+        [] if campaign is None else _other_campaign(target, campaign),
+        statements(target, source or [], verbose=talk.verbose),
+    ):
+        said.append(one)
+        if talk.verbose or VACUOUS not in one[1]:
+            talk.say(one[1])
+    good = all(accepted for accepted, _ in said)
+    talk.say(f"{_count(said)}; {_verdict(target)}" if good else f"{_count(said)}: there is no verdict", style="bold")
     record("verified", target=str(target), accepted=good)
     return Status.ANSWERED if good else Status.UNKNOWN
+
+
+def _count(said: Sequence[Statement]) -> str:
+    held = sum("PROVED" in sentence for accepted, sentence in said if accepted)
+    refused = sum(not accepted for accepted, _ in said)
+    thing = "certificates" if any(".cert.jsonl" in sentence for _, sentence in said) else "proofs"
+    return f"{held} of {held + refused} {thing} hold" + f", {refused} REFUSED" * bool(refused)
+
+
+def _verdict(target: Path) -> str:
+    """On the robot, of a run whose every number is accepted."""
+    if not (target / RUN.head).is_file():
+        return "nothing is refused"
+    from cpcal.cli.verified import verdict_words
+
+    return verdict_words(target)

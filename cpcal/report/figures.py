@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,20 +73,22 @@ def bars_svg(
     return plot.svg(label)
 
 
-def errors_svg(result: Result, least_squares: Mapping[int, float] | None = None) -> Svg:
-    """A row a leg: grey what is proved impossible, the bracket, the error of the least-squares fit, the tolerance.
+def errors_svg(result: Result) -> Svg:
+    """A row a leg: grey where it fails, then the bar that is open, from whose end on it passes; and the tolerance.
 
-    `least_squares`: in mm, by the leg.
+    The cross is the error of the recommended parameters for all readings.
     """
     asked = result.options.tolerance
     bars = []
     for leg in result.legs:
         colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
         hi = math.inf if leg.bracket.point is None else leg.bracket.hi
-        bars.append(Bar(f"leg {leg.leg}", leg.bracket.lo, hi, (least_squares or {}).get(leg.leg, math.nan), "", colour))
-    label = "The model error of each leg, from zero, against the tolerance"
+        passes = hi if leg.passes_from is None else leg.passes_from.eps
+        largest = math.nan if leg.recommended is None else leg.recommended.largest
+        bars.append(Bar(f"leg {leg.leg}", leg.bracket.lo, passes, largest, "", colour))
+    label = "The tolerances at which each leg fails, is open and passes, and the one that was asked about"
     words = (0.0, "") if asked is None else (asked, f"tolerance {stated(asked)} mm")
-    return bars_svg(bars, "model error eps [mm]", label, line=asked or 0.0, shade=True, words=words)
+    return bars_svg(bars, "tolerance [mm]", label, line=asked or 0.0, shade=True, words=words)
 
 
 # ------------------------------------------------------------------------------------------------------------------

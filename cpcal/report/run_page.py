@@ -9,7 +9,8 @@ import math
 import os
 import shlex
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,7 +20,17 @@ from markupsafe import Markup
 
 from cpcal.common.errors import InputError, PluginError, printable, unusable
 from cpcal.common.files import write_file
-from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounded_down, rounded_up, stated
+from cpcal.common.numbers import (
+    about,
+    at_least,
+    at_most,
+    bracket_text,
+    nearest,
+    plain_gap,
+    rounded_down,
+    rounded_up,
+    stated,
+)
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
@@ -28,14 +39,18 @@ from cpcal.questions import INFORMATION, LegResult, Ranges, Result, contractors_
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
-    FEW,
     LONGER,
     QUANTIFIER,
+    Advice,
     Fitted,
     advise,
     assumptions,
+    badge,
     center_sentence,
+    claim,
+    claimed_by,
     fitted,
+    leg_lines,
     leg_sentence,
     measurement_names,
     notices,
@@ -46,11 +61,17 @@ from cpcal.robot import Campaign, rotation_matrix
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import Box
 
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 _DECIMALS, _MORE = 4, 9  # of parameters in mm, of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
 _UNKNOWN = "—"
+_DRAWN = (
+    "Dots: errors of the recommended parameters at the readings; bars: within the reading sets. A leg passes where "
+    "every bar lies within the band, ± the tolerance (without one, ± their largest error). Diamonds: measure again."
+)
+_LONGEST = 100  # characters; longer values of the provenance stand in campaign.json only
 
 
 def write_report(
@@ -92,49 +113,46 @@ def render(
     if absent:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise unusable("result", what, remedy)
-    robot, kicker, proof = campaign.robot.name, "certified calibration", None
+    kicker = "certified calibration" + ", some measurements may be wrong" * bool(result.options.outliers)
     above = [notices(result, campaign.legs) or "", *(f"Look at the campaign first: {s}" for s in suspicions(campaign))]
-    lead: Words = ""
-    if result.options.outliers:
-        kicker += ", some measurements may be wrong"
-        sections = [outliers_section(result)]
-    else:
-        lacking = ""
-        try:
-            model = model_of(result, model)
-        except (InputError, PluginError):
-            if model is not None:
-                raise
-            lacking = (
-                f"the leg model {result.model.name!r} is not known here; install the package that provides it and "
-                "write the page again with `cpcal report`"
-            )
-        fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs if model is not None}
-        proof = None if run is None else embedded(Path(run), result, study=study is not None)
-        legs = [leg_section(campaign, result, leg, model, fits.get(leg.leg), lacking) for leg in result.legs]
-        kicker += "".join(f" · {name} {campaign.provenance[name]}" for name in _HEAD if name in campaign.provenance)
-        lead, study_too = _lead(campaign, result), [] if study is None else [study]
-        sections = [_answer(campaign, result, model, fits), *study_too, *legs, *_bounds(result)]
-    sections += [Section("What was assumed", data=assumptions(campaign, result), name="assumed")]
-    sections += [_origin(campaign, result)]
-    return Page(f"Certified calibration: {robot}", kicker, robot, sections, above, lead, proof).text()
+    lacking = ""
+    try:
+        model = model_of(result, model)
+    except (InputError, PluginError):
+        if model is not None:
+            raise
+        lacking = (
+            f"the leg model {result.model.name!r} is not known here; install the package that provides it and "
+            "write the page again with `cpcal report`"
+        )
+    fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs if model is not None}
+    found = advice(campaign, result, model, fits)
+    proof = None if run is None or result.options.outliers else embedded(Path(run), result, study=study is not None)
+    kicker += "".join(f" · {name} {campaign.provenance[name]}" for name in _HEAD if name in campaign.provenance)
+    legs = [
+        leg_section(campaign, result, leg, model, fits.get(leg.leg), found[leg.leg], lacking) for leg in result.legs
+    ]
+    sections = [
+        answer_section(result, found),
+        *([] if study is None else [study]),
+        *([outliers_section(result)] if result.options.outliers else []),
+        _parameters(campaign, result, fits),
+        Section("Measurement by measurement", [_DRAWN], parts=legs, name="legs", style="legs"),
+        *_bounds(result),
+        Section("What was assumed", data=assumptions(campaign, result), name="assumed"),
+        _origin(campaign, result),
+    ]
+    title, lead = campaign.title, _lead(campaign, result)
+    return Page(f"{title}: certified calibration", kicker, title, sections, above, lead, proof).text()
+
+
+def advice(campaign: Campaign, result: Result, model: LegModel | None, fits: Mapping[int, Fitted]) -> dict[int, Advice]:
+    """The cause and the next step of each leg."""
+    return {leg.leg: advise(campaign, result, leg, model, fits.get(leg.leg)) for leg in result.legs}
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is said of all legs: the answer first, the proved bounds, how to read it, what it rests on.
-
-
-def claim(
-    words: Words, what: str, leg: LegResult | None = None, value: float | str | None = None, parameter: str = ""
-) -> Mark:
-    """Words that state what a certificate claims, exactly `value`: the page compares them."""
-    data = {} if leg is None else {"leg": str(leg.leg)}
-    data["claim"] = what
-    if parameter:
-        data["parameter"] = parameter
-    if value is not None:
-        data["value"] = value.hex() if isinstance(value, float) else value
-    return Mark(words, data=data)
 
 
 def bracket_words(leg: LegResult) -> tuple[Mark, Mark]:
@@ -142,15 +160,6 @@ def bracket_words(leg: LegResult) -> tuple[Mark, Mark]:
     lo, hi = leg.bracket.lo, leg.bracket.hi
     down, up = bracket_text(lo, hi)
     return claim(down, "eps_lo", leg, lo), claim(up, "eps_hi", leg, hi)
-
-
-def badge(result: Result, leg: LegResult) -> Mark:
-    found = verdict_of(result, leg)
-    return verdict(found.word, found.kind, leg=str(leg.leg), claim="verdict", value=_tolerance(result))
-
-
-def _tolerance(result: Result) -> str:
-    return "" if result.options.tolerance is None else result.options.tolerance.hex()
 
 
 def _proof(leg: LegResult) -> Mark:
@@ -161,49 +170,33 @@ def _proof(leg: LegResult) -> Mark:
 
 def _lead(campaign: Campaign, result: Result) -> Words:
     tolerance, count = result.options.tolerance, claim(f"{len(campaign):,}", "count")
-    if tolerance is not None:
-        every = overall(result)
-        of_all = every and verdict(every.word, f"big {every.kind}", claim="overall", value=tolerance.hex())
-        within = claim(stated(tolerance), "tolerance", value=tolerance)
-        return (of_all or "", " Do all ", count, " measurements fit to within the tolerance of ", within, " mm?")
-    if result.options.eps is not None:
-        return ("Do all ", count, f" measurements fit to within eps = {stated(result.options.eps)} mm?")
-    rest = f" measurement{'' if len(campaign) == 1 else 's'}? No tolerance was given, so nothing passes or fails."
-    return ("How well do the legs fit ", count, rest)
+    what = (count, " measurements")
+    if tolerance is None:
+        return (*what, "; no tolerance was given, so nothing passes or fails" * (result.options.eps is None), ".")
+    every = overall(result)
+    of_all = every and verdict(every.word, f"big {every.kind}", claim="overall", value=tolerance.hex())
+    return (of_all or "", " at a tolerance of ", claim(stated(tolerance), "tolerance", value=tolerance), " mm; ", *what)
 
 
-def _answer(campaign: Campaign, result: Result, model: LegModel | None, fits: dict[int, Fitted]) -> Section:
+def answer_section(result: Result, found: Mapping[int, Advice]) -> Section:
+    """The first screen, and what a terminal prints: a line for each leg that passes, two for each other one."""
     if not result.legs:
         return Section(sentences=["No leg was finished."], name="answer")
-    items, errors = [], {}
-    for leg in result.legs:
-        fit = fits.get(leg.leg)
-        found = advise(campaign, result, leg, model, fit)
-        look = f" Look first at {', '.join(measurement_names(campaign, found.first))}." if found.first else ""
-        words: Words = (
-            badge(result, leg),
-            " ",
-            claim(verdict_of(result, leg).sentence, "verdict", leg, _tolerance(result)),
-            Mark((look, " ", Mark("Next:", "next"), f" {found.sentence} "), "look"),
-            _proof(leg),
-        )
-        items.append((Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), Mark(words, "sentence")))
-        if fit is not None and model is not None:
-            # the smallest eps at which the fit is a solution, to first order
-            room = np.nan_to_num(reading_sensitivity(campaign, leg.leg, fit.x, model))
-            errors[leg.leg] = max(0.0, float(np.max(np.abs(fit.residuals) - room)))
+    items = [leg_lines(result, leg, found[leg.leg]) for leg in result.legs]
+    if result.options.outliers:
+        return Section(items=items, name="answer", style="answers")
     legend = {
-        "shade": "proved impossible",
-        "bar": "smallest error, between two proved bounds",
-        "cross": "error of least squares",
+        "shade": "fails, proved",
+        "bar": "open: fails or passes",
+        "cross": "passes with the recommended parameters",
     }
     return Section(
         items=items,
-        beside=[Drawing([errors_svg(result, errors)], legend)],
+        beside=[Drawing([errors_svg(result)], legend)],
         notes=[
-            "Measurements are counted from 1. What to look at, what to do next and whether parameters are undetermined "
-            "are estimates; the bounds are proved. cpcal export RUN writes the parameters, with all digits, for a "
-            "controller."
+            "Fails: no parameters meet the tolerance, whatever the readings are. Passes: the recommended parameters "
+            "meet it for all readings within their stated uncertainty. Between the two the readings are too uncertain "
+            "to say. Causes and next steps are estimates. cpcal export RUN writes the parameters for a controller."
         ],
         name="answer",
         style="answers",
@@ -234,11 +227,11 @@ def outliers_section(result: Result) -> Section:
         "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved."
     )
     head = ("leg", "eps_lo [mm]", "eps_hi [mm]", "gap", "left out", "proofs")
-    return Section(sentences=[said], tables=[Table(head, rows, ("", "", "", "word", "word"))], name="answer")
+    return Section("Proved bounds", [said], tables=[Table(head, rows, ("", "", "", "word", "word"))], name="bounds")
 
 
 def _bounds(result: Result) -> Iterator[Section]:
-    if not result.legs:
+    if not result.legs or result.options.outliers:
         return
     formula = "‖P + R b − a‖ − (L + l) " if result.model.name == PLAIN.name else ""
     rounding = (
@@ -246,18 +239,15 @@ def _bounds(result: Result) -> Iterator[Section]:
         "some reach eps_hi. "
     )
     read = [
-        f"Residuals {formula}are drawn at the centres of the reading sets. Where a centre lies outside the band, "
-        "that is no contradiction: some reading in its set is within it. The bars of sensitivity are first-order "
-        "estimates. The pointer on a residual shows its measurement.",
-        "Least squares makes the sum of squared errors small, not the largest error: its fit need not be a "
-        "solution, nor lie in the ranges.",
+        f"Residuals {formula}are drawn at the centres of the reading sets, with first-order bars for the sets. The "
+        "pointer on a residual shows its measurement.",
         "A polygon much smaller than its rectangle means that the measurements tie the two parameters to each "
         "other. Every side was derived by a linear program whose answer is bounded in outward-rounded arithmetic; no "
-        "certificate repeats that. The solutions may fill less than a polygon. Marks off a panel are not drawn.",
+        "certificate repeats that. Marks off a panel are not drawn.",
     ]
-    yield Section(
-        "Proved bounds",
-        [Mark(f"{QUANTIFIER} {LONGER}", "quantifier")],
+    bounds = Section(
+        "Proved bounds, and how to read the figures",
+        [Mark(f"{QUANTIFIER} {LONGER}", "quantifier"), *read],
         tables=[bounds_table(result)],
         notes=[
             (rounding if result.options.eps is None else "")
@@ -265,14 +255,13 @@ def _bounds(result: Result) -> Iterator[Section]:
             "themselves (where no few were found to, all with a weight in the proof).",
             INFORMATION,
         ],
-        parts=[Section("How to read the figures", read, folded=True)],
-        name="bounds",
+        folded=True,
     )
+    yield Section("For experts", parts=[bounds], name="bounds")
 
 
 def _origin(campaign: Campaign, result: Result) -> Section:
     options = result.options
-    certificates = list(filter(None, (leg.bracket.certificate for leg in result.legs)))
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
         "To repeat the run": (
@@ -280,14 +269,16 @@ def _origin(campaign: Campaign, result: Result) -> Section:
             Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
         ),
     }
-    if certificates:
+    if any(leg.certified for leg in result.legs):
         data["To check the proofs again"] = (
             Mark("cpcal verify RUN --campaign CAMPAIGN", "command"),
-            Mark(f"Exact rational arithmetic, no solver: {', '.join(certificates)}.", "small"),
+            Mark("Exact rational arithmetic, no solver.", "small"),
         )
     box = claim(str(options.delta), "box", value=options.delta)
     data["Asked"] = (f"relative gap {options.gap}, box ±", box, f" mm, center “{options.center}”")
-    data |= {k.replace("_", " "): Mark(v, "free") for k, v in campaign.provenance.items() if k not in _HEAD}
+    for name, words in campaign.provenance.items():
+        if name not in _HEAD and len(words) <= _LONGEST:
+            data[name.replace("_", " ")] = Mark(words, "free")
     return origin(data, f"Certified by cpcal {result.version}.")
 
 
@@ -306,73 +297,94 @@ def leg_section(
     leg: LegResult,
     model: LegModel | None,
     fit: Fitted | None,
+    found: Advice,
     lacking: str = "",
 ) -> Section:
-    """`model`: None where it is not known here; then nothing is said of residuals, but why (`lacking`)."""
-    drawn = None if model is None else residuals_drawing(campaign, leg, model, fit)
-    said = leg_sentence(result, leg).removeprefix(verdict_of(result, leg).sentence).lstrip()
-    if drawn is None and lacking and leg.bracket.point is not None:
-        said += f" The residuals of the proved point are not drawn: {lacking}."
-    elif drawn is None:
-        said += " There is no proved point whose residuals could be drawn."
+    """Folded where it passes. `model`: None where it is not known here; then nothing is said of residuals, but why."""
+    drawn = None
+    if model is not None:
+        drawn = residuals_drawing(campaign, leg, model, fit, tolerance=result.options.tolerance, wrong=found.wrong)
+    said = [leg_sentence(result, leg)] if result.options.eps is not None or leg.not_certified else []
+    if drawn is None:
+        said.append(f"The residuals are not drawn: {lacking or 'there are no parameters to draw them at'}.")
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), " ", _proof(leg)),
-        [said],
-        figures=[] if drawn is None else [drawn],
-        parts=[parameters_section(campaign, result, leg, fit), _behind(campaign, result, leg)],
+        said,
+        figures=[] if drawn is None else [replace(drawn, legend={})],
+        parts=[_behind(campaign, result, leg, fit)],
         name=f"leg-{leg.leg}",
-        style="leg-section",
+        folded=verdict_of(result, leg).passes,
+    )
+
+
+def _parameters(campaign: Campaign, result: Result, fits: Mapping[int, Fitted]) -> Section:
+    return Section(
+        "Recommended parameters",
+        parts=[parameters_section(campaign, result, leg, fits.get(leg.leg)) for leg in result.legs],
+        notes=[
+            "Least squares, weighted by the stated deviations, or among the parameters that pass. Each range holds "
+            "every value that the parameter can have if the model holds to within the number of mm that is named, for "
+            "some readings; certified, but where it says otherwise. Lengths in mm, in the frames of the campaign."
+        ],
+        name="parameters",
+        style="parameters",
     )
 
 
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
-    """A row a parameter: its range and the width of that, the certified point, the fit, the nominal value.
+    """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
+    of, box, held = _range(result, leg)
+    best, marked, said = leg.recommended, "", list[Words]()
+    if best is not None:
+        why = {"fail": ", not recommended: fails", "pass": ""}.get(verdict_of(result, leg).word, ", not shown to pass")
+        marked = f": {best.why}{why}"
+        if math.isfinite(best.largest):
+            known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
+            said = ["Off by ", known, " mm at most for all readings. "]
+    rows = []
+    for k, name in enumerate(result.model.parameters):
+        decimals, cells = _row(result, name)
+        load: Words = _UNKNOWN
+        if best is not None:
+            x = best.point[k]
+            load = claimed_by(best.certificate, nearest(x, decimals), "recommended", leg, x, name)
+        rows.append((*cells, load, *_sides(of, box, leg, k, name, decimals)[:2]))
+    head = ("parameter", "load", "at least", "at most")
+    title = f"Leg {leg.leg}{marked}"
+    return Section(title, [(*said, *held)], tables=[Table(head, rows, ("", "main"))])
 
-    Where no ranges were computed, the enclosure of the optimum stands in their place.
-    """
-    at: tuple[Words, ...] = ()
+
+def _row(result: Result, name: str) -> tuple[int, list[Words]]:
+    """Decimals of a parameter, and its name."""
+    unit = result.model.unit(name)
+    return (_DECIMALS, [name]) if unit == "mm" else (_MORE, [f"{name} [{unit}]"])
+
+
+def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words, ...]]:
+    """Which bounds of the parameters are proved, and under which condition, in words."""
     enclosure, eps = leg.bracket.enclosure, result.options.eps
     if leg.ranges is not None:
-        of, box, name = "ranges", leg.ranges.box, leg.ranges.certificate
         within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
-        at = ("; ranges at eps = ", within, " mm")
-        certified = "no certificate holds it" if name is None else f"certified by {name}"
-        more = 0.0 < leg.bracket.hi < leg.ranges.eps
-        times = f" ({about(leg.ranges.eps / leg.bracket.hi)} times eps_hi)" if more else ""
-        said: Words = (
-            "The range holds every solution in the box with eps ≤ ",
-            within,
-            f" mm{times}; {certified}. So well do the measurements determine the parameter.",
-        )
-    elif enclosure.is_empty:
-        of, box, said = "", None, "No parameters in the box satisfy the equations, so there is nothing to enclose."
-    else:
-        of, box, where = "enclosure", enclosure, "eps_hi" if eps is None else f"eps = {stated(eps)} mm"
-        said = (
-            f"No ranges were computed. “At least” and “at most” enclose every solution in the box at {where}: how "
-            "sharply the optimum is known, no accuracy of the parameters."
-        )
-    nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
-    point, rows = leg.bracket.point, list[tuple[Words, ...]]()
-    for k, name in enumerate(result.model.parameters):
-        unit = result.model.unit(name)
-        decimals = _DECIMALS if unit == "mm" else _MORE
-        cells: list[Words] = [name if unit == "mm" else f"{name} [{unit}]"]
-        lo, hi = (math.nan, math.nan) if box is None else (float(box.lo[k]), float(box.hi[k]))
-        ends: tuple[float | str, ...] = lo, hi, ""
-        for text, side, end in zip(outward(lo, hi, decimals), ("lo", "hi", "width"), ends, strict=True):
-            cells.append(_UNKNOWN if box is None else claim(text, f"{of}.{side}", leg, end, name))
-        cells.append(_UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name))
-        least = math.nan if fit is None else float(fit.x[k])
-        rows.append((*cells, nearest(least, decimals), nearest(nominal[k], decimals)))
-    head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
-    other = "" if result.model.name == PLAIN.name else ", but where another unit is given"
-    return Section(
-        (f"Parameters [mm{other}]", *at),
-        tables=[Table(head, rows, ("", "main", "main"))],
-        notes=[said],
-        beside=[parameters_drawing(campaign, leg, fit)],
+        open_ = " (no certificate holds it)" * (leg.ranges.certificate is None)
+        return "ranges", leg.ranges.box, ("Ranges if the model holds to within ", within, f" mm{open_}.")
+    if enclosure.is_empty:
+        return "", None, ("No parameters in the box satisfy the equations, so there is nothing to enclose.",)
+    where = "eps_hi" if eps is None else f"eps = {stated(eps)} mm"
+    return (
+        "enclosure",
+        enclosure,
+        (f"No ranges were computed: the best parameters, if the model holds to within {where}.",),
     )
+
+
+def _sides(of: str, box: Box | None, leg: LegResult, k: int, name: str, decimals: int) -> list[Words]:
+    """The bounds of a parameter and their distance, as claims."""
+    if box is None:
+        return [_UNKNOWN] * 3
+    lo, hi = float(box.lo[k]), float(box.hi[k])
+    ends: tuple[float | str, ...] = lo, hi, ""
+    each = zip(outward(lo, hi, decimals), ("lo", "hi", "width"), ends, strict=True)
+    return [claim(text, f"{of}.{side}", leg, end, name) for text, side, end in each]
 
 
 def outward(lo: float, hi: float, decimals: int) -> tuple[str, str, str]:
@@ -383,7 +395,7 @@ def outward(lo: float, hi: float, decimals: int) -> tuple[str, str, str]:
 def eps_text(result: Result, eps: float) -> str:
     """An eps that the user gave as it was given; another one rounded down: what holds to within eps, holds to within
     less."""
-    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else bracket_text(eps, eps)[0]
+    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else at_least(eps)
 
 
 def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
@@ -404,23 +416,40 @@ def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = 
     return Drawing([svg], legend, said, "fits")
 
 
-def _behind(campaign: Campaign, result: Result, leg: LegResult) -> Section:
-    """What the search did: for experts."""
+def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
+    """The witness of eps_hi, other parameters, and what the search did: for experts."""
     work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
-    said: list[Words] = [f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s."]
+    (of, box, _), point = _range(result, leg), leg.bracket.point
+    said: list[Words] = [
+        f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
+        f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
+    ]
     if center := center_sentence(result, leg):
         said.append(f"{center} (No certificate holds this about the center.)")
     if names:
         more = f", and {len(names) - _MOST_NAMES:,} more in result.json" if len(names) > _MOST_NAMES else ""
         listed = f"{', '.join(names[:_MOST_NAMES])}{more}"
         said.append(Mark(f"Support, {len(names)} measurements that were found to be enough: {listed}.", "names"))
+    nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
+    rows = []
+    for k, name in enumerate(result.model.parameters):
+        decimals, cells = _row(result, name)
+        at = _UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name)
+        least = math.nan if fit is None else float(fit.x[k])
+        width = _sides(of, box, leg, k, name, decimals)[2]
+        rows.append((*cells, at, nearest(least, decimals), nearest(nominal[k], decimals), width))
+    witness = Table(("parameter", "witness", "fit", "nominal", "width"), rows)
     head = ("eps asked [mm]", "delay [s]", "answer", "eps_lo then", "eps_hi then", "nodes")
     return Section(
-        "For experts: two parameters at a time, contractors, support, calls of the solver",
+        f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
         figures=[] if leg.ranges is None or not leg.ranges.projections else [_pairs(campaign, result, leg, leg.ranges)],
-        tables=[Table(head, [trial_row(leg, trial) for trial in work.trials], ("", "", "word"))] * bool(work.trials),
+        tables=[
+            witness,
+            *([Table(head, [trial_row(leg, one) for one in work.trials], ("", "", "word"))] if work.trials else []),
+        ],
+        beside=[parameters_drawing(campaign, leg, fit)],
         folded=True,
     )
 
@@ -462,36 +491,41 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult, ranges: Ranges) -
 
 
 def residuals_drawing(
-    campaign: Campaign, leg: LegResult, model: LegModel = PLAIN, fit: Fitted | None = None
+    campaign: Campaign,
+    leg: LegResult,
+    model: LegModel = PLAIN,
+    fit: Fitted | None = None,
+    *,
+    tolerance: float | None = None,
+    wrong: Sequence[int] = (),
 ) -> Drawing | None:
-    """The residuals of the proved point over the measurements, beside those of the fit; None without such a point."""
-    if leg.bracket.point is None or not math.isfinite(leg.bracket.hi):
+    """The residuals of the recommended parameters, with bars for their reading sets, and the band of the tolerance.
+
+    Without such parameters those of the proved point, if there is one; without a tolerance the band of their error.
+    """
+    best, hi = leg.recommended, leg.bracket.hi
+    at = leg.bracket.point if best is None else best.point
+    if at is None:
         return None
-    count, small, hi = len(campaign), len(leg.support.ids) <= FEW, leg.bracket.hi
-    residual = model_residuals(campaign, leg.leg, leg.bracket.point, model)
-    room = reading_sensitivity(campaign, leg.leg, leg.bracket.point, model)
-    support = np.zeros(count, dtype=bool)
-    support[list(support_numbers(campaign, leg))] = small
-    fits = np.full(count, np.nan) if fit is None else fit.residuals
-    legend: dict[str, Words] = {"dot": "residual of the proved point"}
-    if fit is not None:
-        legend["cross"] = f"of least squares, {about(fit.largest)} mm at most"
-    if room.any():
-        legend["room"] = "sensitivity to the reading set"
-    legend["band"] = ("±eps_hi = ±", bracket_words(leg)[1], " mm")
-    if support.any():
-        legend["support"] = "support: these measurements were found to be enough"
-    beyond = int(np.sum(np.abs(residual) > hi))
-    said = [
-        "Of each run of neighbours the measurement with the largest residual and bar is drawn." * (count > MOST_POINTS),
-        "The readings are taken as exact." * (not room.any()),
-        f"At {beyond:,} of {count:,} the centre of the reading set lies outside the band; some other reading in its "
-        "set is within." * bool(room.any() and beyond),
-        f"The bound rests on {len(leg.support.ids):,} measurements together." * (not small),
-    ]
-    label = f"Leg {leg.leg}: residuals of the proved point over the measurements, and the band of eps_hi"
-    svg = residuals_svg(residual, room, fits, hi, support, measurement_names(campaign, range(count)), label)
-    return Drawing([svg], legend, " ".join(filter(None, said)))
+    count = len(campaign)
+    residual, room = (f(campaign, leg.leg, at, model) for f in (model_residuals, reading_sensitivity))
+    least = max((v for v in (hi if best is None else best.largest,) if math.isfinite(v)), default=0.0)
+    band = tolerance if tolerance is not None else least or float(np.nanmax(np.abs(residual) + room))
+    other = best is not None and fit is not None and best.why != "least squares"
+    fits = fit.residuals if other and fit is not None else np.full(count, np.nan)
+    legend: dict[str, Words] = {
+        "dot": f"residual of the {'proved point' if best is None else 'recommended parameters'}"
+    }
+    legend |= {"cross": "of least squares"} if other else {}
+    legend |= {"room": "with its reading set"} if room.any() else {}
+    legend["band"] = f"±{about(band)} mm{'' if tolerance is None else ', the tolerance'}"
+    legend |= {"support": "to be measured again"} if wrong else {}
+    said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
+    label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
+    chosen = np.zeros(count, dtype=bool)
+    chosen[list(wrong)] = True
+    svg = residuals_svg(residual, room, fits, band, chosen, measurement_names(campaign, range(count)), label)
+    return Drawing([svg], legend, said)
 
 
 def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
@@ -527,8 +561,14 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     """
     certificates = []
     for leg in result.legs:
-        named = {"bracket": leg.bracket.certificate, "ranges": None if leg.ranges is None else leg.ranges.certificate}
-        for kind, name in named.items():
+        claims = {
+            "ranges": leg.ranges,
+            "recommended": leg.recommended,
+            "passes": leg.passes_from,
+            "reduced": leg.reduced,
+        }
+        named = {kind: one.certificate for kind, one in claims.items() if one is not None}
+        for kind, name in {"bracket": leg.bracket.certificate, **named}.items():
             if name is not None and (run / name).is_file():
                 content = _deflated((run / name).read_bytes())
                 certificates.append({"leg": leg.leg, "kind": kind, "name": name, "deflated": content})

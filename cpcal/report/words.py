@@ -6,21 +6,25 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.special import stdtrit
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.numbers import about, stated
+from cpcal.common.numbers import about, at_least, at_most, stated
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
 from cpcal.questions import (
     LegResult,
-    LegVerdict,
     Result,
     Uncertified,
     proved_sentence,
     verdict_of,
 )
+from cpcal.questions.verdict import plain_side
+from cpcal.report.section import Mark, Words, verdict
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
 
 QUANTIFIER = (
@@ -28,7 +32,9 @@ QUANTIFIER = (
     "in its set at which the leg equation is off by at most eps."
 )
 LONGER = "The model takes each leg to be longer than eps."
-SHORT_QUANTIFIER = "To fit: for every measurement some reading in its set is off by at most that."
+SHORT_QUANTIFIER = (
+    "Fails: whatever the readings are, no parameters do. Passes: the recommended parameters do for all readings."
+)
 FRAME = (
     "a: base joint centre, in the base frame of the campaign's poses; b: mobile joint centre, in their mobile frame; "
     "l: length offset."
@@ -66,18 +72,69 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     return " ".join(said)
 
 
-def short_fit(verdict: LegVerdict) -> str:
-    """The verdict in a few words, for a line of a terminal."""
-    if verdict.kind in ("uncompared", "undecided"):
-        return f"{verdict.word}, {verdict.range}"
-    if verdict.kind == "undetermined":
-        return f"undetermined: {', '.join(verdict.names) or 'too few measurements'}"
-    if verdict.kind != "unexplained":
-        return f"{'' if verdict.tolerance is None else 'pass, '}fits {verdict.within}"
-    word = "does not fit" if verdict.tolerance is None else "fail"
-    if verdict.beyond is not None:
-        return f"{word} {verdict.error}"
-    return f"{word}, {verdict.no_better}" if math.isfinite(verdict.lo) else word
+def claim(
+    words: Words, what: str, leg: LegResult | None = None, value: float | str | None = None, parameter: str = ""
+) -> Mark:
+    """Words that state what a certificate claims, exactly `value`: the page compares them."""
+    data = {} if leg is None else {"leg": str(leg.leg)}
+    data["claim"] = what
+    if parameter:
+        data["parameter"] = parameter
+    if value is not None:
+        data["value"] = value.hex() if isinstance(value, float) else value
+    return Mark(words, data=data)
+
+
+def claimed_by(certificate: str | None, words: str, *what: Any) -> Words:
+    """The words as a claim where a certificate holds it, else plain."""
+    return words if certificate is None else claim(words, *what)
+
+
+def badge(result: Result, leg: LegResult) -> Mark:
+    found, asked = verdict_of(result, leg), result.options.tolerance
+    return verdict(
+        found.word, found.kind, leg=str(leg.leg), claim="verdict", value="" if asked is None else asked.hex()
+    )
+
+
+def thresholds(result: Result, leg: LegResult) -> Words:
+    """Below which tolerance the leg fails, from which on it passes: proved, with the digits that the verdict needs."""
+    if result.options.eps is not None:
+        return verdict_of(result, leg).sentence.removesuffix(".")
+    lo, passes, asked = leg.bracket.lo, leg.passes_from, result.options.tolerance
+    fails: Words = "Fits within the stated reading uncertainty"
+    if math.isinf(lo):
+        fails = "No parameters fit"
+    elif lo > 0.0:
+        fails = ("Fails below ", claim(plain_side(at_least, lo, asked), "eps_lo", leg, lo), " mm")
+    if passes is None:
+        return (fails, ", not shown to pass")
+    return (
+        fails,
+        ", passes from ",
+        claimed_by(passes.certificate, plain_side(at_most, passes.eps, asked), "passes.eps", leg, passes.eps),
+        " mm",
+    )
+
+
+def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
+    """A leg on the first screen: one line where it passes, else the culprit and the next step, and a second line."""
+    reduced, left_out = leg.reduced, leg.bracket.left_out
+    plain = result.options.tolerance is None and verdict_of(result, leg).kind in ("bounded", "explained")
+    head: list[Words] = [Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), ": "]
+    head += [] if plain else [badge(result, leg)]
+    head += [" without measurement ", claim(", ".join(left_out), "left_out", leg)] if left_out else []
+    limits = thresholds(result, leg)
+    if not found.short:
+        return (head, ". " if len(head) > 2 else "", limits, ".")
+    second: Words = (limits, ". ", found.more)
+    if reduced is not None and reduced.factor > 0.0:
+        factor = claimed_by(reduced.certificate, at_least(reduced.factor), "reduced.factor", leg, reduced.factor)
+        second = (second, "Pass with ", factor, " times the stated uncertainty.")
+    elif reduced is not None:
+        second = (second, " The best of sensors would not help.")
+    first = found.short.removeprefix("because of ") if plain else f" {found.short}"
+    return (head, first, ".", Mark(second, "second"))
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:
@@ -203,66 +260,82 @@ def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
         return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))
 
 
-FIRST = 3  # measurements to look at
-FEW = 20  # a larger support points at nothing
+_MOST_WRONG = 3  # measurements that are named as wrong readings
+_CHANCE = 2e-3  # that one is named among normal errors
+_FREEDOM = 3  # measurements more than parameters that a test of one needs
 _OTHER_MODELS = ("gain", "lateral", "linear")  # the simplest first
 _HELPS = 0.6  # another model is named when its largest residual is below this share of the model's own
-_FORCED = 0.5  # measurements are to be taken again when without them the largest residual is below this share
 _STEPS_OF_A_FIT = 3
 _SURELY = 1.5  # times that share: a fit is not gone on with when its linearised equations leave more
 _NEARLY = 1.3  # times the best: a simpler model is as good
-_STEPS = {  # by the kind of a verdict
-    "explained": ("accept", "Accept the parameters."),
-    "undetermined": ("add poses", "Add poses with other positions and rotations."),
-    "undecided": (
-        "more time",
-        "Certify again with a longer --time-limit, or with a --tolerance clearly above or below these bounds.",
-    ),
-    "bounded": ("state a tolerance", "State with --tolerance which error you can accept."),
-    "unexplained": ("state a tolerance", "State with --tolerance which error you can accept."),
-}
-_MECHANICS = (
-    "look at the leg",
-    "Neither another leg model nor leaving out these measurements helps: look for play, sag, or joints off their axes "
-    "in this leg, or allow the error.",
-)
 
 
 @dataclass(frozen=True)
 class Advice:
-    """The next step, `short` for a line and as a `sentence`. `first`: measurements from 0, the most telling first."""
+    """The cause and the next step, `short`, and `more`. `wrong`: measurements from 0 that look like misreadings."""
 
     short: str
-    sentence: str
-    first: tuple[int, ...]
+    more: str = ""
+    wrong: tuple[int, ...] = ()
 
 
 def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None, found: Fitted | None) -> Advice:
     """`model`: the result's, and its fit, None where it is not known here: then no residuals can be looked at."""
-    verdict, support = verdict_of(result, leg), support_numbers(campaign, leg)
-    few = support if len(support) <= FIRST else ()
+    verdict, left_out = verdict_of(result, leg), leg.bracket.left_out
     if verdict.kind == "uncompared":
-        what = "Compare the constraints that the certificates state with the model: no program has."
-        return Advice("compare the constraints", what, few)
-    step = _STEPS[verdict.kind]
+        return Advice("compare the constraints", "No program has compared those of the certificates with the model.")
     if verdict.kind == "explained":
-        return Advice(*step, ())
-    if model is None or found is None:
-        return Advice(*step, few)
-    # of a small support, or of all where it is large, the measurements with the largest residuals
-    among = np.array((support if len(support) <= FEW else ()) or range(len(found.residuals)))
-    order = np.argsort(-np.abs(found.residuals[among]), kind="stable")
-    first = tuple(int(k) for k in among[order[:FIRST]])
+        return Advice("")
     if verdict.kind == "undetermined":
-        return Advice(step[0], _where(campaign, verdict.names, found), first)
-    if verdict.kind not in ("bounded", "unexplained"):
-        return Advice(*step, first)
-    better = _another_model(campaign, leg, model, found) or _without(campaign, found, first)
-    if verdict.kind == "unexplained":
-        return Advice(*(better or _MECHANICS), first)
-    if better is None:
-        return Advice(*step, first)
-    return Advice(better[0], f"{step[1]} If this one is too large: {better[1][0].lower()}{better[1][1:]}", first)
+        where = "" if found is None else _where(campaign, verdict.names, found)
+        return Advice("because poses are too few or too similar: add poses", f"{verdict.reason} {where}".rstrip())
+    if verdict.kind == "undecided" and (leg.reduced is None or leg.reduced.factor > 0.0):
+        if leg.reduced is not None:
+            return Advice("because the readings are too uncertain: measure them more precisely")
+        return Advice("because a limit came first: give it a longer --time-limit")
+    if model is None or found is None:
+        return Advice("")
+    used = np.isin(campaign.measurement_ids, left_out, invert=True)
+    wrong = misread(found, used)
+    if wrong:
+        again = ", ".join(str(k + 1) for k in wrong)
+        it, plural = ("it", "") if len(wrong) == 1 else ("them", "s")
+        left = _linear_fit(*(np.delete(v, wrong, axis=0) for v in (found.jacobian, found.residuals)))[1]
+        ids = ", ".join(campaign.measurement_ids[k] for k in wrong)
+        more = f"Without {ids} least squares leaves {about(left)} mm at most, not {about(found.largest)} mm."
+        return Advice(f"because of measurement{plural} {again}: measure {it} again", more, wrong)
+    if verdict.kind == "bounded":
+        return Advice("")
+    return _another_model(campaign, leg, model, found) or Advice(
+        "by many measurements alike: look for play, sag, or joints off axis",
+        "No other leg model helps.",
+    )
+
+
+def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+    """Measurements that the others contradict: studentised residuals from a fit without them, beyond chance in all.
+
+    The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.
+    """
+    left, out = used.copy(), list[int]()
+    named: tuple[int, ...] = ()
+    for _ in range(_MOST_WRONG + 1):
+        freedom = int(left.sum()) - found.jacobian.shape[1]
+        if freedom < _FREEDOM:
+            break
+        rows = found.jacobian[left]
+        step = np.linalg.lstsq(rows, -found.residuals[left], rcond=1e-12)[0]
+        rest = found.residuals + found.jacobian @ step
+        spread = np.einsum("ij,ji->i", found.jacobian, np.linalg.pinv(rows.T @ rows, rcond=1e-12) @ found.jacobian.T)
+        scale = max(float(np.sum(rest[left] ** 2)), 1e-300)
+        seen = np.abs(rest) / np.sqrt(scale / freedom * (1.0 + spread))
+        if out and np.all(seen[out] > stdtrit(freedom, 1.0 - _CHANCE / len(used))):
+            named = tuple(out)
+        # inside the fit: its share of the sum of squares leaves with it
+        inside = np.where(left, rest**2 / np.maximum(1.0 - spread, 1e-9), -1.0)
+        out.append(int(np.argmax(inside)))
+        left[out[-1]] = False
+    return named
 
 
 def measurement_names(campaign: Campaign, numbers: Iterable[int]) -> list[str]:
@@ -285,7 +358,7 @@ def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
     return step, float(np.max(np.abs(values + rows @ step)))
 
 
-def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted) -> tuple[str, str] | None:
+def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted) -> Advice | None:
     """The simplest model whose fit, a few steps from the plain one's, is much better, if there is one."""
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
@@ -307,26 +380,8 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
     if not best < _HELPS * own.largest:
         return None
     name = next(name for name in largest if largest[name] <= _NEARLY * best)
-    sentence = (
-        f"Use model “{name}”: its least-squares fit leaves {about(largest[name])} mm at most, this one's "
-        f"{about(own.largest)} mm. cpcal certify --model A,B proves which models hold."
-    )
-    return f"model “{name}”", sentence
-
-
-def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[str, str] | None:
-    """To measure again what alone makes the error large."""
-    for count in range(1, len(first) + 1):
-        again = first[:count]
-        _, left = _linear_fit(np.delete(own.jacobian, again, axis=0), np.delete(own.residuals, again))
-        if left < _FORCED * own.largest:
-            sentence = (
-                f"Re-measure {', '.join(measurement_names(campaign, again))}: without "
-                f"{'it' if count == 1 else 'them'} the least-squares fit leaves {about(left)} mm at most, "
-                f"not {about(own.largest)} mm."
-            )
-            return f"re-measure {', '.join(str(k + 1) for k in again)}", sentence
-    return None
+    more = f"Its least squares leaves {about(largest[name])} mm at most, this one's {about(own.largest)} mm."
+    return Advice(f"because of the leg model: use --model {name}", more)
 
 
 def _where(campaign: Campaign, names: tuple[str, ...], found: Fitted) -> str:

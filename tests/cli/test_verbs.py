@@ -10,13 +10,13 @@ import pytest
 import typer
 
 import cpcal
+from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
 from cpcal.common.files import unwritable
 from cpcal.files import campaign_sha256, load_study, save_campaign, save_study
 from cpcal.simulate import simulate, simulate_study
 from tests.cli.command import done, refused, run
-from tests.robot.wrong_ways import WRONG_WAYS
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate`, `plugins` and `check`.
@@ -111,24 +111,25 @@ def test_a_campaign_is_called_good_or_each_finding_is_a_line_and_status_1(tmp_pa
 
 def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")  # "refuted" is an answer
-    assert "does not fit to within 0.1 mm" in said
-    assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "No parameters fit to within 0.1 mm" in said
+    assert "No parameters fit" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1")
     assert (outcome.exit_code, outcome.stderr) == (0, "")  # no progress where no terminal is
-    names = ["campaign.json", "leg1.cert.jsonl", "notes.txt", "ranges-leg1.cert.jsonl", "report.html", "result.json"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == names
+    certificates = {f"{name}.cert.jsonl" for name in ("leg1", "leg1.passes", "leg1.recommended", "ranges-leg1")}
+    names = {"campaign.json", "notes.txt", "report.html", "result.json", *certificates}
+    assert {p.name for p in tmp_path.iterdir()} == names
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.PROVED
-    pieces = ("64 measurements", "Leg 1: fits to within ", "look at ", "next: state a tolerance")
+    pieces = ("Simulated: DeltaLab Table of Stewart: 64 measurements", "Leg 1: Fails below ")
     text = " ".join(outcome.stdout.split())
-    for piece in (*pieces, "for every measurement some reading in its set", str(tmp_path / "report.html")):
+    for piece in (*pieces, "no parameters do. Passes: ", str(tmp_path / "report.html")):
         assert piece in text
 
 
 def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9", status=1)
-    assert "undecided" in said
+    assert "Leg 1: undecided because a limit came first" in said
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.UNKNOWN
 
 
@@ -176,13 +177,13 @@ def test_a_run_that_cannot_be_written_is_refused_at_once_or_its_answer_is_printe
     monkeypatch.setattr("cpcal.cli.certify.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path / "run", "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
-    assert "Leg 1: does not fit to within 0.1 mm" in outcome.stdout
+    assert "Leg 1: does not fit" in outcome.stdout
     assert "No space left" in outcome.stderr
 
 
 def test_a_tolerance_is_passed(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", "50")
-    assert "Leg 1: pass, " in said
+    assert "Leg 1: pass. Fails below " in said
     assert ">pass<" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).options.tolerance == 50.0
 
@@ -195,13 +196,14 @@ def recorded(path):
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(campaign, tmp_path):
+def test_a_run_of_six_legs_ends_with_a_line_for_each_that_passes_and_two_for_each_other(campaign, tmp_path):
     log = tmp_path / "log.jsonl"
     said = done("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", log, status=1)
     lines = said.splitlines()
-    assert len(lines) <= 12
-    assert [line[:6] for line in lines if line.startswith("Leg")] == [f"Leg {k}:" for k in range(1, 7)]
-    assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
+    legs = [line for line in lines if line.startswith("Leg")]
+    assert [line[:6] for line in legs] == [f"Leg {k}:" for k in range(1, 7)]
+    assert len(lines) == 3 + 2 * 6 - sum(": pass" in line for line in legs)
+    assert all(len(line) <= 110 for line in lines[1:-2])
     assert "tolerance 0.55 mm: FAIL" in lines[0]
     assert ">fail<" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     records = recorded(log)
@@ -213,7 +215,7 @@ def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(c
 
 def test_verbose_shows_tables_with_their_frame(campaign, tmp_path):
     loud = " ".join(done("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").split())
-    pieces = ("eps_lo [mm]", "Parameters [mm]", "b_z", "there exists a reading")
+    pieces = ("eps_lo [mm]", "at least", "b_z", "if the model holds to within", "there exists a reading")
     assert all(piece in loud for piece in (*pieces, "in the base frame of the campaign's poses"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 
@@ -37,8 +38,9 @@ def test_constraints_of_ones_own_need_no_campaign(tmp_path):
     net.add(cpcal.norm(x + 3.0) <= t)
     net.minimize(t, certificate=tmp_path / "own.cert.jsonl")
     said = done("verify", tmp_path / "own.cert.jsonl")
-    assert "No point of the box satisfies all 2 constraints with t < 4.24" in said
-    assert "Some point of the box satisfies all 2 constraints with t <= 4.24" in said
+    assert "own.cert.jsonl: points that satisfy all 2 constraints: none in the box with t < 4.24" in said
+    assert "some in the box with t <= 4.24" in said
+    assert said.splitlines()[-1] == "1 of 1 certificates hold; nothing is refused"
 
 
 @pytest.mark.parametrize("what", ["nothing", "empty"])
@@ -76,7 +78,7 @@ def test_whatever_was_asked_an_honest_run_is_accepted(asked, small, tmp_path, mo
 
 def test_a_refuted_tolerance_is_certified(small, tmp_path):
     done("certify", small, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
-    assert "|g| <= 0.1 mm for any readings" in done("verify", tmp_path, "--campaign", small)
+    assert "none in the box with |g| <= 0.1 mm, whatever the readings" in done("verify", tmp_path, "--campaign", small)
 
 
 def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch, genuine_run):
@@ -95,6 +97,23 @@ def test_all_certificates_of_a_folder_share_one_budget(tmp_path, monkeypatch, ge
     said = done("verify", folder, status=1)
     refused = [line for line in said.splitlines() if "takes more work than the" in line]
     assert [line.split(":")[0] for line in refused] == [max(among.names)]
+    count = len(among.names)
+    assert f"{count - 1} of {count} certificates hold, 1 REFUSED: there is no verdict" in said
+
+
+def test_it_prints_a_line_a_certificate_and_ends_with_the_verdict(tmp_path):
+    good = simulate(seed=3, extremal=False, random_poses=12, factor=0.0)
+    length = good.length.copy()
+    length[4, 2] += 3.0
+    cpcal.save_campaign(dataclasses.replace(good, length=length), tmp_path / "c")
+    done("certify", tmp_path / "c", "-o", tmp_path / "r", "--legs", "2,3", "--tolerance", "0.5", status=1)
+    lines = done("verify", tmp_path / "r").splitlines()
+    names = {line.split(": ")[0] for line in lines[:-1] if ".cert.jsonl: " in line}
+    said = [line for line in lines[:-1] if not line.startswith("Not asked about")]
+    assert names <= {path.name for path in (tmp_path / "r").glob("*.cert.jsonl")}
+    assert len(said) == len(names)
+    count = len(list((tmp_path / "r").glob("*.cert.jsonl")))
+    assert lines[-1] == f"{count} of {count} certificates hold; verdict: FAIL (leg 3)"
 
 
 def test_a_folder_that_names_many_files_is_refused_before_they_are_read(tmp_path):

@@ -132,12 +132,12 @@ def test_the_page_says_to_which_eps_the_polygons_belong():
         return " ".join(render(CAMPAIGN, made_result(CAMPAIGN, one, eps=asked)).split())
 
     text = page(1.1 * 0.1)
-    assert "to within eps = 0.1100000 mm" in text
+    assert "to within eps = 0.110 mm" in text
     assert "Δ counts from the proved point" in text
     assert 'aria-label="Leg 1: polygon that holds a_z and l, in a rectangle of 1.0 by 1.0 mm"' in text
     assert "to within eps = 0.3 mm" in page(0.3, asked=0.3)
     assert "Δ counts from the middle of the bounds" in page(0.1, point=None)
-    assert "to within eps = 0.1099999 mm" in page(math.nextafter(0.11, 0.0))  # rounded to the proved side
+    assert "to within eps = 0.109 mm" in page(math.nextafter(0.11, 0.0))  # rounded to the proved side
 
 
 # ------------------------------------------------------------------------------------------------------------------
