@@ -3,6 +3,7 @@
     python -m benchmarks.studies accuracy [--poses 100] [--studies 10]
     python -m benchmarks.studies outliers [--campaigns 50] [--outliers 1,2,3]
     python -m benchmarks.studies tolerance [--campaigns 100]
+from cpcal.robot.mistakes import spread_of, suspicions
 
 accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise), seen in
 the true base frame; reading sets are three standard deviations of the means. Stated as the model error of each leg is
@@ -20,6 +21,12 @@ standard deviations (0.03 mm, 0.1 mrad, 0.02 mm; noise cut off there), a model e
 quarter, a half and three quarters of the way from the least E that was found to least squares' own. The ratio is the
 largest error at 400 unseen poses over that of least squares. False: a pass though the recommended parameters err by
 more than T at a true pose that was measured, or a fail though the true parameters do not; there T is drawn besides.
+
+
+mistakes: what `check` says of campaigns as they should be (the robots of the catalogue; 12 to 200 measurements,
+extremal and random poses; drawings off by up to 10 mm, model errors up to 1 mm, a twentieth of both for the small
+hexapod; the paper's noise), and of DeltaLab campaigns with each of the mistakes of `wrong_ways` (drawings off by 1, 2,
+... mm). A mistake counts as named when the first sentence has its name.
 """
 
 from __future__ import annotations
@@ -34,6 +41,7 @@ from typing import Any
 import numpy as np
 
 import cpcal
+from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.calibration import averaged
 from cpcal.checker import check_run
 from cpcal.common.values import Floats
@@ -43,6 +51,7 @@ from cpcal.models.platform import pose_bounds
 from cpcal.questions.accuracy import distances, error_network, exactly, joined_campaign, least_error
 from cpcal.questions.points import verified_rows
 from cpcal.robot import (
+    ROBOTS,
     Pose,
     Robot,
     Uncertainty,
@@ -52,6 +61,7 @@ from cpcal.robot import (
     rotation_matrix,
     small_rotation,
 )
+from cpcal.robot.mistakes import spread_of, suspicions
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE
 from cpcal.simulate.studies import true_poses
@@ -224,6 +234,55 @@ def _recommended(seed: int) -> tuple[float, ...]:
     return (*ratios, errors(free.passes_from.point)[64:].max() / unseen, *counts)
 
 
+def mistakes(asked: argparse.Namespace) -> None:
+    """Clean campaigns that are named, and mistakes that are not."""
+    named, most, seconds = 0, 0.0, 0.0
+    for seed in range(asked.clean):
+        campaign = clean(seed)
+        began = time.process_time()
+        said = suspicions(campaign)
+        seconds = max(seconds, time.process_time() - began)
+        named += bool(said)
+        ratio = spread_of(campaign).ratio
+        most = max(most, 0.0 if ratio is None else float(ratio.max()))
+        print(*(f"clean campaign {seed}, {campaign.robot.name}: {sentence}" for sentence in said), sep="\n", end="")
+    print(
+        f"{named} of {asked.clean} clean campaigns named; residuals up to {most:.1f} times the stated; {seconds:.1f} s"
+    )
+    right, of, seconds = 0, 0, 0.0
+    for seed in range(1, 1 + asked.wrong):
+        campaign = simulate(seed=seed, deviation=float(seed), joint_error=0.1, random_poses=20 * (seed % 2))
+        for way, (wrong, name) in WRONG_WAYS.items():
+            if way in UNNAMED:
+                continue
+            began = time.process_time()
+            said = suspicions(wrong(campaign))
+            seconds = max(seconds, time.process_time() - began)
+            good = bool(said) and name in said[0]
+            right, of = right + good, of + 1
+            if not good:
+                print(f"{way}, drawing off by {seed} mm: {said}")
+    print(f"{right} of {of} mistakes named ({len(WRONG_WAYS) - len(UNNAMED)} kinds); {seconds:.1f} s at most")
+
+
+UNNAMED = ("duplicate rows", "one outlier", "one wrong pose", "constant pose")  # `check` finds them otherwise
+
+
+def clean(seed: int) -> cpcal.Campaign:
+    """A campaign as it should be: every other one of the DeltaLab platform."""
+    rng = np.random.default_rng(seed)
+    known = list(ROBOTS.values())[(seed // 2) % len(ROBOTS) if seed % 2 else 0]
+    count, small = int(rng.integers(12, 201)), 0.05 if known.robot.name.startswith("Rubin") else 1.0
+    extremal = bool(seed % 3) and count > 64 and known.workspace is None
+    options: dict[str, Any] = {
+        "deviation": small * rng.uniform(0.0, 10.0),
+        "joint_error": small * (0.0, 0.1, 0.3, 1.0)[seed % 4],
+    }
+    options |= {"workspace": known.workspace} if known.workspace else {"stroke": known.stroke}
+    number = count - 64 * extremal
+    return simulate(known.robot, seed=seed, random_poses=number, extremal=extremal, **options)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     studies = parser.add_subparsers(dest="study", required=True)
@@ -231,13 +290,15 @@ def main() -> None:
         "accuracy": {"poses": 100, "studies": len(STUDIES)},
         "outliers": {"campaigns": 50, "outliers": "1,2,3"},
         "tolerance": {"campaigns": 100},
+        "mistakes": {"clean": 100, "wrong": 3},
     }
     for name, given in options.items():
         study = studies.add_parser(name)
         for option, default in given.items():
             study.add_argument(f"--{option}", type=type(default), default=default)
     asked = parser.parse_args()
-    {"accuracy": accuracy, "outliers": outliers, "tolerance": tolerance}[asked.study](asked)
+    every = {"accuracy": accuracy, "outliers": outliers, "tolerance": tolerance, "mistakes": mistakes}
+    every[asked.study](asked)
 
 
 if __name__ == "__main__":

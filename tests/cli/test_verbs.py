@@ -10,13 +10,13 @@ import pytest
 import typer
 
 import cpcal
+from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
 from cpcal.common.files import unwritable
 from cpcal.files import campaign_sha256, load_study, save_campaign, save_study
 from cpcal.simulate import simulate, simulate_study
 from tests.cli.command import done, refused, run
-from tests.robot.wrong_ways import WRONG_WAYS
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate`, `plugins` and `check`.
