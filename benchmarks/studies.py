@@ -3,7 +3,7 @@
     python -m benchmarks.studies accuracy [--poses 100] [--studies 10]
     python -m benchmarks.studies outliers [--campaigns 50] [--outliers 1,2,3]
     python -m benchmarks.studies tolerance [--campaigns 100]
-from cpcal.robot.mistakes import spread_of, suspicions
+    python -m benchmarks.studies mistakes [--clean 100] [--wrong 3]
 
 accuracy: DeltaLab platforms (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise), seen in
 the true base frame; reading sets are three standard deviations of the means. Stated as the model error of each leg is
@@ -21,7 +21,6 @@ standard deviations (0.03 mm, 0.1 mrad, 0.02 mm; noise cut off there), a model e
 quarter, a half and three quarters of the way from the least E that was found to least squares' own. The ratio is the
 largest error at 400 unseen poses over that of least squares. False: a pass though the recommended parameters err by
 more than T at a true pose that was measured, or a fail though the true parameters do not; there T is drawn besides.
-
 
 mistakes: what `check` says of campaigns as they should be (the robots of the catalogue; 12 to 200 measurements,
 extremal and random poses; drawings off by up to 10 mm, model errors up to 1 mm, a twentieth of both for the small
@@ -297,8 +296,8 @@ def main() -> None:
         for option, default in given.items():
             study.add_argument(f"--{option}", type=type(default), default=default)
     asked = parser.parse_args()
-    every = {"accuracy": accuracy, "outliers": outliers, "tolerance": tolerance, "mistakes": mistakes}
-    every[asked.study](asked)
+    studies_of = {"accuracy": accuracy, "outliers": outliers, "tolerance": tolerance, "mistakes": mistakes}
+    studies_of[asked.study](asked)
 
 
 if __name__ == "__main__":

@@ -86,10 +86,10 @@ class LegVerdict:
         """Both, rounded to the proved side, and never across the tolerance."""
         if math.isinf(self.lo):
             return "no parameters fit"
-        below = f"fails below {_plain(at_least, self.lo, self.tolerance)} mm" if self.lo > 0.0 else _FITS
+        below = f"fails below {plain_side(at_least, self.lo, self.tolerance)} mm" if self.lo > 0.0 else _FITS
         if math.isinf(self.passes_from):
             return f"{below}, not shown to pass at any tolerance"
-        return f"{below}, passes from {_plain(at_most, self.passes_from, self.tolerance)} mm"
+        return f"{below}, passes from {plain_side(at_most, self.passes_from, self.tolerance)} mm"
 
     @property
     def sentence(self) -> str:
@@ -109,7 +109,7 @@ class LegVerdict:
             return f"The leg {self.thresholds}{fits}."
         at = f"{stated(self.tolerance)} mm"
         if self.found == "explained":
-            right = f"to within {_plain(at_most, self.largest, self.tolerance)} mm at every measured pose"
+            right = f"to within {plain_side(at_most, self.largest, self.tolerance)} mm at every measured pose"
             return (
                 f"Pass at {at}: the recommended parameters are right {right}, whatever the readings in their sets are."
             )
@@ -218,7 +218,7 @@ def verdict_on(
     return LegVerdict(found, lo, hi, None, largest)
 
 
-def _plain(rounded: Callable[[float, int], str], value: float, tolerance: float | None) -> str:
+def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: float | None) -> str:
     """Two digits, or as many as leave it on its side of the tolerance."""
     texts = [rounded(value, digits) for digits in range(2, 18)]
     right = (text for text in texts if tolerance is None or (float(text) > tolerance) == (value > tolerance))
