@@ -362,14 +362,8 @@ def main() -> None:
         for option, value in given.items():
             study.add_argument(f"--{option}", type=type(value), default=value)
     asked = parser.parse_args()
-    verbs = {
-        "accuracy": accuracy,
-        "default": default,
-        "outliers": outliers,
-        "mistakes": mistakes,
-        "tolerance": tolerance,
-    }
-    verbs[asked.study](asked)
+    known = (accuracy, default, outliers, tolerance, mistakes)
+    next(study for study in known if study.__name__ == asked.study)(asked)
 
 
 if __name__ == "__main__":
