@@ -56,12 +56,26 @@ def campaigns(campaign: Campaign) -> None:
 
 
 def logs(campaign: Campaign) -> None:
-    """Three logs of the same measurements, as three instruments export them."""
+    """Three logs of the same measurements, as three instruments export them; the tracker's is in its own frame."""
     turns = Rotation.from_quat(np.roll(campaign.quaternion, -1, axis=1))
     metres = campaign.position / 1e3
-    tracker = ["Laser tracker export 4.2", "Operator: A. Example; 2026-01-31", ""]
-    tracker.append("Frame;Tx (m);Ty (m);Tz (m);Rx;Ry;Rz;" + ";".join(f"S{i}" for i in range(1, 7)))
-    for row, numbers in enumerate(np.hstack([metres, turns.as_euler("xyz", degrees=True), campaign.length]), 1):
+    stands, fixed = (
+        Rotation.from_euler("xyz", angles, degrees=True) for angles in ([2.0, -3.0, 140.0], [0, 1.0, 90.0])
+    )
+    seen = stands.inv().apply(turns.apply([0.03, -0.02, 0.05]) + metres - [2.1, -1.3, 0.9])
+    angles = (stands.inv() * turns * fixed).as_euler("xyz", degrees=True)
+    names = [
+        "Frame",
+        "X [m]",
+        "Y [m]",
+        "Z [m]",
+        "Rx [deg]",
+        "Ry [deg]",
+        "Rz [deg]",
+        *(f"L{i} [mm]" for i in range(1, 7)),
+    ]
+    tracker = ["Laser tracker export 4.2", "Operator: A. Example; 2026-01-31", "", ";".join(names)]
+    for row, numbers in enumerate(np.hstack([seen, angles, campaign.length]), 1):
         tracker.append(f"{row};" + ";".join(f"{value:.7f}".replace(".", ",") for value in numbers))
     capture = ["# motion capture; quaternions scalar last", "time,px,py,pz,qx,qy,qz,qw,l1,l2,l3,l4,l5,l6"]
     for row, numbers in enumerate(np.hstack([metres, turns.as_quat(), campaign.length])):

@@ -24,9 +24,10 @@ from cpcal.files import (
     settings_template,
 )
 from cpcal.models import PLAIN
-from cpcal.questions.data_check import check_data, expected, mistake_in
+from cpcal.questions.data_check import check_data, expected
 from cpcal.robot import ROBOTS, Campaign, KnownRobot, known_robot, rotation_vector
 from cpcal.robot.campaign import Given
+from cpcal.robot.mistakes import Spread, mixed_up, spread_of
 from cpcal.robot.robot import KINDS
 from cpcal.robot.units import ANGLES, LENGTHS, column_map
 from cpcal.simulate import simulate as simulate_campaign
@@ -180,7 +181,7 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
     talk.table(head, rows, left=())
     talk.say(_off(np.median(given.share * given.nominal, axis=0).tolist()))
-    mistake = mistake_in(given, given.typical)
+    mistake = mixed_up(campaign, spread_of(campaign))
     if mistake is not None:
         talk.say(f"! {mistake}")
     return mistake
@@ -202,7 +203,10 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
     """
     loaded, talk = load_campaign(campaign), Talk()
     found = check_data(loaded)
-    talk.say(f"{loaded.title}: {len(loaded):,} measurements, {loaded.legs} legs", _off(found.nominal))
+    talk.say(f"{loaded.title}: {len(loaded):,} measurements, {loaded.legs} legs")
+    talk.say("Nothing looks wrong." if found.good else f"Look at this first ({len(found.findings)}):")
+    talk.say(*(f"! {finding}" for finding in found.findings))
+    talk.say(_off(found.nominal), _left(found.spread))
     if found.legs:
         rows = []
         for leg in found.legs:
@@ -216,11 +220,18 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
             else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
         )
         talk.say(f"Expected: {meaning}")
-    talk.say(*(f"! {finding}" for finding in found.findings))
     if not found.good:
         return Status.UNKNOWN
-    talk.say("Nothing looks wrong. Next: cpcal certify CAMPAIGN -o RUN")
+    talk.say("Next: cpcal certify CAMPAIGN -o RUN")
     return Status.ANSWERED
+
+
+def _left(seen: Spread) -> str:
+    """What fits leave, beside what is stated."""
+    left = f"Residuals of a fit: {', '.join(about(float(value), 2) for value in seen.left)} mm"
+    if seen.ratio is None:
+        return f"{left}."
+    return f"{left}, which is {', '.join(about(float(value), 2) for value in seen.ratio)} times what you state."
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from cpcal.models import PLAIN, LegModel, model_jacobian
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import Given, copied_rows, single_pose
-from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
+from cpcal.robot.mistakes import Spread, misstated, mixed_up, sizes_in_question, spread_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
@@ -154,7 +154,6 @@ def _where(residual: Floats, far: Bools) -> str:
     return f"leg {legs[0]} reads {worst} mm off what the others let expect"
 
 
-SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
 _FITTED = 20_000  # measurements
 
 _MORE = "Measure poses that differ more; what the robot cannot move stays open."
@@ -166,11 +165,13 @@ class DataCheck:
 
     findings  sentences: what to look at, most important first; none: the data are fit to be certified
     nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
+    spread    of the residuals of a fit, beside what is stated
     legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
     """
 
     findings: tuple[str, ...]
     nominal: tuple[float, ...]
+    spread: Spread
     legs: tuple[LegOutlook, ...]
 
     @property
@@ -185,27 +186,19 @@ def check_data(campaign: Campaign) -> DataCheck:
     Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 20,000 measurements, spread
     evenly, are fitted and say what to expect; odd and copied rows are sought among all.
     """
-    given = Given.of(campaign)
-    typical = given.typical
-    mistake = mistake_in(given, typical)
-    still = single_pose(campaign)
-    findings = list(filter(None, (mistake, *sizes_in_question(campaign), still, copied_rows(campaign))))
-    nominal = np.median(given.share * given.nominal, axis=0)
+    given, seen, still = Given.of(campaign), spread_of(campaign), single_pose(campaign)
+    sizes = sizes_in_question(campaign)
+    mistake = mixed_up(campaign, seen) if still is None else None
+    stated = None if mistake or still or sizes else misstated(seen)
+    findings = list(filter(None, (mistake, stated, *sizes, still, copied_rows(campaign))))
+    nominal = tuple(np.median(given.share * given.nominal, axis=0).tolist())
     if mistake is not None or still is not None:
-        return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
+        return DataCheck(tuple(findings), nominal, seen, ())
     sample = campaign.sampled(_FITTED)
     x = robust_parameters(sample)
     legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
     findings += [*odd_rows(campaign, x), *_open(legs)]
-    return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
-
-
-def mistake_in(given: Given, typical: float) -> str | None:
-    """The sentence on drawing and readings that disagree; small disagreements need a known cause."""
-    if typical <= SUSPICIOUS:
-        return None
-    cause = likely_cause(given)
-    return mixed_up(typical, cause) if cause is not None or typical > SHARE else None
+    return DataCheck(tuple(findings), nominal, seen, legs)
 
 
 def _open(legs: tuple[LegOutlook, ...]) -> list[str]:

@@ -1,21 +1,17 @@
-"""The table of mistakes that people make when they enter data, each with what undoes it.
+"""What people get wrong when they enter data: one list of hypotheses, one scorer, one sentence.
 
-The drawing of a robot is off by manufacturing errors only, so legs are as long as the readings say to within a few
-percent. Where they are not, every mistake of the table is undone on trial; the one after which drawing and readings
-agree is named. A name is a likely cause; nothing of it is proved.
-
-A mistake is a function of what is `Given` that yields, for each of its variants, a sentence and what would be given
-without it. One that chooses or fits numbers to make things agree also fits what is no mistake: it must leave less than
-one that does not choose.
+A hypothesis is a sentence, and what would be `Given` without that mistake. Each is scored by a fit of all legs, near
+the drawing: what it leaves, and how far it goes. The best one is named where it explains what nothing else does; a
+second one that is as good is named too, and of more none. A name is a likely cause; nothing of it is proved.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,18 +20,22 @@ from cpcal.common.values import Floats
 from cpcal.robot.campaign import Campaign, Given
 from cpcal.robot.kinematics import (
     KinematicsError,
+    Pose,
     central_pose,
     compose,
     forward_poses,
     inverse,
+    inverse_kinematics,
+    pose_jacobian,
     quaternion_conjugate,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
+    rotation_matrix,
     rotation_vector,
     world_hand_eye,
 )
 from cpcal.robot.robot import Robot
-from cpcal.robot.units import LENGTHS, NAMES, TAIT_BRYAN, quaternion_from_euler
+from cpcal.robot.units import LENGTHS, NAMES, PROPER, SEQUENCES, TAIT_BRYAN, quaternion_from_euler
 
 # ------------------------------------------------------------------------------------------------------------------
 # Poses of other frames than the mobile one in that of the base.
@@ -44,7 +44,6 @@ TRACKER = (
     "poses are not of the mobile frame in the base frame, but of a target in a tracker's frame: "
     "`cpcal import --frames tracker` finds both"
 )
-_TRIED_FRAMES = 40  # rows are enough to tell frames
 _LEAST = 5  # rows, of which twelve numbers can be told
 
 Variants = Iterator[tuple[str, Given]]
@@ -53,8 +52,8 @@ Variants = Iterator[tuple[str, Given]]
 def other_poses(given: Given) -> Variants:
     """Quaternions in another order, or the way back: of the rotation, or of the whole pose."""
     place, quaternion = given.pose.position, given.pose.quaternion
-    turned = np.roll(quaternion, 1, axis=1)
-    yield "quaternions are in the order qx,qy,qz,qw, not qw,qx,qy,qz", given.posed(place, turned)
+    for order, steps in (("qx,qy,qz,qw, not qw,qx,qy,qz", 1), ("qw,qx,qy,qz, not qx,qy,qz,qw", -1)):
+        yield f"quaternions are in the order {order}", given.posed(place, np.roll(quaternion, steps, axis=1))
     name = "rotations are from base to mobile frame (transposed matrices, conjugate quaternions)"
     yield name, given.posed(place, quaternion_conjugate(quaternion))
     back = inverse(given.pose)  # the same as exchanging the platforms: ||P + R b - a|| = ||-R'P + R'a - b||
@@ -81,18 +80,17 @@ def other_axes(given: Given) -> Variants:
 
 def other_frames(given: Given) -> Variants:
     """The poses of a target in a tracker's frame: both frames are fitted to the poses that the readings give."""
-    few = given.sampled(_TRIED_FRAMES)
-    if given.robot.legs < 6 or len(few.length) < _LEAST:
+    if given.robot.legs < 6:
         return
     try:
-        middle = central_pose(few.robot, np.median(few.length, axis=0))
-        found, converged = forward_poses(few.robot, few.length, middle)
+        middle = central_pose(given.robot, np.median(given.length, axis=0))
+        found, converged = forward_poses(given.robot, given.length, middle)
     except (KinematicsError, np.linalg.LinAlgError):
         return
     rows = np.flatnonzero(converged)
-    if len(rows) < max(_LEAST, len(few.length) // 2):
+    if len(rows) < max(_LEAST, len(given.length) // 2):
         return
-    part = few.rows(rows)
+    part = given.rows(rows)
     tracker, target = world_hand_eye(found.rows(rows), part.pose)
     moved = compose(compose(tracker, part.pose), inverse(target))
     yield TRACKER, part.posed(moved.position, moved.quaternion)
@@ -102,7 +100,6 @@ def other_frames(given: Given) -> Variants:
 # Readings and joints that stand in the wrong place, or count otherwise than was meant.
 
 _SHIFTS = 3  # rows
-_FITTED_LEGS = 6  # rows at least, where numbers are fitted to them
 _SAME = 0.1  # relative: scales of legs that one kind of sensor makes
 
 
@@ -112,6 +109,10 @@ def other_readings(given: Given) -> Variants:
         name = "readings are whole leg lengths, to which the offset is added again"
         yield name, given.read(given.length - given.robot.offset)
     yield "readings have the wrong sign", given.read(-given.length)
+    for leg in range(given.robot.legs):
+        length = given.length.copy()
+        length[:, leg] = np.median(given.nominal[:, leg] - given.robot.offset[leg] + length[:, leg]) - length[:, leg]
+        yield f"the readings of leg {leg + 1} count the other way", given.read(length)
     for leg, unit in itertools.product(range(given.robot.legs), LENGTHS):
         if unit != "mm":
             length = given.length.copy()
@@ -120,9 +121,11 @@ def other_readings(given: Given) -> Variants:
 
 
 def shifted_joints(given: Given) -> Variants:
-    """The joints of one platform are listed from another leg on, or the other way round."""
+    """The joints of one platform are listed from another leg on, the other way round, or two of them are exchanged."""
     robot = given.robot
-    orders = [np.roll(np.arange(robot.legs), shift) for shift in range(1, robot.legs)]
+    pairs = itertools.combinations(range(robot.legs), 2)
+    orders = [np.array([{i: j, j: i}.get(k, k) for k in range(robot.legs)]) for i, j in pairs]
+    orders += [np.roll(np.arange(robot.legs), shift) for shift in range(1, robot.legs)]
     orders += [np.roll(np.arange(robot.legs)[::-1], shift) for shift in range(robot.legs)]
     for order in orders:
         if (order != np.arange(robot.legs)).any():
@@ -158,28 +161,17 @@ def other_order(given: Given) -> Variants:
         yield name, given.read(given.length[:, column])
 
 
-def lost_offset(given: Given) -> Variants:
-    """Every leg lacks a constant of its own."""
-    if len(given.length) < _FITTED_LEGS:
-        return
-    lack = np.median(given.nominal - given.robot.offset - given.length, axis=0)
-    listed = ", ".join(about(float(value)) for value in lack)
-    name = f"an offset is missing or wrong: the legs lack {listed} mm"
-    yield name, given.read(given.length + lack)
-
-
 def counts(given: Given) -> Variants:
     """Readings that are proportional to lengths, from any zero: of encoders, or in any unit."""
-    if len(given.length) < _FITTED_LEGS:
-        return
     wanted = given.nominal - given.robot.offset
     middle = given.length.mean(axis=0)
     centred = given.length - middle
     slope = np.sum(centred * (wanted - wanted.mean(axis=0)), axis=0) / np.sum(centred**2, axis=0)
-    start = wanted.mean(axis=0) - slope * middle  # of the lines that take readings to lengths, by least squares
     scale = float(np.median(slope))
-    other = abs(abs(scale) - 1.0) > _SAME  # or it is mm, with another zero or sign
-    if other and np.isfinite(slope).all() and scale and (np.abs(slope / scale - 1.0) < _SAME).all():
+    if not (np.isfinite(slope).all() and scale and (np.abs(slope / scale - 1.0) < _SAME).all()):
+        return
+    start = wanted.mean(axis=0) - slope * middle  # of the lines that take readings to lengths, by least squares
+    if abs(abs(scale) - 1.0) > _SAME:  # or it is mm, with another zero or sign
         name = f"readings are not in mm (counts of an encoder?): 1 mm is about {about(1.0 / scale)} of them"
         yield name, given.read(slope * given.length + start)
 
@@ -188,61 +180,96 @@ def counts(given: Given) -> Variants:
 # Rotations that were entered in another form than was meant.
 
 _DEGREES = 180.0 / np.pi
-_TURNS = 7  # whole turns of 2 pi "radians" on either side: angles up to 47 degrees
-_TRIED = 5  # rows are enough to tell degrees from radians
-_ALL = tuple(s for name in TAIT_BRYAN for s in (name, name.upper()))
+_TURNING = tuple(name.upper() for name in TAIT_BRYAN + PROPER)  # turned axes; fixed ones are these backwards
 
 
-def euler_order(given: Given) -> Variants:
-    """Three angles read in one order of turns that were written in another.
+def other_angles(given: Given) -> Variants:
+    """Three angles read in one order of turns, or as a rotation vector, that were written in another.
 
     Turned axes ZYX are fixed axes xyz with the angles backwards, so each pair has a twin that looks the same.
     """
     place = given.pose.position
-    for taken in (name.upper() for name in TAIT_BRYAN):
+    vector = rotation_vector(given.pose.quaternion)
+    for taken in _TURNING:
         angles = _angles(taken, given.pose.quaternion)
-        for meant in _ALL:
+        for meant in SEQUENCES:
             if meant != taken:
-                twins = f"(or {meant[::-1].swapcase()}, not {taken[::-1].swapcase()}; capitals: turned axes)"
+                twins = f"(or {_twin(meant)}, not {_twin(taken)}; capitals: turned axes)"
                 turned = quaternion_from_euler(meant, angles)
                 yield f"Euler angles are {meant}, not {taken} {twins}", given.posed(place, turned)
+        name = f"rotations are rotation vectors, not Euler angles {taken} (or {_twin(taken)})"
+        yield name, given.posed(place, quaternion_from_rotation_vector(angles))
+        back = quaternion_from_rotation_vector(angles[:, ::-1])
+        yield name, given.posed(place, back)
+    for meant in SEQUENCES:
+        name = f"rotations are Euler angles {meant} (or {_twin(meant)}), not rotation vectors"
+        yield name, given.posed(place, quaternion_from_euler(meant, vector))
+
+
+def _twin(sequence: str) -> str:
+    return sequence[::-1].swapcase()
 
 
 def radians_as_degrees(given: Given) -> Variants:
-    """Rotations that are 57 times too small."""
+    """Rotations, or one angle of three, that are 57 times too small."""
     place, name = given.pose.position, "rotation angles are in radians, and were taken for degrees"
     vector = rotation_vector(given.pose.quaternion)
     yield name, given.posed(place, quaternion_from_rotation_vector(_DEGREES * vector))
-    for sequence in _ALL:
+    for sequence in _TURNING:
         angles = _angles(sequence, given.pose.quaternion)
         yield name, given.posed(place, quaternion_from_euler(sequence, _DEGREES * angles))
+        for axis in range(3):
+            one = np.where(np.arange(3) == axis, _DEGREES * angles, angles)
+            told = f"{name}: the one about {sequence[axis].lower()} alone"
+            yield told, given.posed(place, quaternion_from_euler(sequence, one))
 
 
 def degrees_as_radians(given: Given) -> Variants:
-    """Angles were wrapped at 2 pi then: row by row, the turns are chosen with which the readings agree best."""
-    few = given.sampled(_TRIED)
-    name = "rotation angles are in degrees, and were taken for radians"
-    vector = rotation_vector(few.pose.quaternion)
-    angle = np.linalg.norm(vector, axis=1, keepdims=True)
-    axis = vector / np.maximum(angle, np.finfo(np.float64).tiny)
-    turns = 2.0 * np.pi * np.arange(-2 * _TURNS, 2 * _TURNS + 1)
-    yield name, _chosen(few, quaternion_from_rotation_vector((angle + turns)[..., None] * axis[:, None] / _DEGREES))
-    steps = 2.0 * np.pi * np.array(list(itertools.product(range(-_TURNS, _TURNS + 1), repeat=3)))
-    for sequence in _ALL:
-        angles = _angles(sequence, few.pose.quaternion)
+    """Angles were wrapped at 2 pi then: row by row, the turns are those nearest to what the readings ask for."""
+    place, name = given.pose.position, "rotation angles are in degrees, and were taken for radians"
+    wanted = _asked_rotations(given)
+    vector = rotation_vector(given.pose.quaternion)
+    axis = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True) * axis
+    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(vector, along, axis)))
+    for sequence in _TURNING:
+        angles, near = _angles(sequence, given.pose.quaternion), _angles(sequence, wanted)
         both = [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]  # the same rotation
-        rows = np.concatenate([each[:, None] + steps for each in both], axis=1) / _DEGREES
-        quaternion = quaternion_from_euler(sequence, rows.reshape(-1, 3))
-        yield name, _chosen(few, quaternion.reshape(*rows.shape[:2], 4))
+        if sequence[0] == sequence[2]:
+            both[1] = np.array([np.pi, 0.0, np.pi]) + angles * [1.0, -1.0, 1.0]
+        tried = np.stack([_unwrapped(each, near, np.ones(3)) for each in both])
+        nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
+        chosen = tried[nearer, np.arange(len(near))]
+        yield name, given.posed(place, quaternion_from_euler(sequence, chosen))
 
 
-def _chosen(given: Given, quaternion: Floats) -> Given:
-    """Row by row, that of the rotations (N, m, 4) with which the legs agree best."""
-    count, many = quaternion.shape[:2]
-    row = np.repeat(np.arange(count), many)
-    trial = given.rows(row)
-    share = trial.posed(trial.pose.position, quaternion.reshape(-1, 4)).share.max(axis=1).reshape(count, many)
-    return given.posed(given.pose.position, quaternion[np.arange(count), np.argmin(share, axis=1)])
+def _unwrapped(angles: Floats, near: Floats, turn: Floats) -> Floats:
+    """(angles + 2 pi k turn) as degrees, in rad, with the whole k that bring them nearest to `near` (N, 3)."""
+    if turn.ndim == 1:
+        return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
+    lack = np.sum((near * _DEGREES - angles) * turn, axis=1, keepdims=True)
+    return np.asarray((angles + 2.0 * np.pi * np.round(lack / (2.0 * np.pi)) * turn) / _DEGREES)
+
+
+_NEWTON = 12  # steps
+_MAX_TURN = 0.5  # rad, of a step
+
+
+def _asked_rotations(given: Given) -> Floats:
+    """(N, 4): rotations with which the legs at the given positions are as long as the readings say, from none."""
+    pose = Pose(given.pose.position, np.tile([1.0, 0.0, 0.0, 0.0], (len(given.length), 1)))
+    for _ in range(_NEWTON):
+        gap = given.length - inverse_kinematics(given.robot, pose)
+        step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(given.robot, pose)[..., 3:], rcond=1e-3), gap)
+        pose = pose.moved(np.concatenate([np.zeros_like(step), _short(step)], axis=1))
+    return pose.quaternion
+
+
+def _short(turn: Floats) -> Floats:
+    """Rotation vectors (..., 3) of a length that a step may have."""
+    return np.asarray(
+        turn * np.minimum(1.0, _MAX_TURN / np.maximum(np.linalg.norm(turn, axis=-1, keepdims=True), _MAX_TURN))
+    )
 
 
 def _angles(sequence: str, quaternion: Floats) -> Floats:
@@ -252,23 +279,6 @@ def _angles(sequence: str, quaternion: Floats) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(sequence))  # type: ignore[call-overload]
-
-
-SHARE = 0.05  # of the leg length: larger nominal residuals are suspicious
-_BETTER = 0.34  # a mistake is named when it leaves at most this share of the residuals
-_ROWS = 400  # of a campaign suffice to tell
-_CLEAR = 0.1  # of the residuals: with so little left no other mistake needs to be tried
-_FITTED = 0.02  # what a mistake that fits numbers may leave at most
-_EQUAL = 1.0 - 1e-6  # two that differ by rounding are the same: the first one counts
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """See the module. What is left is multiplied by `handicap`."""
-
-    undone: Callable[[Given], Variants]
-    handicap: float = 1.0
-    limit: float = SHARE
 
 
 def units(given: Given) -> Variants:
@@ -285,82 +295,406 @@ def units(given: Given) -> Variants:
         yield f"the drawing is in {name}, not mm", given.drawn(factor * given.robot.parameters)
 
 
-MISTAKES = (
-    Mistake(units),  # it may come together with another
-    Mistake(other_poses),
-    Mistake(other_axes),
-    Mistake(other_readings),
-    Mistake(shifted_joints),
-    Mistake(shifted_rows),
-    Mistake(other_order, 1.5),
-    Mistake(euler_order, 1.5),
-    Mistake(radians_as_degrees, 1.5),
-    Mistake(degrees_as_radians, 4.0, _FITTED),
-    Mistake(lost_offset, 8.0, _FITTED),
-    Mistake(counts, 8.0, _FITTED),
+_ROW = 3  # of the numbers that are chosen for each row: angles
+
+# Each with how many numbers it fits, of the whole campaign and of each row.
+MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
+    (units, 0, 0),  # it may come together with another
+    (other_poses, 0, 0),
+    (other_axes, 0, 0),
+    (other_readings, 0, 0),
+    (shifted_joints, 0, 0),
+    (shifted_rows, 0, 0),
+    (other_order, 1, 0),
+    (other_angles, 1, 0),
+    (radians_as_degrees, 1, 0),
+    (degrees_as_radians, 1, _ROW),
+    (counts, 12, 0),
 )
-_LAST = (Mistake(other_frames, 8.0, _FITTED),)  # twelve numbers, and slow: tried when nothing else helps
+
+# ------------------------------------------------------------------------------------------------------------------
+# The scorer. All legs are fitted to the readings as they would be without a mistake, near the drawing without it:
+#
+#     r(x) = ||P + R b - a|| - (L + l) = noise of deviation s            x = drawing + errors of deviation t
+#
+# s and t are common to all legs, and estimated (MacKay's fixed point), so that the marginal likelihood weighs both
+# what a fit leaves and how far it goes. Readings count in units of their own spread: else small units would win.
 
 
-def likely_cause(given: Given) -> str | None:
-    """The mistake that, undone, leaves the smallest residuals, if they are small then."""
-    few = given.sampled(_ROWS)
-    typical = few.most
-    with np.errstate(all="ignore"):
-        return _best(given, few, MISTAKES, typical) or _pair(few, typical) or _best(given, few, _LAST, typical)
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Of H hypotheses: -2 log likelihood; what fits leave, mm, and by how much drawing and readings disagree, mm
+    (robust, of the worst leg); the latter as a share of the leg's length; drawings and fits (H, n, 7), mm."""
+
+    value: Floats
+    left: Floats
+    off: Floats
+    share: Floats
+    drawing: Floats
+    fitted: Floats
 
 
-def _best(given: Given, few: Given, mistakes: tuple[Mistake, ...], typical: float) -> str | None:
-    best, cause = math.inf, None
-    for mistake in mistakes:
-        if mistake.limit < SHARE >= typical:
-            continue  # what is small can be fitted away, and is what calibration is for
-        start = given if mistake.undone is shifted_rows else few  # neighbours must stay together
-        for name, without in mistake.undone(start):
-            left = without.most
-            if left < min(mistake.limit, _BETTER * typical) and left * mistake.handicap < best * _EQUAL:
-                best, cause = left * mistake.handicap, name
-        if best < min(_FITTED, _CLEAR * typical):
-            break  # the table has what is simple first
-    return cause
+_FLOOR, _FLOOR_DRAWING, _BROAD = 1e-6, 1e-4, 0.02  # of a leg's length: the least s and t, and the first t
+_TAIL = 4.0  # robust deviations from which a residual counts as its logarithm
+_NORMAL = 1.482602218505602  # times the median of |r|: the deviation of normal r
+_TINY = np.finfo(np.float64).tiny
 
 
-def _pair(given: Given, typical: float) -> str | None:
-    """A wrong unit and one more mistake."""
-    best, cause = min(SHARE, _BETTER * typical), None
-    plain = [mistake.undone for mistake in MISTAKES[1:] if mistake.handicap == 1.0]
-    for first, scaled in units(given):
-        for second, without in (variant for undone in plain for variant in undone(scaled)):
-            left = without.most
-            if left < best:
-                best, cause = left, f"{first}, and {second}"
-    return cause
+def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> Scores:
+    """Of hypotheses with the same number of rows and legs; `moves` (12 + n, q) of their drawings are fitted first."""
+    arrays = ((one.pose.position, one.pose.quaternion, one.length, one.robot.parameters) for one in tried)
+    position, quaternion, length, drawing = (np.stack(each) for each in zip(*arrays, strict=True))
+    turn, x, count = rotation_matrix(quaternion), drawing, length[0].size
+
+    def residuals(x: Floats) -> tuple[Floats, Floats, Floats]:
+        """(H, N, n), with the legs' directions and lengths."""
+        leg = position[:, :, None] + np.einsum("hkij,hnj->hkni", turn, x[..., 3:6]) - x[:, None, :, :3]
+        size = np.maximum(np.linalg.norm(leg, axis=-1), _TINY)
+        return size - length - x[:, None, :, 6], leg / size[..., None], size
+
+    reach = np.median(residuals(x)[2], axis=(1, 2))
+    error = (_BROAD * reach) ** 2
+    noise = 0.01 * error
+    for step in range(steps + 1):
+        residual, along, size = residuals(x)
+        typical = np.maximum(_NORMAL * np.median(np.abs(residual), axis=1), _FLOOR * reach[:, None])[:, None]
+        wide = (residual / (_TAIL * typical)) ** 2
+        cost = np.sum((_TAIL * typical) ** 2 * np.log1p(wide), axis=(1, 2))
+        turned = np.einsum("hkni,hkij->hknj", along, turn)
+        rows = np.concatenate([-along, turned, np.full((*size.shape, 1), -1.0)], axis=-1).transpose(0, 2, 1, 3)
+        across = (rows / (1.0 + wide).transpose(0, 2, 1)[..., None]).swapaxes(2, 3)
+        values, axes = np.linalg.eigh(across @ rows)
+        values, into = np.maximum(values, 0.0), axes.swapaxes(2, 3)
+        gone = (into @ (drawing - x)[..., None])[..., 0]
+        if step:  # what x was found with says how large noise and errors are
+            used = np.sum(1.0 - 1.0 / (1.0 + (error / noise)[:, None, None] * values), axis=(1, 2))
+            noise = np.maximum(cost / np.maximum(count - used, 1.0), (_FLOOR * reach) ** 2)
+            error = np.maximum(np.sum(gone**2, axis=(1, 2)) / np.maximum(used, 1.0), (_FLOOR_DRAWING * reach) ** 2)
+        ratio = (error / noise)[:, None, None]
+        damped = 1.0 + ratio * values
+        if step == steps:
+            break
+        # J'(r + J (drawing - x)) along the axes
+        gap = (into @ (across @ residual.transpose(0, 2, 1)[..., None]))[..., 0] + values * gone
+        if moves is not None:
+            columns = into @ (_motions(drawing) @ moves)
+            matrix = np.einsum("hnip,hni,hniq->hpq", columns, values / damped, columns)
+            side = np.einsum("hnip,hni->hp", columns, gap / damped)
+            move = -np.einsum("hpq,hq->hp", np.linalg.pinv(matrix, rcond=1e-10, hermitian=True), side) @ moves.T
+            before, drawing = drawing, _moved(drawing, move)
+            gap = gap + values * (into @ (drawing - before)[..., None])[..., 0]
+        x = drawing - (axes @ (ratio * gap / damped)[..., None])[..., 0]
+    value = cost / noise + np.sum(gone**2, axis=(1, 2)) / error + np.sum(np.log(damped), axis=(1, 2))
+    units = np.sum(np.log(np.maximum(length.std(axis=1), _TINY)), axis=1)
+    value = value + count * np.log(noise) - 2.0 * len(length[0]) * units
+    freedom = np.sqrt(count / np.maximum(count - used, 1.0))
+    off, _, size = residuals(drawing)
+    off = np.quantile(np.abs(off), 0.8, axis=1).max(axis=1)
+    return Scores(value, freedom * typical[:, 0].max(axis=1), off, off / reach, drawing, x)
+
+
+def _motions(drawing: Floats) -> Floats:
+    """(H, n, 7, 12 + n): how parameters change by a shift (mm) and a turn (rad) of the base joints about their centre,
+    of the mobile joints, and by each offset."""
+    count, legs, _ = drawing.shape
+    found = np.zeros((count, legs, 7, 12 + legs))
+    for start, column in ((0, 0), (3, 6)):
+        arm = drawing[..., start : start + 3] - drawing[..., start : start + 3].mean(axis=1, keepdims=True)
+        for axis, unit in enumerate(np.eye(3)):
+            found[..., start + axis, column + axis] = 1.0
+            found[..., start : start + 3, column + 3 + axis] = np.cross(unit, arm)
+    found[:, range(legs), 6, range(12, 12 + legs)] = 1.0
+    return found
+
+
+def _moved(drawing: Floats, move: Floats) -> Floats:
+    """Drawings (H, n, 7) after the moves (H, 12 + n)."""
+    found = drawing.copy()
+    for start, column in ((0, 0), (3, 6)):
+        joints = drawing[..., start : start + 3]
+        middle = joints.mean(axis=1, keepdims=True)
+        angle = _short(move[:, column + 3 : column + 6])
+        turn = rotation_matrix(quaternion_from_rotation_vector(angle))
+        middle = middle + move[:, None, column : column + 3]
+        found[..., start : start + 3] = (joints - joints.mean(axis=1, keepdims=True)) @ turn.swapaxes(1, 2) + middle
+    found[..., 6] += move[:, 12:]
+    return found
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Campaigns that look as if units, orders or frames were mixed up, and the likely cause. Nothing here is a proof.
-#
-# The nominal robot is off by manufacturing errors only, so its legs should be as long as the readings say to within a
-# few percent. Where they are not, `mistakes` looks for the cause.
+# Which hypothesis is named.
+
+_ROWS = (20, 40)  # of a campaign: to choose some hypotheses by, and to tell these apart
+_STEPS = (2, 8)  # of the scorer, likewise
+_KEPT, _CHUNK = 8, 64  # hypotheses that are told apart; that are scored at once
+_NUMBER = 8.0  # of -2 log likelihood, that a fitted number must gain
+_GAIN = 60.0  # of it, from which a mistake is named
+_AS_GOOD = 12.0  # of it: what is within is not told apart
+_EQUAL = 1e-3  # of it: two names of one change, of which the first counts
+_NAMED = 2  # causes
+_CLEAR = 0.1  # of the residuals, or of the distance: with so little left nothing else needs to be tried
+_BETTER = 0.34  # of the residuals, or of the distance from the drawing, that a mistake leaves at most
+SHARE = 0.05  # of a leg's length: no drawing is so bad
+DISAGREE = 0.01  # of a leg's length, from which drawing and readings disagree: calibration is for less
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A likely mistake; what fits leave, and how far drawing and readings are apart, with it and without, mm."""
+
+    name: str
+    left: tuple[float, float]
+    off: tuple[float, float]
+
+    @property
+    def gain(self) -> str:
+        """What falls by how much."""
+        what, (before, after) = "Residuals of a fit then fall", self.left
+        if after > _BETTER * before:
+            what, (before, after) = "The drawing's distance from the readings then falls", self.off
+        return f"{what} from {about(before, 2)} mm to {about(after, 2)} mm"
+
+
+def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
+    """The mistake that explains best, and a second one that does as well; none if nothing does, or three do.
+
+    If fits leave what they should (not `doubted`), and the drawing is not far off, frames and offsets alone are tried.
+    """
+    if len(given.length) < _LEAST:
+        return []
+    few = _evenly(given, min(_ROWS[1], len(given.length)))
+    with np.errstate(all="ignore"):
+        if not doubted and few.most <= SHARE:
+            return _best(_options(few, []), doubted=False)[0]
+        tried = [
+            (name, without, numbers + each * len(few.length))
+            for undone, numbers, each in MISTAKES
+            for name, without in undone(given if undone is shifted_rows else few)
+        ]
+        options = _options(few, tried)
+        found, clear = _best(options, doubted=doubted)
+        if not clear and few.most > SHARE:
+            options += _options(few, [(name, without, 12) for name, without in other_frames(few)])
+            found, clear = _best(options, doubted=doubted)
+        if not clear and few.most > 2.0 * SHARE:
+            found, clear = _best(options + _options(few, _pairs(few)), doubted=doubted)
+        return found
+
+
+Tried = list[tuple[str, Given, int]]  # names, what would be given, how many numbers were fitted
+Option = tuple[
+    float, str, Floats
+]  # -2 log likelihood, name, and what fits leave, the drawing's distance, and its share
+
+
+def _options(few: Given, tried: Tried) -> list[Option]:
+    """What is given, and the likeliest of what is tried; these with moved frames and other offsets too."""
+    tried = [(name, _evenly(without, len(few.length)), numbers) for name, without, numbers in tried]
+    parts = [tried[k : k + _CHUNK] for k in range(0, len(tried), _CHUNK)]
+    rough = [v for part in parts for v in scored([_evenly(g, _ROWS[0]) for _, g, _ in part], _STEPS[0]).value.tolist()]
+    rough = [value + _NUMBER * numbers for value, (_, _, numbers) in zip(rough, tried, strict=True)]
+    first = [("", few, 0), *(tried[k] for k in _ascending(rough)[:_KEPT])]
+    options: list[Option] = []
+    for words, moves in ((_offsets_said, None), *_moves(few.robot.legs)):
+        chosen = first if moves is None else first[: 1 + _MOVED]
+        found = scored([without for _, without, _ in chosen], _STEPS[1], moves)
+        for k, (name, without, numbers) in enumerate(chosen):
+            value = float(found.value[k]) + _NUMBER * numbers
+            seen = np.array([found.left[k], found.off[k], found.share[k]])
+            if moves is not None:
+                value += _NUMBER * moves.shape[1]
+                if not _explains(options[k], value, seen):
+                    continue
+                said = words(without.robot.parameters, found.drawing[k])
+                name = f"{name}, and {said}" if name else said
+            options.append((value, name, seen))
+    return options
+
+
+def _best(options: list[Option], *, doubted: bool) -> tuple[list[Cause], bool]:
+    """What to name, the first option being what is given; and whether so little is left that no more need be tried."""
+    plain, alike = options[0], list[Option]()
+    for option in (options[k] for k in _ascending([value for value, _, _ in options])):
+        if alike and option[0] > alike[0][0] + _AS_GOOD:
+            break
+        if all(abs(option[0] - other[0]) > _EQUAL for other in alike):
+            alike.append(option)
+    left, _, share = alike[0][2]
+    clear = bool(left < _CLEAR * plain[2][0] or (not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE)))
+    if len(alike) > _NAMED or not all(_explains(plain, v, seen) and seen[2] < SHARE for v, _, seen in alike):
+        return [], clear
+    return [Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)) for _, name, seen in alike], clear
+
+
+def _ascending(values: Sequence[float]) -> list[int]:
+    """Indices by value; of those that are the same, the first one first."""
+    return sorted(range(len(values)), key=lambda k: (round(values[k], 3) if np.isfinite(values[k]) else np.inf, k))
+
+
+def _explains(before: tuple[float, str, Floats], value: float, seen: Floats) -> bool:
+    """Whether what is seen is much smaller, and much more likely, than before."""
+    (left, off, share), (left_after, off_after, _) = before[2], seen
+    falls = left_after < _BETTER * left or (share > DISAGREE and off_after < _BETTER * off)
+    return bool(before[0] - value > _GAIN and falls)
+
+
+def _evenly(given: Given, count: int) -> Given:
+    """So many of its rows."""
+    return given.rows(np.linspace(0, len(given.length) - 1, count).astype(np.intp))
+
+
+def _pairs(few: Given) -> Tried:
+    """A wrong unit and one more mistake."""
+    plain = [undone for undone, numbers, _ in MISTAKES[1:] if not numbers and undone is not shifted_rows]
+    return [
+        (f"{first}, and {second}", without, 1)
+        for first, scaled in units(few)
+        if scaled.typical < _ODD
+        for undone in plain
+        for second, without in undone(scaled)
+    ]
+
+
+_ODD = 0.9  # of a leg's length: a unit alone leaves less, where it is one of two mistakes
+_MOVED = 3  # hypotheses whose drawings are moved as a whole
+
+
+def _moves(legs: int) -> Iterator[tuple[Callable[[Floats, Floats], str], Floats]]:
+    """What moves of the drawing as a whole are tried, each with its words."""
+    every = np.eye(12 + legs)
+    for columns in (range(6, 9), range(6, 12), range(3), range(6), range(12)):
+        yield _frames_said, every[:, list(columns)]
+    yield _offsets_said, every[:, 12:].sum(axis=1, keepdims=True)
+    yield _offsets_said, every[:, 12:]
+
+
+def _frames_said(before: Floats, after: Floats) -> str:
+    """Where joints are that were moved as a whole."""
+    said = []
+    for start, frame, of in ((0, "base", "given in"), (3, "mobile", "those of")):
+        old, new = before[:, start : start + 3], after[:, start : start + 3]
+        if np.allclose(old, new, rtol=1e-9):
+            continue
+        left, _, right = np.linalg.svd((new - new.mean(axis=0)).T @ (old - old.mean(axis=0)))
+        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+        angle = np.degrees(np.linalg.norm(rotation_vector(quaternion_from_matrix(turn))))
+        shift = ", ".join(about(float(value), 3) for value in new.mean(axis=0) - turn @ old.mean(axis=0))
+        turned = f", turned by {about(angle, 2)} degrees" if angle > _TURNED else ""
+        where = f"its origin is at ({shift}) mm of theirs{turned}"
+        said.append(f"poses are not {of} the drawing's {frame} frame: {where}")
+    return ", and ".join(said)
+
+
+_TURNED = 1e-6  # degrees
+
+
+def _offsets_said(before: Floats, after: Floats) -> str:
+    lack = after[:, 6] - before[:, 6]
+    if np.ptp(lack) <= _FLOOR * np.abs(lack).max():
+        return f"an offset is missing or wrong: all legs lack {about(float(lack[0]))} mm"
+    return f"an offset is missing or wrong: the legs lack {', '.join(about(float(value)) for value in lack)} mm"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What fits leave, beside what the stated deviations let expect.
+
+_FITTED_ROWS = 2_000
+_TOLD = 10  # rows, from which it can be told
+_UNIFORM = 3.0**0.5  # half-widths that are stated without a factor are those of a uniform distribution
+TOO_LARGE, TOO_SMALL = 20.0, 3.0  # of the deviations of residuals from which they are in question
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """left (n,) mm: deviation of the residuals of each leg's fit (robust); ratio (n,) to what is stated, None where
+    readings are called exact or are few; share: by how much of a leg's length drawing and readings are apart."""
+
+    left: Floats
+    ratio: Floats | None
+    share: float
+
+
+def spread_of(campaign: Campaign) -> Spread:
+    """Of all legs, fitted near the drawing."""
+    rows = np.linspace(0, len(campaign) - 1, min(_FITTED_ROWS, len(campaign))).astype(np.intp)
+    given = Given.of(campaign).rows(rows)
+    with np.errstate(all="ignore"):
+        found = scored([given], _STEPS[1])
+        fit = given.drawn(np.nan_to_num(found.fitted[0])).robot
+        residual = np.abs(inverse_kinematics(fit, given.pose) - given.length)
+        spare = np.sqrt(len(rows) / max(len(rows) - 7, 1))
+        left = spare * _NORMAL * np.median(residual, axis=0)
+        if campaign.exact or len(rows) < _TOLD:
+            return Spread(left, None, float(found.share[0]))
+        factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
+        radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[rows, None]
+        square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius[rows] ** 2
+        stated = np.sqrt(square) / (factor or _UNIFORM)
+        ratio = spare * _NORMAL * np.median(residual / np.maximum(stated, _TINY), axis=0)
+    return Spread(left, ratio, float(found.share[0]))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Sentences on what looks wrong. Nothing here is a proof.
 
 TURN = 0.1  # rad: no camera is so bad
-_NAMED = 3  # measurements in a sentence
+_WIDE = 0.05  # of a leg's length: no instrument is so bad
+_DOUBTED = 1.0 / _BETTER  # of the stated deviations: from here a mistake can be what the scorer asks for
+_ROUGH = 3e-4  # of a leg's length: the same, where no deviations are stated
+_ABSURD = 0.2  # of a leg's length: no drawing is so bad, also where a fit explains all readings
 
 
-def suspicions(campaign: Campaign) -> list[str]:
-    """One sentence for each thing that looks wrong, with the likely cause; none for a campaign as it should be."""
-    found = []
+@lru_cache(maxsize=4)  # `certify` warns, and its page says it again
+def suspicions(campaign: Campaign) -> tuple[str, ...]:
+    """A sentence for each thing that looks wrong with the campaign as a whole; none if all is as it should be."""
+    sizes = sizes_in_question(campaign)
+    seen = spread_of(campaign)
+    found = mixed_up(campaign, seen) or (None if sizes else misstated(seen))
+    return (*filter(None, [found]), *sizes)
+
+
+def mixed_up(campaign: Campaign, seen: Spread) -> str | None:
+    """The sentence on drawing, poses and readings that do not fit; small differences need a known cause."""
     given = Given.of(campaign)
-    share, typical = given.share, given.typical
-    if typical > SHARE:
-        found.append(mixed_up(typical, likely_cause(given)))
-    elif (rows := np.flatnonzero((share > SHARE).any(axis=1))).size:
-        ids = campaign.measurement_ids
-        named = ", ".join(ids[row] for row in rows[:_NAMED]) + (" and others" if len(rows) > _NAMED else "")
-        worst = _percent(float(share[rows].max()))
-        what = f"{len(rows)} of {len(ids)} measurements ({named}) disagree with the drawing by up to {worst} of a leg's"
-        found.append(f"{what} length, the others do not: check their rows.")
-    return found + sizes_in_question(campaign)
+    left = float(seen.left.max()) / float(np.median(given.nominal))
+    doubted = left > _ROUGH if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
+    if not doubted and seen.share <= DISAGREE:
+        return None
+    if causes := likely_causes(given, doubted=doubted):
+        listed = "; or just as well: ".join(f"{cause.name}. {cause.gain}" for cause in causes)
+        return f"{_what(seen)}: likely cause: {listed}."
+    if seen.share <= SHARE or (seen.share < _ABSURD and not doubted):
+        return None
+    return f"{_what(seen)}: check the units (mm), the order of the legs, qw,qx,qy,qz, and the frames."
+
+
+def misstated(seen: Spread) -> str | None:
+    """The sentence on stated deviations that are not those of the residuals."""
+    if seen.ratio is None:
+        return None
+    if float(seen.ratio.max()) > TOO_LARGE:
+        return f"{_residuals(seen, seen.ratio)}: a convention, a frame or the model is wrong."
+    if float(seen.ratio.max()) < 1.0 / TOO_SMALL:
+        times = about(1.0 / max(float(np.median(seen.ratio)), _TINY), 2)
+        return f"Your uncertainties are {times} times what the residuals show: state smaller ones."
+    return None
+
+
+def _what(seen: Spread) -> str:
+    """What does not fit: the drawing, or the residuals."""
+    if seen.ratio is not None and seen.share <= DISAGREE:
+        return _residuals(seen, seen.ratio)
+    share = f"{about(100.0 * seen.share, 2)} %" if seen.share < _MANY else f"{seen.share:.3g} times"
+    return f"The drawing and the readings disagree by {share} of a leg's length"
+
+
+def _residuals(seen: Spread, ratio: Floats) -> str:
+    leg = int(np.argmax(ratio))
+    left, times = about(float(seen.left[leg]), 2), about(float(ratio[leg]), 2)
+    return f"Residuals of leg {leg + 1} ({left} mm) are {times} times what you state"
+
+
+_MANY = 10.0
 
 
 def sizes_in_question(campaign: Campaign) -> list[str]:
@@ -372,19 +706,7 @@ def sizes_in_question(campaign: Campaign) -> list[str]:
         found.append(f"{what}: likely cause: degrees are given where radians are meant.")
     size = float(np.median(np.abs(campaign.length + campaign.robot.offset)))
     for name, radius in (("position", campaign.position_radius), ("leg reading", campaign.length_radius)):
-        if (wide := float(radius.max())) > SHARE * size > 0.0:
+        if (wide := float(radius.max())) > _WIDE * size > 0.0:
             what = f"Some {name} is known to within {wide:.3g} mm only, where legs are {size:.3g} mm long"
             found.append(f"{what}: likely cause: a unit other than mm.")
     return found
-
-
-def mixed_up(typical: float, cause: str | None) -> str:
-    """That drawing and readings disagree, and why, if it is known."""
-    what = f"The drawing and the readings disagree by {_percent(typical)} of a leg's length"
-    if cause is None:
-        return f"{what}: check the units (mm), the order of the legs, the order qw,qx,qy,qz, and the frames."
-    return f"{what}: likely cause: {cause}."
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %" if share < 10.0 else f"{share:.3g} times"

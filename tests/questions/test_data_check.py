@@ -4,14 +4,23 @@ import numpy as np
 import pytest
 
 import cpcal
+from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.robot import known_robot
 from cpcal.simulate import simulate
-from tests.robot.wrong_ways import WRONG_WAYS
 
 TRUE = simulate(seed=2, random_poses=20, joint_error=0.5)
 
 
-@pytest.mark.parametrize("way", WRONG_WAYS)
+QUICK = (
+    *("fixed axes for turned ones", "target shifted", "tracker frame", "metres and scalar last", "Euler order"),
+    *("degrees for radians", "all in metres", "offset missing", "rows shifted", "uncertainties too large"),
+    *("duplicate rows", "one outlier", "one wrong pose", "constant pose", "sigma in degrees"),
+)
+
+
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[] if way in QUICK else pytest.mark.nightly) for way in WRONG_WAYS]
+)
 def test_every_wrong_way_to_enter_data_is_named(way):
     make, expected = WRONG_WAYS[way]
     found = cpcal.check_data(make(TRUE))

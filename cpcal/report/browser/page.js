@@ -155,7 +155,7 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
   if (claim === "tolerance") return tolerances.some(other => other !== value) ? "another tolerance stands elsewhere" : misprint(text, hexNumber(value), 0);
   if (claim === "overall") return misjudged(text, value, proofs, legs);
   if (claim === "box") {
-    const width = mul(D(2), hexNumber(value)), narrow = Object.values(proofs).some(({lo, hi}) => lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
+    const width = mul(D(2), hexNumber(value)), narrow = Object.entries(proofs).some(([key, {lo, hi}]) => !(key.split(" ")[1] in MET) && lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
     return narrow ? "a certificate is about a smaller box" : misprint(text, hexNumber(value), 0);
   }
   if (claim === "left_out") return text === left[leg] ? "" : "other measurements stand elsewhere";

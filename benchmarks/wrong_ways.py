@@ -1,11 +1,13 @@
 """Wrong ways to enter the data of a campaign: each takes a true one and returns what a hurried user would have made."""
 
+# mypy: ignore-errors
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cpcal.robot import Pose, Robot, Uncertainty, inverse
+from cpcal.robot import Campaign, Pose, Robot, Uncertainty, inverse
 from cpcal.robot.units import quaternion_from_euler
 
 
@@ -15,6 +17,10 @@ def changed(campaign, **changes):
 
 def euler(campaign, sequence):
     return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_euler(sequence)
+
+
+def euler_vector(campaign):
+    return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_rotvec()
 
 
 def of_other_axes(campaign, axes):
@@ -37,6 +43,14 @@ def in_tracker_frame(campaign):
 def inverted(campaign):
     pose = inverse(Pose(campaign.position, campaign.quaternion))
     return changed(campaign, position=pose.position, quaternion=pose.quaternion)
+
+
+def of_target(campaign, turn):
+    """Of a target on the mobile platform, shifted and turned."""
+    platform = Rotation.from_quat(campaign.quaternion, scalar_first=True)
+    place = campaign.position + platform.apply([50.0, -20.0, 80.0])
+    seen = (platform * Rotation.from_rotvec(turn)).as_quat(scalar_first=True)
+    return changed(campaign, position=place, quaternion=seen)
 
 
 def with_drawing(campaign, **parts):
@@ -79,8 +93,9 @@ def sigma_in_degrees(campaign):
     return changed(campaign, uncertainty=stated, rotation_radius=np.full_like(campaign.position, 0.36))
 
 
+RADII = ("position_radius", "rotation_radius", "length_radius")
 # What was done wrong, and what `check` must say of it.
-WRONG_WAYS = {
+WRONG_WAYS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
     "quaternion scalar last": (
         lambda c: changed(c, quaternion=np.roll(c.quaternion, -1, axis=1)),
         "quaternions are in the order qx,qy,qz,qw",
@@ -103,6 +118,46 @@ WRONG_WAYS = {
     "Euler order": (
         lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "XYZ"))),
         "Euler angles are XYZ, not ZYX",
+    ),
+    "fixed axes for turned ones": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("zyx", euler(c, "ZYX"))),
+        "Euler angles are xyz, not XYZ (or ZYX, not zyx",
+    ),
+    "proper Euler angles": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler(c, "ZXZ"))),
+        "Euler angles are ZXZ, not XYZ",
+    ),
+    "rotation vector": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler_vector(c))),
+        "rotations are rotation vectors, not Euler angles XYZ",
+    ),
+    "one angle in radians": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "ZYX") / [1.0, 57.29578, 1.0])),
+        "rotation angles are in radians, and were taken for degrees: the one about y alone",
+    ),
+    "target shifted": (
+        lambda c: of_target(c, [0.0, 0.0, 0.0]),
+        "likely cause: poses are not those of the drawing's mobile frame: its origin is at (-",
+    ),
+    "target turned": (
+        lambda c: of_target(c, [0.1, 0.2, 0.3]),
+        "likely cause: poses are not those of the drawing's mobile frame",
+    ),
+    "base shifted": (
+        lambda c: changed(c, position=c.position + [100.0, 0.0, -250.0]),
+        "poses are not given in the drawing's base frame: its origin is at (",
+    ),
+    "one leg counts backwards": (
+        lambda c: with_length(c, (slice(None), 1), lambda read: 140.0 - read),
+        "the readings of leg 2 count the other way",
+    ),
+    "all legs count backwards": (
+        lambda c: changed(c, length=140.0 - c.length),
+        "readings have the wrong sign, and an offset is missing or wrong: all legs lack 1",
+    ),
+    "two mobile joints exchanged": (
+        lambda c: with_drawing(c, mobile=c.robot.mobile[[0, 1, 3, 2, 4, 5]]),
+        "the rows of mobile are in another order than those of base (take rows 1, 2, 4, 3, 5, 6)",
     ),
     "left-handed frame": (
         lambda c: of_other_axes(c, np.diag([1, -1, 1])),
@@ -142,6 +197,14 @@ WRONG_WAYS = {
     "metres and scalar last": (
         lambda c: changed(c, position=c.position / 1e3, quaternion=np.roll(c.quaternion, -1, axis=1)),
         "positions are in metres, not mm, and quaternions are in the order",
+    ),
+    "uncertainties too large": (
+        lambda c: changed(c, **{name: 10.0 * getattr(c, name) for name in RADII}, uncertainty=None),
+        "Your uncertainties are ",
+    ),
+    "uncertainties too small": (
+        lambda c: changed(c, **{name: 0.01 * getattr(c, name) for name in RADII}, uncertainty=None),
+        "times what you state: a convention, a frame or the model is wrong",
     ),
     "duplicate rows": (twice, "the same numbers"),
     "one outlier": (lambda c: with_length(c, (7, 2), lambda read: read + 4.0), "e07/1: leg 3"),
