@@ -18,7 +18,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,7 @@ from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
 from cpcal.common.values import Bools, Floats
 from cpcal.files import Log, Settings
-from cpcal.files.log import campaign_of_log, log_settings, read_log, unstated
+from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
 from cpcal.robot import (
     Campaign,
     KinematicsError,
@@ -49,6 +49,9 @@ from cpcal.robot.campaign import Given
 from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
 from cpcal.robot.mistakes import SHARE
 from cpcal.robot.units import SEQUENCES
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 # ------------------------------------------------------------------------------------------------------------------
 # Pairs of poses: checked, and with enough rotation.
@@ -571,7 +574,7 @@ def _placed(campaign: Campaign, frames: Frames | None) -> Campaign:
 
 
 def load_log(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | DataFrame,
     *,
     robot: Robot | str,
     columns: str | Mapping[str, str] = "",
@@ -586,7 +589,8 @@ def load_log(
     decimal: str | None = None,
     header: int | None = None,
 ) -> Campaign:
-    """The campaign, in the base frame, of a log of poses and leg readings, each read once or several times.
+    """The campaign, in the base frame, of a log of poses and leg readings, each read once or several times: a file, or
+    a table of pandas.
 
     robot      a Robot, the name of one in the catalogue, or a campaign.toml, which may state the uncertainty too
     columns    which columns are which, as `cpcal import --map` has it; left out: told by their names and units
@@ -600,7 +604,10 @@ def load_log(
     """
     sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
     settings, stated = log_settings(robot, sigmas, factor, exact)
-    log = read_log(Path(path), separator=separator, decimal=decimal, header=header)
+    if isinstance(path, str | os.PathLike):
+        log = read_log(Path(path), separator=separator, decimal=decimal, header=header)
+    else:
+        log = frame_log(path)
     older = {k: v for k, v in settings.provenance.items() if k.removesuffix("_pose") not in FRAME_NOTES}
     settings = replace(settings, provenance=older)
     try:

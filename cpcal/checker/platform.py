@@ -99,11 +99,6 @@ class Commanded:
         """The power of two by which T |q|^2 is divided, for a leg of that length: what is left is about in mm."""
         return F(2) ** (2 * self.norm * max(length, F(1))).__floor__().bit_length()
 
-    def millimetres(self, controller: Vector) -> float:
-        """Of the leg's length, about, for one of its form."""
-        length = self.length(controller)
-        return float(self.scale(length) / (2 * self.norm * max(length, F(1))))
-
     def form(self, controller: Vector) -> Given:
         """T |q|^2 over its scale, in the unknowns x."""
         n, length = self.norm, self.length(controller)

@@ -351,7 +351,7 @@ def _earlier(run: Path, question: Question) -> Result | None:
 # ------------------------------------------------------------------------------------------------------------------
 # The verb.
 
-_NOT_WITH_OUTLIERS = ("tolerance", "eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
+_NOT_WITH_OUTLIERS = ("eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
 _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_width")
 
 
@@ -359,7 +359,9 @@ _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_widt
 class CertifyFlags:
     """The options of `cpcal.certify` and `compare`."""
 
-    tolerance: float | None = option(None, "The error that the legs may have: each passes or fails.", "MM")
+    tolerance: float | None = option(
+        None, "The error that a leg may have, whatever the readings are: does it pass?", "MM"
+    )
     outliers: int = option(0, "Measurements of a leg that may be wrong, at most, nobody knows which.", "Q", min=0)
     model: str | None = option(
         None, "Leg model, such as plain or gain; several are compared.", "A,B", show_default="the campaign's"
@@ -379,6 +381,7 @@ class CertifyFlags:
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
+    projections: bool = expert(False, "Polygons of two parameters each, around all that reach the tolerance.")
     half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
     no_checker: bool = NO_CHECKER
 
@@ -421,12 +424,12 @@ def certify(
     where: Where,
     talk: Talk,
 ) -> Status:
-    """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
+    """Two proved tolerances of each leg of each CAMPAIGN: below the one it fails, from the other on it passes.
 
-    A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
-    equation is off by at most eps (mm). With --tolerance the exit status is 0 if every leg passes, else 1: one fails,
-    or is undecided. With --outliers the bracket holds whichever so many measurements are left out. Several models by
-    commas are compared: which does the data refute, and does any pass?
+    It fails when no parameters meet the tolerance at every measured pose, whatever the readings in their sets are. It
+    passes when the recommended parameters meet it for ALL readings: worse sensors make passing harder. Between them
+    the readings are too uncertain to say. With --tolerance the exit status is 0 if every leg passes, else 1. With
+    --outliers all this holds whichever so many measurements are left out. Several models by commas are compared.
 
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """

@@ -199,12 +199,11 @@ def accuracy(
         None, "x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0).", "BOX", show_default="proposed"
     ),
     poses: Path | None = option(None, "Poses: pose,x,y,z,qw,qx,qy,qz.", "CSV", show_default="the measured ones"),
-    count: int = option(4, "Poses to measure next, by each of two rules.", "N", "--next", min=0),
+    count: int = option(4, "Poses to measure next.", "N", "--next", min=0),
     assume: str | None = option(
         None, "Model error ASSUMED everywhere: one number, or one a leg.", "MM", show_default="suggested"
     ),
     controller: Literal["recommended", "nominal"] = option("recommended", "Whose parameters the controller has."),
-    validation: Path | None = option(None, "More poses to judge the model error by, same frames.", "CAMPAIGN"),
     cells: int = option(600, "Of the workspace, at most."),
     *,
     talk: Talk,
@@ -222,7 +221,6 @@ def accuracy(
     named = None if poses is None else questions.NamedPoses(*load_poses(poses))
     error = numbers_of(assume, float, "mm: give one, or one for each leg: 0.2,0.3,...", "--assume")
     campaign, result = load_campaign_json(run), load_result(run)
-    known = None if validation is None else load_campaign(validation)
 
     def find(draft: Path) -> questions.Accuracy:
         if refused := refusals(run):
@@ -234,7 +232,6 @@ def accuracy(
             workspace=space,
             assume=error[0] if error is not None and len(error) == 1 else error,
             controller=controller,
-            validation=known,
             cells=cells,
             next_poses=count,
             certificates=draft,

@@ -140,8 +140,10 @@ def _stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
 
 def _determined(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> object:
     """What the campaign leaves open at the proved point, or the center."""
-    if result.options.outliers or result.options.delta == 0.0:
+    if result.options.delta == 0.0:
         return None
+    left = [k for k, name in enumerate(campaign.measurement_ids) if name not in leg.bracket.left_out]
+    campaign = campaign if len(left) == len(campaign) else campaign.rows(left)
     try:
         with np.errstate(all="ignore"):
             at = leg.center if leg.bracket.point is None else leg.bracket.point

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +57,13 @@ class Log:
     decimal: str
 
 
+def frame_log(frame: Any) -> Log:
+    """The table in a pandas DataFrame, as if it were a file; of numbers, all digits."""
+    columns = [[str(value) for value in frame.iloc[:, place].tolist()] for place in range(len(frame.columns))]
+    rows = tuple(zip(*columns, strict=True))
+    return Log("DataFrame", tuple(map(str, frame.columns)), rows, tuple(range(1, len(rows) + 1)), ",", ".")
+
+
 def read_log(path: Path, *, separator: str | None = None, decimal: str | None = None, header: int | None = None) -> Log:
     """The table in a log.
 
@@ -63,7 +71,6 @@ def read_log(path: Path, *, separator: str | None = None, decimal: str | None = 
 
     Raises InputError: every row below the first one that has another number of cells, and what cannot be a log.
     """
-    _check_options(separator, decimal, header)
     problems = Problems()
     content = small_file(path, problems, "name the log", most=LOG_MAX)
     problems.raise_any()
@@ -86,16 +93,6 @@ def read_log(path: Path, *, separator: str | None = None, decimal: str | None = 
     names = _header(lines, rows[start][0] if header is None else header + 1, width, mark, sign)
     kept = rows[start:]
     return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), mark, sign)
-
-
-def _check_options(separator: str | None, decimal: str | None, header: int | None) -> None:
-    problems = Problems()
-    for name, value, known in (("separator", separator, SEPARATORS), ("decimal", decimal, _SIGNS)):
-        if value is not None and value not in known:
-            problems.add(Problem(f"option {name}", f"has no meaning: {value!r:.40}", f"give {' or '.join(known)}"))
-    if header is not None and header < 1:
-        problems.add(Problem("option header", f"has no meaning: {header}", "give a line, counted from 1"))
-    problems.raise_any()
 
 
 def _text(content: bytes) -> str:
@@ -140,7 +137,8 @@ def _guessed(
             if score > best[0]:
                 best = (score, mark, sign, width)
     if not best[0]:
-        remedy = f"give a table with at least {_LEAST} numbers in a row, or state --separator and --decimal"
+        stated = f"--separator ({', '.join(SEPARATORS)}) and --decimal (point, comma)"
+        remedy = f"give a table with at least {_LEAST} numbers in a row, or state {stated}"
         raise unusable(where, "holds no rows of numbers", remedy)
     return best[1:]
 

@@ -25,7 +25,7 @@ from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import Floats
+from cpcal.common.values import Bools, Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked
 from cpcal.robot import Campaign, Pose, leg_vectors
@@ -35,7 +35,8 @@ from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
-from cpcal.solver.network.rows import Extremes, Rows
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.network.tape import ReadingSets, Tape
 from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -527,14 +528,21 @@ def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegMod
     return ModelResiduals(campaign, leg, model).jacobian(x)
 
 
-def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: ModelResiduals | None = None) -> Floats:
+def fit_model(
+    campaign: Campaign,
+    leg: int,
+    model: LegModel = PLAIN,
+    known: ModelResiduals | None = None,
+    weight: Floats | None = None,
+) -> Floats:
     """Parameters (n,) that minimise the sum of squares of g, the extra ones within their half-widths of 0.
 
     From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
+    `weight` (N,): g is multiplied by it.
     """
     start = np.append(least_squares(campaign, leg), np.zeros(len(model.extra)))
     free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
-    if free.sum() == 7:
+    if weight is None and free.sum() == 7:
         return start
     of = ModelResiduals(campaign, leg, model) if known is None else known
     reach = np.append(np.full(7, np.inf), model.half_widths)[free]
@@ -545,10 +553,11 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: Mode
         return out
 
     def values(x: Floats) -> Floats:
-        return of.values(full(x))
+        return of.values(full(x)) if weight is None else weight * of.values(full(x))
 
     def jacobian(x: Floats) -> Floats:
-        return of.jacobian(full(x))[:, free]
+        slopes = of.jacobian(full(x))[:, free]
+        return slopes if weight is None else weight[:, None] * slopes
 
     found = minimised(values, jacobian, start[free], tolerance=_TOLERANCE)
     if found.settled and bool(np.all(np.abs(found.at) <= reach)):
@@ -559,13 +568,78 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: Mode
     return full(optimize.least_squares(values, start[free], jac=jacobian, bounds=bounds, x_scale=scale).x)
 
 
+class ReadingRange:
+    """The range of g of one leg over ALL readings in their sets, PROVED in outward-rounded arithmetic.
+
+    A reading in which g is monotone over the whole set decides at an end; the others enter by the mean-value theorem,
+    with enclosures of their derivatives. So the range is too wide by a part of second order only.
+    """
+
+    def __init__(self, campaign: Campaign, leg: int, model: LegModel, engine: Arithmetic) -> None:
+        box = leg_box(np.zeros(7), 0.0, model)
+        equation = leg_equation(campaign, leg, box, engine=engine, model=model)
+        body = equation.body if equation.scale is None else equation.body / equation.scale
+        self._engine, self._tape = engine, Tape(equation.network, [body])
+        leaves, paths = self._tape.readings, self._tape.reach
+        self._where = [self._tape.reading_slots[leaf.digest].ravel() for leaf in leaves]
+        self._sets = [(leaf.digest, leaf.data.mid, leaf.data.rad) for leaf in leaves]
+        self._mine = paths.leaf >= self._tape.program.given
+        self._leaf, self._row, self._entry = (a[self._mine] for a in (paths.leaf, paths.row, paths.entry))
+
+    def deviations(self, x: Floats) -> Floats:
+        """By how much (N,) mm the half-widths move g at x (n,), as independent deviations, to first order."""
+        _, slopes = self._slopes(x, self._readings(0.0))
+        reach = np.zeros(self._tape.program.first)
+        for where, (_, _, radius) in zip(self._where, self._sets, strict=True):
+            reach[where] = radius.ravel()
+        of = np.nan_to_num(0.5 * (slopes.lo + slopes.hi))[self._entry] * reach[self._leaf]
+        return np.asarray(np.sqrt(np.bincount(self._row, of**2, self._tape.count)))
+
+    def of(self, x: Floats, factor: float = 1.0) -> IntervalArray:
+        """Lower and upper bounds (N,) in mm at x (n,), of half-widths of `factor` times those stated. Infinite where
+        nothing is proved."""
+        tape, sets = self._tape, self._readings(factor)
+        nothing = IntervalArray(np.full(tape.count, -np.inf), np.full(tape.count, np.inf))
+        with np.errstate(all="ignore"):
+            factors, slopes = self._slopes(x, sets)
+            if factors is None:
+                return nothing
+            grows, falls = (np.zeros(tape.program.first, dtype=bool) for _ in range(2))
+            grows[self._leaf], falls[self._leaf] = slopes.lo[self._entry] >= 0.0, slopes.hi[self._entry] <= 0.0
+            ends = [self._end(x, factors, sets, *ways) for ways in ((falls, grows), (grows, falls))]
+            lo, hi = ends[0].lo, ends[1].hi
+        return IntervalArray(np.where(np.isnan(lo), -np.inf, lo), np.where(np.isnan(hi), np.inf, hi))
+
+    def _readings(self, factor: float) -> ReadingSets:
+        out = {}
+        for digest, middle, radius in self._sets:
+            reach = np.nextafter(radius * factor, np.inf) * (radius > 0.0)
+            out[digest] = IntervalArray.around(middle, reach)
+        return out
+
+    def _slopes(self, x: Floats, sets: ReadingSets) -> tuple[Floats | None, IntervalArray]:
+        """Enclosures of the derivatives along `reach.order`; None beside them where g is not continuous on the sets."""
+        slots = self._tape.forward(self._engine, IntervalArray.point(np.asarray(x, np.float64)[None]), sets)
+        factors = self._tape.derivatives(self._engine, slots[0])
+        good = self._tape.continuous(self._engine, slots)
+        return factors if good else None, self._tape.gradients(self._engine, factors)
+
+    def _end(self, x: Floats, factors: Floats, sets: ReadingSets, to_hi: Bools, to_lo: Bools) -> IntervalArray:
+        """g with those readings at an end, the others at the centre, and moved from there by the mean-value theorem."""
+        tape, at = self._tape, dict[bytes, IntervalArray]()
+        moves = np.zeros((2, tape.program.first - tape.size))
+        for where, (digest, of) in zip(self._where, sets.items(), strict=True):
+            up, down = to_hi[where].reshape(of.lo.shape), to_lo[where].reshape(of.lo.shape)
+            at[digest] = IntervalArray.point(np.where(up, of.hi, np.where(down, of.lo, of.mid)))
+            free = ~(up | down)
+            spread = self._engine.sub(of, at[digest])
+            moves[0, where - tape.size] = np.where(free, spread.lo, 0.0).ravel()
+            moves[1, where - tape.size] = np.where(free, spread.hi, 0.0).ravel()
+        slots = tape.forward(self._engine, IntervalArray.point(np.asarray(x, np.float64)[None]), at)
+        return tape.moved(self._engine, factors, tape.values(slots)[0], IntervalArray(*moves))
+
+
 def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:
-    """Half the range (N,) of g in mm over the reading sets at x, between the ends that a first-order look chooses."""
-    point = np.asarray(x, np.float64)
-    box = leg_box(np.zeros(7), 0.0, model)
-    equation = leg_equation(campaign, leg, box, engine=get_arithmetic("float64"), model=model)
-    ends = Extremes(equation.network, equation.body)
-    if not ends.tape.readings:
-        return np.zeros(len(campaign))
-    low, high = (ends.values(point, readings) for readings in ends.at(point))
-    return np.asarray(0.5 * np.abs(high - low))
+    """Half the range (N,) of g in mm over the reading sets at x."""
+    found = ReadingRange(campaign, leg, model, get_arithmetic("float64")).of(np.asarray(x, np.float64))
+    return np.asarray(0.5 * (found.hi - found.lo))

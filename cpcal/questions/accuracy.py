@@ -11,22 +11,21 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from cpcal.calibration import fit
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, Problem, unusable
 from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked, load, save
-from cpcal.models import PLAIN, beyond_legs, leg_box, leg_network
+from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.models.platform import Cells, Workspace, cell_bounds, cover, first_grid, pose_inverse, rotated
-from cpcal.questions.bracket import of_measurements
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
 from cpcal.questions.next_measurement import next_poses as chosen_next
 from cpcal.questions.result import CampaignNote, Result
@@ -43,14 +42,9 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.robot.campaign import ARRAYS
 from cpcal.simulate.campaigns import streams, true_robot
 from cpcal.simulate.studies import assembled_with
 from cpcal.solver.certificate.exact_network import free
-from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.local import fit as minimax_fit
 
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.
@@ -70,8 +64,8 @@ class AssumedLeg:
     PROVED, by the `certificate`: all such parameters (a, b, l) lie from `lo` to `hi`, mm; both are empty where there
     are none, and the campaign refutes what is assumed.
 
-    `stated`: the user gave eps; else it was suggested by `growth`, least errors of so many `poses`, readings as they
-    are, and raised if lengths that are spoken of lie `far` from every measured one (a share of the measured stroke).
+    `stated`: the user gave eps; else it was suggested by the largest `residual` of least squares, mm, and raised if
+    lengths that are spoken of lie `far` from every measured one (a share of the measured stroke).
     `refuted_below`: proved in the run, the campaign allows no smaller eps.
     """
 
@@ -83,8 +77,7 @@ class AssumedLeg:
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
     stated: Informed[bool]
     refuted_below: Informed[float]
-    poses: Informed[tuple[int, ...]]
-    growth: Informed[tuple[float, ...]]
+    residual: Informed[float]
     far: Informed[float]
 
 
@@ -112,8 +105,7 @@ class PoseAccuracy:
 
     PROVED under the assumption, where `proved`: every pose `within` the box that was asked for which the legs allow is
     P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
-    `rotation_bound`; infinite where nothing is proved. `shares`: to first order, by how much what is not known of each
-    leg can move the platform. `far`: legs whose length at this pose is far from every measured one.
+    `rotation_bound`; infinite where nothing is proved. `far`: legs whose length here is far from every measured one.
     """
 
     name: Informed[str]
@@ -124,7 +116,6 @@ class PoseAccuracy:
     hi: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
     position_bound: Annotated[float, checked(_AGAIN, "proved")]
     rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
-    shares: Informed[tuple[float, ...]]
     far: Informed[tuple[int, ...]]
     estimated: Informed[Estimated]
 
@@ -262,7 +253,6 @@ def certify_accuracy(
     workspace: Workspace | None = None,
     assume: float | Sequence[float] | None = None,
     controller: str = "recommended",
-    validation: Campaign | None = None,
     gap: float = 0.2,
     cells: int = 600,
     next_poses: int = 4,
@@ -278,13 +268,12 @@ def certify_accuracy(
     that a robust run left out) and at every pose spoken of; and the platform is within 20 mm and 0.1 rad (each
     component) of the pose commanded, or for a workspace stays on the controller's assembly branch. A robot of fewer
     than six legs holds the coordinates that no measured pose varies. `assume` is one number, or one for each leg; left
-    out, it is suggested by how the least error grows over the poses of the campaign and of `validation`, a campaign in
-    the same frames, and raised where leg lengths are far from every measured one.
+    out, it is suggested by the residuals of least squares, and raised where lengths are far from every measured one.
 
     `controller` is what computes readings from poses: the "recommended" parameters of the run, or "nominal", the
     drawing. `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
-    is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen by
-    each of two rules (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
+    is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen
+    (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
     the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
 
@@ -311,29 +300,30 @@ def certify_accuracy(
     places = [named.poses] if workspace is None else [named.poses, workspace.sample(_SAMPLE)]
     away = [distance_from_measured(campaign, inverse_kinematics(robot, some)) for some in places]
     far = np.concatenate(away).max(axis=0, initial=0.0)
-    errors = None if assume is None else np.broadcast_to(np.asarray(assume, np.float64), (campaign.legs,)).tolist()
+    kept = [kept_measurements(campaign, leg.bracket.left_out) for leg in result.legs]
+    found = [suggested_error(campaign.rows(only), k + 1, float(far[k])) for k, only in enumerate(kept)]
+    errors = np.broadcast_to([eps for eps, _ in found] if assume is None else assume, (campaign.legs,)).tolist()
+    if not np.isfinite(errors).all():
+        what = "leaves no residuals that would suggest a model error"
+        raise unusable("run", what, "say what model error to assume: --assume MM")
     asked, assumed, enclosed = list[AskedSet](), list[AssumedLeg](), list[EnclosedLeg]()
     with tempfile.TemporaryDirectory() as draft:
-        for leg, row in zip(result.legs, known, strict=True):
-            center, delta, name = leg.bracket.center, result.options.delta, f"{PREFIX}leg{leg.leg}.cert.jsonl"
-            only, distance = kept_measurements(campaign, leg.bracket.left_out), float(far[leg.leg - 1])
-            say(f"growth of the model error of leg {leg.leg}")
-            seen = [campaign.rows(only), *([] if validation is None else [validation])]
-            drawn, least = growth(seen, leg.leg, center=center, delta=delta)
-            eps = suggested_error(least, distance) if errors is None else errors[leg.leg - 1]
+        for leg, row, only, eps in zip(result.legs, known, kept, errors, strict=True):
             say(f"certificate of the set of leg {leg.leg}")
-            contractors, out = result.options.contractors, leg.bracket.left_out
+            center, delta, out = leg.bracket.center, result.options.delta, leg.bracket.left_out
+            contractors, name = result.options.contractors, f"{PREFIX}leg{leg.leg}.cert.jsonl"
             asked.append(AskedSet(campaign, leg.leg, eps, center, delta, row, contractors, only if out else None))
             path = Path(draft if certificates is None else certificates) / name
             one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
             enclosed += [] if one is None else [one]
             lo, hi = ((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))
             below = leg.bracket.lo if result.options.eps is None else 0.0
-            more = errors is not None, below, drawn, least, distance
+            more = assume is not None, below, found[leg.leg - 1][1], float(far[leg.leg - 1])
             assumed.append(AssumedLeg(leg.leg, eps, lo, hi, out, name, *more))
     at, over, following = tuple[PoseAccuracy, ...](), None, tuple[NextPose, ...]()
-    sets = _certified_sets(asked, say) if len(enclosed) == campaign.legs else []
-    if sets:
+    say("certified sets")
+    sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
+    if len(sets) == campaign.legs:
         parts = [campaign if one.only is None else campaign.rows(one.only) for one in asked]
         polytopes = [Polytope.about(part, one) for part, one in zip(parts, sets, strict=True)]
         say(f"{len(named.names)} poses")
@@ -370,18 +360,6 @@ def certify_accuracy(
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
-
-
-def _certified_sets(asked: Sequence[AskedSet], say: Told) -> list[CertifiedSet]:
-    """The sets for cells and estimates; none at all where one is empty."""
-    sets: list[CertifiedSet] = []
-    for which in asked:
-        say(f"certified set of leg {which.leg}")
-        found = certified_set(which)
-        if found is None:
-            return []
-        sets.append(found)
-    return sets
 
 
 def _exact(values: Floats) -> tuple[F, ...]:
@@ -437,7 +415,6 @@ def _at_poses(
     held: tuple[int, ...],
 ) -> tuple[PoseAccuracy, ...]:
     poses, known = named.poses, [_exact(row) for row in robot.parameters]
-    inverse = np.linalg.norm(pose_inverse(pose_jacobian(robot, poses), held)[:, :3], axis=1)
     out = []
     for k, (name, pose) in enumerate(zip(named.names, commanded, strict=True)):
         at = [
@@ -446,9 +423,6 @@ def _at_poses(
         ]
         bounds = pose_bounds(pose, at, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
         lo, hi, *sizes = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
-        # what is not known of each leg's length, to first order
-        widths = [float(one.forms[k][1] - one.forms[k][0]) for one in legs]
-        open_ = [0.5 * w * pose.millimetres(row) + e.eps for w, row, e in zip(widths, known, assumed, strict=True)]
         x, y, z = map(float, poses.position[k])
         q0, q1, q2, q3 = map(float, poses.quaternion[k])
         out.append(
@@ -461,7 +435,6 @@ def _at_poses(
                 hi=hi,
                 position_bound=sizes[0],
                 rotation_bound=sizes[1],
-                shares=tuple(map(float, inverse[k] * np.array(open_, np.float64))),
                 far=tuple(leg.leg for leg, distance in zip(assumed, away[k], strict=True) if distance > FAR),
                 estimated=estimates[k],
             )
@@ -560,27 +533,29 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# How large the model error of each leg is over the workspace. Estimates.
+# How large the model error of each leg is at all poses spoken of. Estimates.
 #
 # The certificate ASSUMES one number a leg: some parameters satisfy the leg's equation to within eps at the calibration
-# poses and at every pose of the workspace. eps* of the calibration poses alone is too small for that: the parameters
-# were chosen for these poses. So the least error is computed for more and more of all poses known, drawn at random, and
-# its growth is carried on. The readings are taken as they are, so that the noise counts as model error: sets that are
-# wide hide model errors of their own size. Where a leg's length is far from every measured one nothing that was
-# measured tells of its error. The suggestion is raised in proportion to the distance, which is a precaution and no
-# estimate: such legs are named.
+# poses and at every other. eps* of the calibration poses alone is too small for that: the parameters were chosen for
+# these poses. The largest residual of least squares is larger, and is scaled by what the fit took of the residuals. The
+# readings are taken as they are, so that the noise counts as model error: sets that are wide hide model errors of their
+# own size. Where a leg's length is far from every measured one nothing that was measured tells of its error. The
+# suggestion is raised in proportion to the distance, which is a precaution and no estimate: such legs are named.
 
-SHARES = (0.25, 0.5, 1.0)  # of the poses
-_DRAWS = 4  # of each share
 FAR = 0.125  # of the measured stroke: a length is far from every measured one
-_FEWEST = 9  # poses: with fewer eight unknowns explain them whatever they are
 
 
-def suggested_error(errors: Sequence[float], far: float = 0.0) -> float:
-    """mm: the least error with all poses, and twice what the last doubling added. `far`: a length is so far from
-    every measured one, as a share of the measured stroke; it is raised 1 + far times then."""
-    added = errors[-1] - errors[-2] if len(errors) > 1 else errors[-1]
-    return (errors[-1] + 2.0 * max(added, 0.0)) * (1.0 + far * (far > FAR))
+def suggested_error(campaign: Campaign, leg: int, far: float = 0.0) -> tuple[float, float]:
+    """mm: what to assume of a leg, and the largest of the N residuals r of its fit of rank m.
+
+    max |r| sqrt(N / (N - m)); 1 + far times that if a length is so far from every measured one, as a share of the
+    measured stroke. Infinite where no residuals are left.
+    """
+    found = fit(campaign, legs=[leg])
+    largest, count = float(np.abs(found.residuals).max()), len(campaign)
+    if count <= found.rank:
+        return math.inf, largest
+    return largest * math.sqrt(count / (count - found.rank)) * (1.0 + far * (far > FAR)), largest
 
 
 def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
@@ -594,50 +569,6 @@ def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
 def kept_measurements(campaign: Campaign, left_out: Collection[str]) -> tuple[int, ...]:
     """Numbers, from 0, of all measurements but some."""
     return tuple(k for k, name in enumerate(campaign.measurement_ids) if name not in left_out)
-
-
-def growth(
-    campaigns: Sequence[Campaign], leg: int, *, center: Sequence[float], delta: float, seed: int = 1
-) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Numbers of poses, and the least errors in mm of a leg at so many, each the mean over draws.
-
-    Of the poses of several campaigns of one robot, all in the same frames: calibration and validation.
-    """
-    whole = exactly(joined_campaign(campaigns))
-    network, count, rng = error_network(whole, leg, center, delta), len(whole), np.random.default_rng(seed)
-    sizes = sorted({min(max(round(share * count), _FEWEST), count) for share in SHARES})
-    found = []
-    for size in sizes:
-        rows = [sorted(rng.permutation(count)[:size].tolist()) for _ in range(1 if size == count else _DRAWS)]
-        found.append(float(np.mean([least_error(of_measurements(network, some), center)[1] for some in rows])))
-    return tuple(sizes), tuple(found)
-
-
-def joined_campaign(campaigns: Sequence[Campaign]) -> Campaign:
-    """All measurements as one campaign, named by the number of their campaign and their own names."""
-    pose = [f"{k}.{name}" for k, c in enumerate(campaigns) for name in c.pose]
-    run = [name for c in campaigns for name in c.run]
-    arrays: dict[str, Any] = {name: np.concatenate([getattr(c, name) for c in campaigns]) for name in ARRAYS}
-    return Campaign.of(campaigns[0].robot, *map(arrays.pop, ARRAYS[:3]), pose=pose, run=run, **arrays)
-
-
-def exactly(campaign: Campaign) -> Campaign:
-    """The same readings, without sets around them."""
-    c = campaign
-    return Campaign.of(c.robot, c.position, c.quaternion, c.length, pose=c.pose, run=c.run, exact=True)
-
-
-def error_network(campaign: Campaign, leg: int, center: Sequence[float], delta: float) -> ConstraintNetwork:
-    """A leg's equations to within any eps."""
-    box = leg_box(np.asarray(center, np.float64), delta)
-    return leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, np.inf))
-
-
-def least_error(network: ConstraintNetwork, start: Sequence[float]) -> tuple[Floats, float]:
-    """Parameters (7,) near `start` whose largest error is (locally) least, and that error in mm, at the readings in
-    their sets that suit best."""
-    point = minimax_fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
-    return point[:-1], max(float(point[-1]), 0.0)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -76,6 +76,7 @@ def certify(
     model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
     ranges: bool = False,
+    projections: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | Client | None = None,
@@ -88,8 +89,9 @@ def certify(
     x ranges over all parameters within `delta` mm of the center: "fit" (least squares), "plain" (of the plain model) or
     "nominal". `legs` counts from 1 (default: all). `gap` is relative; `time_limit` (seconds) and `node_limit` (boxes)
     are of each leg. With `eps` (mm) the question is instead whether S(eps) is empty. `progress` is called with
-    (leg, Bracket) as the brackets shrink. `tolerance` (mm) is kept with the result: the error that the robot may have.
-    With `outliers` the bracket holds whichever so many measurements of a leg are wrong, nobody knows which.
+    (leg, Bracket) as the brackets shrink. `tolerance` (mm) is the error that a leg may have: it passes if the
+    recommended parameters are proved to be right to within it at every measured pose for ALL readings in their sets.
+    With `outliers` all holds whichever so many measurements of a leg are wrong, nobody knows which.
 
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
     not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
@@ -105,9 +107,9 @@ def certify(
     or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
     given by name, else its own.
 
-    With `ranges` each leg that has a tolerance to ask them at gets the proved ranges of its parameters, and what the
-    page draws: at `eps`, at the tolerance if the leg reaches it, else at 1.1 times eps_hi. `ranges-legN.cert.jsonl`
-    proves them.
+    With `ranges` each leg that has a tolerance to ask them at gets the proved ranges of its parameters, and with
+    `projections` seven polygons of them besides: at `eps`, at the tolerance if some parameters reach it, else at 1.1
+    times eps_hi. `ranges-legN.cert.jsonl` proves the ranges.
 
     `workers` processes of this machine, the Dask cluster whose `scheduler` has that address, or an `executor` (any of
     `concurrent.futures`, or a `distributed.Client`) do the legs; left out: this process does, one after the other. The
@@ -138,6 +140,7 @@ def certify(
         model=model,
         half_widths=half_widths or {},
         ranges=ranges,
+        projections=projections,
     )
     with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         return _answered_into(question, certificates, place, resume=resume)
@@ -238,6 +241,10 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
         except InputError:
             lost.add(name)
     bracket, ranges, proof = leg.bracket, leg.ranges, leg.support.proof
+    for name in ("recommended", "passes_from", "reduced"):
+        of = getattr(leg, name)
+        if of is not None and of.certificate in lost:
+            leg = replace(leg, **{name: replace(of, certificate=None)})
     if ranges is not None and ranges.certificate in lost:
         leg = replace(leg, ranges=replace(ranges, certificate=None))
     if proof is not None and proof.certificate in lost:

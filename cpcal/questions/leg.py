@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.models import PARAMETERS, built_in, exactly_read, fit_model, leg_box, model_jacobian, model_statement
+from cpcal.models import PARAMETERS, built_in, exactly_read, leg_box, model_jacobian, model_statement
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
@@ -29,13 +29,14 @@ from cpcal.questions.bracket import (
 )
 from cpcal.questions.data_check import determination
 from cpcal.questions.question import Question
+from cpcal.questions.recommended import conformity
 from cpcal.questions.result import (
+    Determination,
     LegBracket,
     LegResult,
     Options,
     Projection,
     Ranges,
-    Recommended,
     Support,
     SupportProof,
     Uncertified,
@@ -78,7 +79,8 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
         try:
-            drawn = () if stopped or ranges is None else projections_of(prepared, ranges)
+            asks = question.options.projections and not stopped and ranges is not None
+            drawn = projections_of(prepared, ranges) if asks and ranges is not None else ()
         except KeyboardInterrupt:
             drawn, stopped = (), True
         result = replace(result, ranges=None if ranges is None else replace(ranges, projections=drawn))
@@ -106,10 +108,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
     if options.eps is not None:  # of that one alone something is said
         lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
     verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
-    determined, beyond = None, None
-    if options.delta > 0.0:  # at the proved point, or the center of the box
-        at = center if found.witness is None else found.witness.point[:-1]
-        determined = determination(question.campaign, leg.leg, at, question.model)
+    at, beyond = center if found.witness is None else found.witness.point[:-1], None
     if found.found is not None:
         beyond = Found(
             found.found.lo if found.found.lo > found.lo else lo, _of_parameters(question, found.found.enclosure)
@@ -124,14 +123,12 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
             enclosure=_of_parameters(question, found.enclosure),
             certificate=answer.certificate,
         ),
-        recommended=Recommended(
-            tuple(map(float, fit_model(question.campaign, leg.leg, question.model))), "least squares", math.inf
-        ),
+        **conformity(question, leg.leg, leg.problem.network, lo),
         support=support,
         not_certified=_not_certified(question, leg.leg, answer),
         verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
         extra=tuple(map(float, center[7:])),
-        determination=determined,
+        determination=_determination(question, leg.leg, at),
         found=beyond,
         work=Work(
             nodes=found.nodes,
@@ -143,6 +140,16 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResu
             contractors_used=found.contractors_used,
         ),
     )
+
+
+def _determination(
+    question: Question, leg: int, x: Floats, only: tuple[int, ...] | None = None
+) -> Determination | None:
+    """At the proved point, or the center of the box; None where nothing is to be determined."""
+    if question.options.delta == 0.0:
+        return None
+    campaign = question.campaign if only is None else question.campaign.rows(only)
+    return determination(campaign, leg, x, question.model)
 
 
 def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
@@ -355,6 +362,8 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     at_point = None if best.witness is None else _point_certificate(question, leg, center, without, best)
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
+    only = _others(question, without)
+    whole = network_of(question, leg, center)
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
     lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
     return LegResult(
@@ -369,6 +378,8 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             point_certificate=at_point,
             left_out=() if best.witness is None else tuple(ids[k] for k in sorted(without)),
         ),
+        **conformity(question, leg, whole if only is None else of_measurements(whole, only), float(lo), only),
+        determination=_determination(question, leg, center if best.witness is None else best.witness.point[:-1], only),
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
         extra=tuple(map(float, center[7:])),
         work=Work(nodes=searches, seconds=time.monotonic() - began),

@@ -64,12 +64,10 @@ def extremes(rows: Floats, rhs: Floats, low: Floats, high: Floats, objectives: F
 #
 # Near the controller's parameters a leg's set is a polytope, one slab for each measurement. The pose whose own length
 # ranges widest over it, in units of what a new measurement would leave open, is chosen; its slab is added (about the
-# middle of the range, where the reading is expected), and so on. Beside it the greedy start of DETMAX: the pose that
-# adds most to the determinant of the information. What is expected of both is the worst bound to first order.
+# middle of the range, where the reading is expected), and so on. What is expected is the worst bound to first order.
 
 _CANDIDATES, _DRAWN = 40, 400  # of so many drawn
 _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
-CERTIFIED, DETERMINANT = "certified width", "DETMAX"
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,6 @@ class NextPose:
 
     position: tuple[float, float, float]
     rotation: tuple[float, float, float]
-    by: str
     expected: float
 
 
@@ -132,7 +129,7 @@ def next_poses(
     held: Sequence[int] = (),
     seed: int = 1,
 ) -> tuple[NextPose, ...]:
-    """`count` poses by certified width, then as many by the determinant; `worst` (K) are poses whose bound matters.
+    """`count` poses by certified width; `worst` (K) are poses whose bound matters.
 
     Candidates lie between two measured poses each, within the readings that the campaign has. () where none do.
     """
@@ -161,23 +158,12 @@ def next_poses(
         gain: list[float] = (widths / slacks).max(axis=1).tolist()
         return gain.__getitem__
 
-    scaled = [[(one.rows / one.slack[:, None]), forms[:, i] @ one.to_x / slacks[i]] for i, one in enumerate(polytopes)]
-    known = np.stack([rows.T @ rows for rows, _ in scaled])
-    added = np.stack([new[:, :, None] * new[:, None, :] for _, new in scaled], axis=1)  # (K, n, 7, 7)
-
-    def determinant(chosen: list[int]) -> Callable[[int], Any]:
-        information = known + added[chosen].sum(axis=0) + added
-        gain: list[float] = np.linalg.slogdet(information)[1].sum(axis=1).tolist()
-        return gain.__getitem__
-
-    out: list[NextPose] = []
-    for by, gain in ((CERTIFIED, width), (DETERMINANT, determinant)):
-        order = greedy(range(len(forms)), count, gain)
-        for n, k in enumerate(order, 1):
-            expected = float(attained(robot, after(*order[:n]), sets, worst, held).max())
-            x, y, z = candidates.position[k].tolist()
-            a, b, c = rotation_vector(candidates.quaternion[k]).tolist()
-            out.append(NextPose((x, y, z), (a, b, c), by, expected))
+    out, order = list[NextPose](), greedy(range(len(forms)), count, width)
+    for n, k in enumerate(order, 1):
+        expected = float(attained(robot, after(*order[:n]), sets, worst, held).max())
+        x, y, z = candidates.position[k].tolist()
+        a, b, c = rotation_vector(candidates.quaternion[k]).tolist()
+        out.append(NextPose((x, y, z), (a, b, c), expected))
     return tuple(out)
 
 

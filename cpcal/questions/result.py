@@ -108,6 +108,7 @@ class Options:
     model: Informed[str | None] = None
     half_widths: Informed[Mapping[str, float]] = field(default_factory=dict)
     ranges: Informed[bool] = False
+    projections: Informed[bool] = False
     outliers: Annotated[int, checked("what the proofs bear")] = 0
 
     def __post_init__(self) -> None:
@@ -136,9 +137,11 @@ class Options:
         if LARGEST_DELTA < self.delta < math.inf:
             remedy = f"give {LARGEST_DELTA} mm (a kilometre) at most"
             yield Problem("delta", f"{self.delta} mm is wider than any robot", remedy)
-        if self.outliers and (self.eps is not None or self.tolerance is not None or self.method != "bound"):
+        if self.outliers and (self.eps is not None or self.method != "bound"):
             what = "asks for the smallest eps, by branch and bound"
-            yield Problem("outliers", what, "leave out eps, tolerance and method")
+            yield Problem("outliers", what, "leave out eps and method")
+        if self.projections and not self.ranges:
+            yield Problem("projections", "are of the ranges", "ask for ranges too")
         if self.method == "timeout" and self.eps is not None:
             yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
         if self.method == "timeout" and self.time_limit is None:
@@ -152,6 +155,8 @@ class Options:
             name, value = option.name, getattr(self, option.name)
             if name == "half_widths":
                 out += [word for of, width in value.items() for word in ("--half-width", f"{of}={width!r}")]
+            elif name == "projections":
+                out += ["--projections"] * value
             elif name in _ALWAYS or (name != "ranges" and value != option.default):
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 out += [f"--{name.replace('_', '-')}", text]
@@ -284,7 +289,7 @@ class VerifiedPoint:
 #
 # Worse sensors make it larger. A certificate beside a number claims exactly it; without one it is information.
 
-_LEAST_SQUARES, _CONSTRAINED = "least squares", "constrained least squares"
+LEAST_SQUARES, CONSTRAINED = "least squares", "constrained least squares"
 
 
 @dataclass(frozen=True)
@@ -301,7 +306,7 @@ class Recommended:
     certificate: Annotated[str | None, _FILE] = None
 
     def __post_init__(self) -> None:
-        if self.why not in (_LEAST_SQUARES, _CONSTRAINED) or not self.largest >= 0.0:
+        if self.why not in (LEAST_SQUARES, CONSTRAINED) or not self.largest >= 0.0:
             raise ValueError("why or largest is nothing that it can be")
         if not all(map(math.isfinite, self.point)):
             raise ValueError("the recommended point is not finite")

@@ -1,12 +1,13 @@
-"""The verdict on a leg: how well its model explains the data, and whether that is good enough.
+"""The verdict on a leg: is the model with some parameters right to within a tolerance, whatever the readings are?
 
-"Explains the data to within e" means: some parameters in the box satisfy every equation to within e, THERE EXISTS for
-each measurement a reading in its set. Both sides of a verdict are proved. Its kinds:
+Two bounds are proved (DESIGN section 6). No parameters in the box are right to within less than `lo` at every measured
+pose, whatever the readings in their sets are; the recommended ones are to within `largest`, again for ALL readings.
+So worse sensors make passing harder. Kinds:
 
-    explained       within the tolerance, or without any error: a pass
-    unexplained     no parameters reach the tolerance: a fail
-    bounded         no tolerance was given; the smallest error is known from both sides
-    undecided       a limit came first
+    explained       pass: `largest` is within the tolerance; without one: the model fits within the reading uncertainty
+    unexplained     fail: `lo` is beyond the tolerance
+    bounded         no tolerance was given; the two numbers are the answer
+    undecided       neither: the readings are too uncertain to say, or a limit came first
     undetermined    the parameters fit, but so would those of many another robot: the data are too poor for a verdict
     uncompared      a fit, but of constraints that the certificates of a user-defined model state themselves: no pass
 """
@@ -15,11 +16,12 @@ from __future__ import annotations
 
 import html
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from cpcal.common.errors import printable, unusable
-from cpcal.common.numbers import bracket_text, gap_text, plain_gap, short, stated
+from cpcal.common.numbers import at_least, at_most, bracket_text, gap_text, plain_gap, stated
 from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
 from cpcal.solver.accounts import bracket_sentence
@@ -29,6 +31,7 @@ from cpcal.solver.interval import Box
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_FITS = "fits within the stated reading uncertainty"
 SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
 KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
 
@@ -38,7 +41,8 @@ Wide = tuple[tuple[str, float, float], ...]  # name, lo, hi
 
 @dataclass(frozen=True)
 class LegVerdict:
-    """What was `found`. Proved: no error below `lo` explains the data, `hi` does (infinite: none is known to), in mm.
+    """What was `found`. Proved, in mm: it fails below `lo`, some parameters fit at `hi` for SOME readings, those
+    recommended are right to within `largest` for ALL, and it passes from `passes_from` (infinite: nothing is proved).
 
     tolerance      None: none was given
     beyond         the one error that was asked about, if it is refuted
@@ -51,6 +55,8 @@ class LegVerdict:
     lo: float
     hi: float
     tolerance: float | None = None
+    largest: float = math.inf
+    passes_from: float = math.inf
     beyond: float | None = None
     determination: Determination | None = None
     wide: Wide = ()
@@ -69,58 +75,55 @@ class LegVerdict:
         """For a table."""
         if self.kind == "uncompared":
             return "not compared"
-        if self.found == "unexplained":
-            return "does not explain" if self.tolerance is None else "fail"
-        if self.found not in ("explained", "bounded"):
-            return self.found
-        return "pass" if self.tolerance is not None else f"explains {self.within if self.hi else 'the data'}"
+        if self.tolerance is not None:
+            return {"explained": "pass", "unexplained": "fail"}.get(self.found, self.found)
+        if self.found in ("explained", "bounded"):
+            return _FITS if self.hi == 0.0 else f"fits to within {at_most(self.hi, 7)} mm"
+        return "does not fit" if self.found == "unexplained" else self.found
+
+    @property
+    def thresholds(self) -> str:
+        """Both, rounded to the proved side, and never across the tolerance."""
+        if math.isinf(self.lo):
+            return "no parameters fit"
+        below = f"fails below {plain_side(at_least, self.lo, self.tolerance)} mm" if self.lo > 0.0 else _FITS
+        if math.isinf(self.passes_from):
+            return f"{below}, not shown to pass at any tolerance"
+        return f"{below}, passes from {plain_side(at_most, self.passes_from, self.tolerance)} mm"
 
     @property
     def sentence(self) -> str:
         said = self._said()
-        if self.found != "undetermined":
-            known = self.tolerance is not None and math.isfinite(self.lo)
-            said += f"; the tolerance is {stated(self.tolerance or 0.0)} mm." if known else "."
         return f"{said} {not_compared(self.model)}" if self.model else said
 
     def _said(self) -> str:
-        explains = "The model explains the data"
         if self.found == "undetermined":
-            but = (
-                "which is no test of the model" if self.determination is not None else "and so may very different ones"
+            but = "so many very different parameters may fit" if self.wide else "which is no test of the model"
+            fits = "" if math.isinf(self.hi) else f" Some parameters fit {self.within}, {but}."
+            return self.reason + fits
+        if self.beyond is not None:
+            asked = f"to within {stated(self.beyond)} mm" if self.beyond else self._within(0.0)
+            return f"No parameters fit {asked}."
+        if self.tolerance is None:
+            fits = "" if math.isinf(self.hi) else f"; some parameters fit {self.within}"
+            return f"The leg {self.thresholds}{fits}."
+        at = f"{stated(self.tolerance)} mm"
+        if self.found == "explained":
+            right = f"to within {plain_side(at_most, self.largest, self.tolerance)} mm at every measured pose"
+            return (
+                f"Pass at {at}: the recommended parameters are right {right}, whatever the readings in their sets are."
             )
-            return self.reason + f" Some parameters explain the data {self.within}, {but}." * math.isfinite(self.hi)
         if self.found == "unexplained":
-            if self.beyond is not None:
-                return f"The model cannot explain the data {self.error}"
-            if math.isinf(self.lo):
-                return "The model cannot explain the data at any error that it allows"
-            return f"{explains} {self.no_better}"
-        known = [self.within] * math.isfinite(self.hi)
-        known += [self.no_better] * (self.found == "bounded" or (self.found == "undecided" and self.lo > 0.0))
-        return f"{explains} {', and '.join(known)}" if known else "Nothing is known of the error"
-
-    @property
-    def error(self) -> str:
-        """The one that was asked about, if it is refuted."""
-        return "" if self.beyond is None else f"to within {stated(self.beyond)} mm" if self.beyond else "exactly"
-
-    @property
-    def no_better(self) -> str:
-        return f"no better than {self._bounds()[0]}"
+            return f"Fail at {at}: no parameters in the box are right to within it, whatever the readings are."
+        return f"Undecided at {at}: it {self.thresholds}."
 
     @property
     def within(self) -> str:
-        return "exactly" if self.hi == 0.0 else f"to within {self._bounds()[1]}"
+        return self._within(self.hi)
 
-    @property
-    def range(self) -> str:
-        """Both bounds."""
-        lo, hi = self._bounds()
-        return f"{lo} to {hi}" if math.isfinite(self.hi) else f"at least {lo}"
-
-    def _bounds(self) -> list[str]:
-        return [f"{text if self.lo > 0.0 else short(text)} mm" for text in bracket_text(self.lo, self.hi)]
+    @staticmethod
+    def _within(error: float) -> str:
+        return f"to within {at_most(error, 7)} mm" if error else "within the stated reading uncertainty"
 
     @property
     def reason(self) -> str:
@@ -144,27 +147,46 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     options, bracket = result.options, leg.bracket
     at, eps = options.tolerance if tolerance is None else tolerance, options.eps
     poor: dict[str, Any] = {"determination": leg.determination, "ranges": _wide(options, leg)}
+    largest = math.inf if leg.recommended is None else leg.recommended.largest
     if eps is None:
         hi = bracket.hi if bracket.point is not None else math.inf
-        found = verdict_on(bracket.lo, hi, at, closed=bracket.verdict is Verdict.PROVED, **poor)
+        found = verdict_on(bracket.lo, hi, at, largest, closed=bracket.verdict is Verdict.PROVED, **poor)
     # where one error was asked about, nothing is known of smaller ones unless it is refuted
     elif bracket.verdict is not Verdict.REFUTED:
         hi = eps if bracket.verdict is Verdict.PROVED else math.inf
-        found = replace(verdict_on(0.0, hi, eps if at is None else at, **poor), tolerance=at)
+        found = verdict_on(0.0, hi, at, largest, closed=bracket.verdict is Verdict.PROVED, **poor)
     elif at is None or eps >= at:
         found = LegVerdict("unexplained", eps, math.inf, at, beyond=eps)
     else:
         found = LegVerdict("undecided", eps, math.inf, at)
+    found = replace(found, passes_from=math.inf if leg.passes_from is None else leg.passes_from.eps)
     return found if result.model.is_ours else replace(found, model=result.model.name)
+
+
+def recommendation(result: Result, leg: LegResult) -> str:
+    """What the recommended parameters are, and whether they conform, in a few words."""
+    if leg.recommended is None:
+        return "none"
+    found, at = verdict_of(result, leg), result.options.tolerance
+    if at is None:
+        return leg.recommended.why
+    if found.found == "unexplained":
+        return f"{leg.recommended.why}; not recommended: fails"
+    if leg.recommended.largest <= at:
+        return f"{leg.recommended.why}; conforms to {stated(at)} mm" + "; undetermined" * (
+            found.found == "undetermined"
+        )
+    return f"{leg.recommended.why}; not shown to conform"
 
 
 def _wide(options: Options, leg: LegResult) -> Wide:
     """Of the parameters as good as the proved point; of no search that a limit ended, nor of one at a larger error.
 
-    The timeout method encloses nothing: what is proved of the parameters are the ranges alone, if they were asked for.
+    The timeout method, and a search with outliers, enclose nothing: what is proved of the parameters are the ranges
+    alone, if they were asked for.
     """
     box = leg.bracket.enclosure
-    if options.method == "timeout":
+    if options.method == "timeout" or options.outliers:
         box = Box.empty(box.names) if leg.ranges is None else leg.ranges.box
     elif leg.bracket.verdict is not Verdict.PROVED and leg.work.pending:
         return ()
@@ -178,22 +200,29 @@ def verdict_on(
     lo: float,
     hi: float,
     tolerance: float | None,
+    largest: float = math.inf,
     *,
     closed: bool = False,
     determination: Determination | None = None,
     ranges: Wide = (),
 ) -> LegVerdict:
-    """The verdict on a proved bracket; `closed`: it is as narrow as was asked for. `ranges`: those that are wide."""
+    """The verdict on proved numbers; `closed`: the bracket is as narrow as was asked for. `ranges`: the wide ones."""
     if math.isinf(lo) or (tolerance is not None and lo > tolerance):
-        return LegVerdict("unexplained", lo, hi, tolerance)
+        return LegVerdict("unexplained", lo, hi, tolerance, largest)
     poor = determination if determination is not None and not determination.tests_the_model else None
     if poor is not None or ranges:
-        return LegVerdict("undetermined", lo, hi, tolerance, determination=poor, wide=ranges)
-    if hi == 0.0 or (tolerance is not None and hi <= tolerance):
-        return LegVerdict("explained", lo, hi, tolerance)
-    if tolerance is None and closed and math.isfinite(hi):
-        return LegVerdict("bounded", lo, hi)
-    return LegVerdict("undecided", lo, hi, tolerance)
+        return LegVerdict("undetermined", lo, hi, tolerance, largest, determination=poor, wide=ranges)
+    if tolerance is not None:
+        return LegVerdict("explained" if largest <= tolerance else "undecided", lo, hi, tolerance, largest)
+    found: Found = "explained" if hi == 0.0 else "bounded" if closed and math.isfinite(hi) else "undecided"
+    return LegVerdict(found, lo, hi, None, largest)
+
+
+def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: float | None) -> str:
+    """Two digits, or as many as leave it on its side of the tolerance."""
+    texts = [rounded(value, digits) for digits in range(2, 18)]
+    right = (text for text in texts if tolerance is None or (float(text) > tolerance) == (value > tolerance))
+    return next(right, texts[-1])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -227,7 +256,7 @@ def _proved(options: Options, leg: LegResult) -> str:
         return f"Stopped before it was known if any x satisfies the equations to within {eps} mm."
     if leg.not_refuted:
         how = "proved in exact arithmetic" if leg.certified else "proved"
-        return f"Some x in the box satisfies every equation exactly for some readings: {how}."
+        return f"Some x in the box fits within the stated reading uncertainty (for some readings): {how}."
     hi = bracket.hi if bracket.point is not None else math.inf
     if options.method == "bound":
         return bracket_sentence(bracket.verdict, bracket.lo, hi, floor=leg.work.floor, undecided=leg.work.pending)
@@ -270,23 +299,26 @@ def information(options: Options, leg: LegResult) -> list[str]:
 
 
 def leg_html(leg: LegResult) -> str:
-    """The proved bounds. The verdict needs the question, which the result has."""
+    """Both thresholds. The verdict needs the question, which the result has."""
     hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-    said = verdict_on(leg.bracket.lo, hi, None).sentence
+    passes = math.inf if leg.passes_from is None else leg.passes_from.eps
+    said = replace(verdict_on(leg.bracket.lo, hi, None), passes_from=passes).sentence
     return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
 
 
 def result_html(result: Result) -> str:
     """A table, a row a leg."""
     eps = result.options.eps
-    names = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
-    header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "certified", "support", "sentence"))
+    names = ("fails below [mm]", "passes from [mm]") if eps is None else ("eps asked [mm]",)
+    columns = ("leg", "verdict", *names, "recommended", "largest error [mm]", "certified", "sentence")
+    header = "".join(f"<th>{name}</th>" for name in columns)
     rows = []
     for leg in result.legs:
         verdict = verdict_of(result, leg)
-        bounds = bracket_text(leg.bracket.lo, leg.bracket.hi) if eps is None else (stated(eps),)
-        certified = "yes" if leg.certified else "no"
-        cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support.ids), verdict.sentence)
+        bounds = bracket_text(leg.bracket.lo, verdict.passes_from) if eps is None else (stated(eps),)
+        certified, why, at = "yes" if leg.certified else "no", recommendation(result, leg), leg.recommended
+        largest = "" if at is None else at_most(at.largest)
+        cells = (leg.leg, verdict.word, *bounds, why, largest, certified, verdict.sentence)
         rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
     title = f"{_escaped(result.campaign.robot)}: {result.campaign.measurements:,} measurements"
     stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
@@ -317,6 +349,7 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "parameter": name,
             "unit": result.model.unit(name),
             "center": leg.center[k],
+            "recommended": math.nan if leg.recommended is None else leg.recommended.point[k],
             "certified": math.nan if leg.bracket.point is None else leg.bracket.point[k],
             "range_lo": math.nan if known is None else float(known.box.lo[k]),
             "range_hi": math.nan if known is None else float(known.box.hi[k]),
@@ -324,6 +357,8 @@ def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
             "verdict": verdict_of(result, leg).word,
             "eps_lo": leg.bracket.lo,
             "eps_hi": leg.bracket.hi,
+            "largest": math.nan if leg.recommended is None else leg.recommended.largest,
+            "passes_from": math.nan if leg.passes_from is None else leg.passes_from.eps,
         }
         for k, name in enumerate(result.model.parameters)
     ]

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from markupsafe import Markup
 
 from cpcal.checker.platform import COORDINATES
@@ -52,7 +51,7 @@ def assumption(found: Accuracy) -> str:
     """What all else rests on."""
     each = [error.eps for error in found.legs]
     size = stated(each[0]) if len(set(each)) == 1 else f"{about(min(each))} to {about(max(each))}"
-    whence = "stated by the user" if found.legs[0].stated else "suggested by the growth of the least error"
+    whence = "stated by the user" if found.legs[0].stated else "suggested by the residuals of least squares"
     out = sorted({name for leg in found.legs for name in leg.left_out})
     where = f"at the calibration poses{f' but {listed(out)}' * bool(out)} and at every pose spoken of here ({whence})"
     axes = ", ".join(COORDINATES[k] for k in found.held)
@@ -91,7 +90,7 @@ def sentences(found: Accuracy) -> list[str]:
     if over is not None and len(over.left_out) < len(over.cells):
         end = "" if over.complete else " The search stopped at its limit of cells: more would narrow this bound."
         out.append(
-            "PROVED under the assumption, but not checked again (rounded arithmetic, which no certificate holds): "
+            "PROVED, not checked again: under the assumption, by rounded arithmetic which no certificate holds, "
             "anywhere in the workspace"
             f"{' but the cells left out' * bool(over.left_out)} the platform is within {at_most(over.position_bound)} "
             f"mm and {degrees_up(over.rotation_bound)} degrees of where the controller says. At the worst pose met the "
@@ -242,62 +241,31 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     poses = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
     if not poses:
         return
-    estimates = [pose.estimated for pose in poses]
-    quantities = [
-        ("proved bound", at_most, [(pose.position_bound, pose.rotation_bound) for pose in poses]),
-        ("first order, attained", about, [(e.attained, math.nan) for e in estimates]),
-        ("U, 95 %", about, [(e.u_position, e.u_rotation) for e in estimates]),
-    ]
-    head, truth = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "attained", "U [mm]", "legs"], found.truth_known
-    if truth:
-        true = [(e.true_position or 0.0, e.true_rotation or 0.0) for e in estimates]
-        quantities.append(("simulator's truth", about, true))
-        head.append("truth [mm]")
-    summary = []
-    for name, text, values in quantities:
-        position, rotation = np.array(values).T
-        sizes = [float(size(of)) for of in (position, np.degrees(rotation)) for size in (np.mean, np.max)]
-        summary.append((name, *("" if math.isnan(size) else text(size) for size in sizes)))
+    truth = found.truth_known
+    head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "attained", "U [mm]", *["truth [mm]"] * truth]
     rows = []
     for pose in poses:
         box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
-        legs = " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(pose.shares))[:2].tolist()))
+        estimates = pose.estimated.attained, pose.estimated.u_position, *[pose.estimated.true_position or 0.0] * truth
         bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
-        true_error = [about(pose.estimated.true_position or 0.0)] * truth
-        rows.append(
-            (
-                pose.name,
-                *bounds,
-                *box,
-                *map(about, (pose.estimated.attained, pose.estimated.u_position)),
-                legs,
-                *true_error,
-            )
-        )
+        rows.append((pose.name, *bounds, *box, *map(about, estimates)))
     yield Section(
-        "At the poses asked for",
-        tables=[Table(("", "mean [mm]", "largest [mm]", "mean [°]", "largest [°]"), summary)],
+        "At the poses asked for, worst first",
+        tables=[Table(head, rows, most=_MOST, where="accuracy.json")],
         notes=[
-            "Only the first row is proved (under the assumption). What some parameters that the measurements allow "
-            "attain is estimated to first order. U is estimated: the parameters' uncertainty, and a model error like "
-            "that of the residuals; it speaks of 95 % of poses, not of all.",
-        ],
-        parts=[
-            Section(
-                "Worst first",
-                tables=[Table(head, rows, most=_MOST, where="accuracy.json")],
-                notes=["“Legs”: the two whose uncertainty moves the platform most, to first order."],
-            )
+            "The bounds, and the box x, y, z, are proved (under the assumption). What some parameters that the "
+            "measurements allow attain is estimated to first order. U is estimated: the parameters' uncertainty, and a "
+            "model error like that of the residuals; it speaks of 95 % of poses, not of all.",
         ],
     )
 
 
 def _assumption(found: Accuracy) -> Section:
-    head = ("leg", *(f"{n} poses [mm]" for n in found.legs[0].poses), "refuted below [mm]", "far", "assumed [mm]")
+    head = ("leg", "largest residual [mm]", "refuted below [mm]", "far", "assumed [mm]")
     rows = [
         (
             str(e.leg),
-            *map(about, e.growth),
+            about(e.residual),
             at_least(e.refuted_below),
             f"{round(100 * e.far)} %",
             stated(e.eps) if e.stated else about(e.eps),
@@ -307,13 +275,12 @@ def _assumption(found: Accuracy) -> Section:
     return Section(
         "The assumption",
         [
-            "A certificate speaks of poses that nobody measured, so it must assume how well the model holds there. The "
-            "least error of the poses that were measured grows with their number:"
+            "A certificate speaks of poses that nobody measured, so it must assume how well the model holds there: as "
+            "the residuals of least squares suggest, which are estimates, of readings as they are (noise included)."
         ],
         tables=[Table(head, rows)],
         notes=[
-            "Least errors are estimates: of readings as they are (noise included), the mean over draws of so many "
-            "poses. “Refuted below” is proved by the run's certificates. “Far”: the largest "
+            "“Refuted below” is proved by the run's certificates. “Far”: the largest "
             "distance of a length spoken of here from every measured one, as a share of the measured stroke; beyond "
             f"{about(100 * FAR)} % the suggestion is raised. No finite number of poses proves the "
             "assumption."
@@ -322,10 +289,10 @@ def _assumption(found: Accuracy) -> Section:
 
 
 def _next(found: Accuracy) -> Iterator[Section]:
-    rows = [(_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses]
+    rows = [(_pose_text((*n.position, *n.rotation)), about(n.expected)) for n in found.next_poses]
     if rows:
         said = ["Measuring these would narrow the bound most; estimates, to first order."]
-        yield Section("Next poses", said, tables=[Table(("pose", "chosen by", "worst bound then [mm]"), rows)])
+        yield Section("Next poses", said, tables=[Table(("pose", "worst bound then [mm]"), rows)])
 
 
 def _origin(found: Accuracy) -> Section:

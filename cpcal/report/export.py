@@ -16,7 +16,7 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
-from cpcal.questions import LegResult, Result, model_of, verdict_of
+from cpcal.questions import LegResult, Result, model_of, recommendation, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.run_page import command
 from cpcal.report.words import FRAME, fitted, overall
@@ -72,11 +72,11 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Parameters for a controller: least squares and certified side by side, with ranges, frame and provenance.
+# Parameters for a controller: those recommended beside least squares, with ranges, frame and provenance.
 
-FORMAT = "cpcal-parameters/1"
+FORMAT = "cpcal-parameters/2"
 NOT_CERTIFIED = "not certified"  # the verdict where no certificate holds it
-_COLUMNS = ("nominal", "least_squares", "certified", "range_lo", "range_hi")
+_COLUMNS = ("nominal", "least_squares", "recommended", "range_lo", "range_hi")
 
 
 def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = None) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
     points: list[Floats | None] = [
         np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
         fitted(campaign, result, leg, model_of(result)).x,
-        None if leg.bracket.point is None or not leg.certified else np.array(leg.bracket.point),
+        None if leg.recommended is None else np.array(leg.recommended.point),
     ]
     ends = (None, None) if ranges is None else (ranges.box.lo, ranges.box.hi)
     if frames is not None:
@@ -122,10 +122,15 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
         name: {"unit": result.model.unit(name), **{c: float(v[k]) for c, v in columns if v is not None}}
         for k, name in enumerate(result.model.parameters)
     }
-    files = [leg.bracket.certificate, None if ranges is None else ranges.certificate]
+    at, passes = leg.recommended, leg.passes_from
+    proved = at is not None and at.certificate is not None
+    files = [leg.bracket.certificate, at.certificate if at else None, None if ranges is None else ranges.certificate]
     return _known(
         leg=leg.leg,
         verdict=verdict_of(result, leg).word if leg.certified else NOT_CERTIFIED,
+        recommended=recommendation(result, leg),
+        largest_error=at.largest if at is not None and proved else None,
+        passes_from=None if passes is None or passes.certificate is None else passes.eps,
         not_certified=str(leg.not_certified) or None,
         eps_lo=leg.bracket.lo if leg.certified and math.isfinite(leg.bracket.lo) else None,
         eps_hi=leg.bracket.hi if leg.certified and math.isfinite(leg.bracket.hi) else None,
@@ -152,9 +157,9 @@ def as_csv(data: Mapping[str, Any]) -> str:
     """A row a parameter; frame and provenance are in the other formats only, but for the robot and the campaign."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("leg", "parameter", "unit", *_COLUMNS, "verdict", "range_eps", "campaign_sha256"))
+    writer.writerow(("leg", "parameter", "unit", *_COLUMNS, "verdict", "what", "range_eps", "campaign_sha256"))
     for leg in data["legs"]:
-        rest = (leg["verdict"], leg.get("range_eps", ""), data["provenance"]["campaign_sha256"])
+        rest = (leg["verdict"], leg["recommended"], leg.get("range_eps", ""), data["provenance"]["campaign_sha256"])
         for name, values in leg["parameters"].items():
             writer.writerow((leg["leg"], name, values["unit"], *(values.get(c, "") for c in _COLUMNS), *rest))
     return stream.getvalue()

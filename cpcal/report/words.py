@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -23,6 +23,7 @@ from cpcal.questions import (
     proved_sentence,
     verdict_of,
 )
+from cpcal.questions.verdict import plain_side
 from cpcal.report.section import Mark, Words, verdict
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
 
@@ -101,23 +102,17 @@ def thresholds(result: Result, leg: LegResult) -> Words:
     if result.options.eps is not None:
         return verdict_of(result, leg).sentence.removesuffix(".")
     lo, passes, asked = leg.bracket.lo, leg.passes_from, result.options.tolerance
-
-    def plain(rounded: Callable[[float, int], str], value: float) -> str:
-        """Two digits, or as many as leave it on its side of the tolerance."""
-        texts = (rounded(value, digits) for digits in range(2, 18))
-        return next(text for text in texts if asked is None or (float(text) > asked) == (value > asked))
-
     fails: Words = "Fits within the stated reading uncertainty"
     if math.isinf(lo):
         fails = "No parameters fit"
     elif lo > 0.0:
-        fails = ("Fails below ", claim(plain(at_least, lo), "eps_lo", leg, lo), " mm")
+        fails = ("Fails below ", claim(plain_side(at_least, lo, asked), "eps_lo", leg, lo), " mm")
     if passes is None:
         return (fails, ", not shown to pass")
     return (
         fails,
         ", passes from ",
-        claimed_by(passes.certificate, plain(at_most, passes.eps), "passes.eps", leg, passes.eps),
+        claimed_by(passes.certificate, plain_side(at_most, passes.eps, asked), "passes.eps", leg, passes.eps),
         " mm",
     )
 
@@ -128,7 +123,7 @@ def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
     plain = result.options.tolerance is None and verdict_of(result, leg).kind in ("bounded", "explained")
     head: list[Words] = [Mark(f"Leg {leg.leg}", "leg", f"#leg-{leg.leg}"), ": "]
     head += [] if plain else [badge(result, leg)]
-    head += [f" without measurement {', '.join(left_out)}"] if left_out else []
+    head += [" without measurement ", claim(", ".join(left_out), "left_out", leg)] if left_out else []
     limits = thresholds(result, leg)
     if not found.short:
         return (head, ". " if len(head) > 2 else "", limits, ".")

@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,16 +39,6 @@ from cpcal.robot.units import (
 
 # ------------------------------------------------------------------------------------------------------------------
 # What users have in memory, as the arguments of a campaign: arrays or tables, in their units and rotation forms.
-
-
-class DataFrame(Protocol):
-    """What is used of a pandas DataFrame."""
-
-    @property
-    def columns(self) -> Any: ...
-
-    @property
-    def iloc(self) -> Any: ...
 
 
 def stated_robot(
@@ -130,10 +120,10 @@ def mapped(
         told, form = columns_by_name(header, legs, form)
         return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
     if form is None:
-        matrix = "r11" in columns
-        if not matrix and any(name in columns for name in ("r1", "rx")):
+        asked = columns if isinstance(columns, str) else ",".join(f"{target}=" for target in columns)
+        if re.search(r"\b(r1|rx)\s*=", asked):
             raise unusable("rotation", "is not stated", f"state --rotation: {FORMS}")
-        form = RotationForm.named("matrix" if matrix else "quaternion-wxyz")
+        form = RotationForm.named("matrix" if re.search(r"\br11\s*=", asked) else "quaternion-wxyz")
     needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
     names = ["pose", "run", *needed, *override_columns(legs)]
     found = column_map(columns, names)
@@ -247,36 +237,6 @@ def table_arguments(
     }
 
 
-def frame_columns(
-    frame: DataFrame, columns: str | Mapping[str, str], robot: Robot, rotation: str | None
-) -> tuple[dict[str, list[str]], dict[str, Floats], RotationForm]:
-    """Names and numbers of a DataFrame, by target, and the form of its rotations. Raises InputError."""
-    header = [str(name) for name in frame.columns]
-    names: dict[str, list[str]] = {}
-    values: dict[str, Floats] = {}
-    problems = Problems()
-
-    def span(place: int) -> tuple[float, float] | None:
-        try:
-            column = as_floats(frame.iloc[:, place])
-        except (TypeError, ValueError):
-            return None
-        return float(column.min()), float(column.max())
-
-    found, form = mapped(columns, header, robot, rotation, span)
-    for target, source in found.items():
-        column = frame.iloc[:, source.place(header)]
-        if target in ("pose", "run"):
-            names[target] = [str(value) for value in column]
-            continue
-        try:
-            values[target] = unit_factor(target, source, form) * as_floats(column)
-        except (TypeError, ValueError) as error:
-            problems.add(Problem(f"column {source.name!r}", str(error)[:200], "give numbers"))
-    problems.raise_any(YOUR_DATA)
-    return names, values, form
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # What is wrong with the values of a campaign, one problem after the other.
 
@@ -354,7 +314,7 @@ def quaternion_problem(norm: float) -> tuple[str, str]:
 class Campaign(Value):
     """N measurements of a robot with n legs.
 
-    Use `load_campaign`, `Campaign.from_arrays`, `Campaign.from_frame` or `simulate`; `Campaign.of` takes what is in
+    Use `load_campaign`, `load_log`, `Campaign.from_arrays` or `simulate`; `Campaign.of` takes what is in
     cpcal's own units and frames already.
 
     pose, run        N names each; `pose/run` is unique
@@ -504,43 +464,10 @@ class Campaign(Value):
             model=model,
         )
 
-    @classmethod
-    def from_frame(
-        cls,
-        frame: DataFrame,
-        *,
-        robot: Robot | str,
-        columns: str | Mapping[str, str] = "",
-        rotation: str | None = None,
-        position_sigma: npt.ArrayLike | None = None,
-        rotation_sigma: npt.ArrayLike | None = None,
-        length_sigma: npt.ArrayLike | None = None,
-        factor: float = 3.0,
-        uncertainty: Uncertainty | None = None,
-        exact: bool = False,
-        provenance: Mapping[str, str] | None = None,
-        model: ModelChoice | None = None,
-    ) -> Campaign:
-        """A campaign of a pandas DataFrame: one row for each measurement.
-
-        columns  how its columns are called and what their units are, as `cpcal import --map` has it: "x=Tx[m], ..."
-                 or {"x": "Tx[m]", ...}. Left out: their names tell, with units in them, or those of measurements.csv
-        rotation and the rest: see `from_arrays`
-
-        Raises InputError, with every problem found.
-        """
-        built = stated_robot(robot, None, None, None, None)
-        names, values, form = frame_columns(frame, columns, built, rotation)
-        sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
-        stated = stated_uncertainty(built.legs, sigmas, factor, uncertainty)
-        arguments = table_arguments(names, values, built, form, stated)
-        check_choice(stated, exact, set(override_columns(built.legs)) <= set(values))
-        return cls.of(**arguments, exact=exact, provenance=provenance, model=model)
-
     def to_frame(self) -> Any:
         """A pandas DataFrame with the columns of measurements.csv, all half-widths included; needs pandas.
 
-        `Campaign.from_frame(frame, robot=campaign.robot, uncertainty=campaign.uncertainty)` gives it back.
+        `load_log(frame, robot=campaign.robot, exact=True)` reads it again, with these half-widths.
         """
         try:
             import pandas

@@ -217,7 +217,7 @@ def columns_by_name(
         unit = (one or other or "").casefold()
         unit = _SPELLED.get(unit, unit)
         units.append(unit if unit in {*LENGTHS, *ANGLES} else None)
-        keys.append(re.sub("[^a-z0-9]", "", plain.casefold()))
+        keys.append("" if name in override_columns(legs) else re.sub("[^a-z0-9]", "", plain.casefold()))
 
     def named(target: str, pattern: str) -> dict[str, ColumnSource]:
         places = [place for place, key in enumerate(keys) if re.fullmatch(pattern, key)]

@@ -74,7 +74,7 @@ def test_the_truth_is_in_the_box_which_is_no_wider_than_newtons(run, known):
         assert (inside[k] <= np.array(one.hi)).all()
         assert position[k] <= one.position_bound <= 1.001 * newton.position[k]
         assert angle[k] <= one.rotation_bound <= 1.001 * newton.rotation[k]
-        assert one.position_bound <= 1.1 * sum(one.shares)  # what is of second order counts for little
+        assert one.position_bound <= 1.2 * one.estimated.attained  # what is of second order counts for little
 
 
 def forged(run, tmp_path, change):

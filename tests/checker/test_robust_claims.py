@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,12 @@ from cpcal.checker import Refused, check, check_run
 from cpcal.checker.files import Budget
 from cpcal.checker.rule import meeting
 from cpcal.files import load_campaign_json
+from cpcal.models import leg_statement
+from cpcal.questions.result import Recommended
 from cpcal.simulate import simulate
+from tests.checker.proofs import met
+
+BEST = "leg1.recommended.cert.jsonl"
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +29,12 @@ def good(tmp_path_factory):
     length = made.length.copy()
     length[3, 0] += 2.0
     campaign = cpcal.Campaign.of(made.robot, made.position, made.quaternion, length, pose=made.pose, exact=True)
-    cpcal.save_result(cpcal.certify(campaign, outliers=1, legs=(1,), delta=5.0, certificates=folder), folder)
+    found = cpcal.certify(campaign, outliers=1, legs=(1,), delta=5.0, certificates=folder)
+    (leg,), ids = found.legs, campaign.measurement_ids
+    only = tuple(k for k, name in enumerate(ids) if name not in leg.bracket.left_out)
+    largest = met(folder / BEST, leg_statement(campaign, 1, only), leg.bracket.point)
+    leg = replace(leg, recommended=Recommended(leg.bracket.point, "least squares", largest, BEST))
+    cpcal.save_result(replace(found, legs=(leg,)), folder)
     return folder
 
 
@@ -48,6 +59,9 @@ def test_the_claim_as_written_is_accepted(good):
     assert leg.refused is None
     assert leg.robust.lo > 0
     assert len(leg.robust.left_out) == 1
+    ((_, best),) = leg.points
+    assert len(best.chosen) == 13
+    assert best.claims.point.factor == 1
 
 
 @pytest.mark.parametrize(
@@ -79,6 +93,19 @@ def test_whatever_says_more_is_refused(copy, change, said):
     (leg,) = changed(copy, change)
     assert leg.refused is not None
     assert said in leg.refused
+
+
+def test_a_recommendation_without_another_measurement_is_refused(copy):
+    """Of the point's certificate nothing is left, so nothing else compares which measurement that is."""
+    (copy / "leg1.point.cert.jsonl").unlink()
+
+    def change(v, leg):
+        unproved = {key: leg.pop(key) for key in ("hi", "point")} | {"left_out": ["r000/1"]}
+        leg.pop("left_out")
+        leg.update(point_certificate=None, information=leg["information"] | unproved)
+
+    (leg,) = changed(copy, change)
+    assert leg.refused == "states another measurements than is proved"
 
 
 def test_a_measurement_that_is_left_out_twice_is_not_two(copy):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cpcal
+from cpcal.questions import recommendation
 from cpcal.report.export import DrawingFrames, as_csv, as_json, as_toml, as_yaml, exported, frames_of_run
 from cpcal.robot import rotation_matrix
 from tests.cli.command import refused, run
@@ -80,16 +81,18 @@ def test_the_suffix_decides_what_is_written(folder, tmp_path):
         ("p", tomllib.loads),
     ):
         assert run("export", folder / "run", "-o", tmp_path / name).exit_code == 0
-        assert read((tmp_path / name).read_text(encoding="utf-8"))["format"] == "cpcal-parameters/1"
+        assert read((tmp_path / name).read_text(encoding="utf-8"))["format"] == "cpcal-parameters/2"
 
 
 def test_it_holds_what_the_run_proves_with_frame_and_provenance(folder, data):
     result = cpcal.load_result(folder / "run")
     leg, (written,) = result.legs[0], data["legs"]
-    assert [p["certified"] for p in written["parameters"].values()] == list(leg.bracket.point)
+    assert [p["recommended"] for p in written["parameters"].values()] == list(leg.recommended.point)
+    assert (written["recommended"], written["largest_error"]) == (recommendation(result, leg), leg.recommended.largest)
+    assert written["passes_from"] == leg.passes_from.eps
     assert [p["range_lo"] for p in written["parameters"].values()] == leg.ranges.box.lo.tolist()
     assert (written["range_eps"], written["verdict"], data["verdict"]) == (30.0, "pass", "pass")
-    assert written["certificates"] == ["leg2.cert.jsonl", "ranges-leg2.cert.jsonl"]
+    assert written["certificates"] == ["leg2.cert.jsonl", "leg2.recommended.cert.jsonl", "ranges-leg2.cert.jsonl"]
     assert "base frame" in data["frame"]
     assert data["provenance"]["campaign_sha256"] == result.campaign.sha256
 

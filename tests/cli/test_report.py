@@ -1,6 +1,5 @@
 """`cpcal report`: the page of a run again, and what is refused."""
 
-import json
 import shutil
 
 import pytest
@@ -26,17 +25,6 @@ def test_the_same_page_as_certify_wrote(copy):
     assert str(page) in done("report", copy / "run")
     assert page.read_bytes() == first
     assert sorted(page.parent.iterdir()) == files
-
-
-def test_the_run_has_polygons_and_one_without_still_has_its_page(copy):
-    file, page = copy / "run" / "result.json", copy / "run" / "report.html"
-    data = json.loads(file.read_text(encoding="utf-8"))
-    assert len(data["legs"][0]["ranges"]["information"]["projections"]) == 7
-    assert page.read_text(encoding="utf-8").count("Leg 1: polygon that holds") == 7
-    data["legs"][0]["ranges"]["information"]["projections"] = []
-    file.write_text(json.dumps(data), encoding="utf-8")
-    done("report", copy / "run")
-    assert "Leg 1: polygon that holds" not in page.read_text(encoding="utf-8")
 
 
 def test_the_campaign_is_found_from_within_the_run(copy, monkeypatch):

@@ -111,14 +111,15 @@ def test_a_campaign_is_called_good_or_each_finding_is_a_line_and_status_1(tmp_pa
 
 def test_certify_writes_and_prints_the_answer_and_replaces_an_earlier_run(campaign, tmp_path):
     said = done("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")  # "refuted" is an answer
-    assert "cannot explain the data to within 0.1 mm" in said
-    assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "No parameters fit to within 0.1 mm" in said
+    assert "No parameters fit" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.REFUTED
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1")
     assert (outcome.exit_code, outcome.stderr) == (0, "")  # no progress where no terminal is
-    names = ["campaign.json", "leg1.cert.jsonl", "notes.txt", "ranges-leg1.cert.jsonl", "report.html", "result.json"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == names
+    certificates = {f"{name}.cert.jsonl" for name in ("leg1", "leg1.passes", "leg1.recommended", "ranges-leg1")}
+    names = {"campaign.json", "notes.txt", "report.html", "result.json", *certificates}
+    assert {p.name for p in tmp_path.iterdir()} == names
     assert cpcal.load_result(tmp_path).legs[0].bracket.verdict is cpcal.Verdict.PROVED
     pieces = ("Simulated: DeltaLab Table of Stewart: 64 measurements", "Leg 1: Fails below ")
     text = " ".join(outcome.stdout.split())
@@ -176,7 +177,7 @@ def test_a_run_that_cannot_be_written_is_refused_at_once_or_its_answer_is_printe
     monkeypatch.setattr("cpcal.cli.certify.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path / "run", "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
-    assert "cannot explain the data to within 0.1 mm" in outcome.stdout
+    assert "Leg 1: does not fit" in outcome.stdout
     assert "No space left" in outcome.stderr
 
 

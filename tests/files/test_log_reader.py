@@ -75,7 +75,7 @@ def test_what_holds_no_measurements_is_refused(tmp_path, text):
 
 
 def test_options_without_a_meaning_are_refused(tmp_path):
-    with pytest.raises(InputError, match="give comma or semicolon or tab or blank"):
+    with pytest.raises(InputError, match=r"--separator \(comma, semicolon, tab, blank\) and --decimal"):
         read_log(written(tmp_path, "1,2,3\n"), separator="pipe")
     with pytest.raises(InputError, match=r"log\.none: does not exist"):
         read_log(tmp_path / "log.none")

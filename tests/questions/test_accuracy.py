@@ -26,7 +26,6 @@ from cpcal.questions.accuracy import (
     distance_from_measured,
     distances,
     expanded_uncertainty,
-    growth,
     load_accuracy,
     measured_poses,
     proposed_workspace,
@@ -112,13 +111,12 @@ def test_every_mistake_is_named_at_once(known, result):
     assert {problem.where for problem in caught.value.problems} == {"controller", "assume"}
 
 
-def test_the_least_error_grows_with_the_poses_and_the_suggestion_is_above_it(known):
-    poses, errors = growth([known.campaign], 1, center=known.controller.parameters[0], delta=8.0)
-    assert poses[-1] == len(known.campaign)
-    assert list(errors) == sorted(errors)
-    assert suggested_error(errors) > errors[-1]
-    assert suggested_error(errors, 0.1) == suggested_error(errors)
-    assert suggested_error(errors, 0.5) == 1.5 * suggested_error(errors)
+def test_what_is_suggested_is_more_than_the_residuals_and_rises_with_lengths_far_from_measured(known):
+    eps, residual = suggested_error(known.campaign, 1)
+    assert eps == pytest.approx(residual * np.sqrt(2.0))  # 14 measurements for 7 parameters
+    assert suggested_error(known.campaign, 1, 0.1) == (eps, residual)
+    assert suggested_error(known.campaign, 1, 0.5) == (pytest.approx(1.5 * eps), residual)
+    assert np.isinf(suggested_error(known.campaign.rows(np.arange(7)), 1)[0])
 
 
 def test_what_is_asked_by_default_is_measured_or_needs_no_readings_beyond_and_u_holds_for_it(known, result):
@@ -152,15 +150,12 @@ def ended(error, ends):
 
 def test_lengths_that_nobody_measured_are_named_and_what_is_assumed_rises():
     campaign = ended(0.3, ends=True)
-    robot = campaign.robot
     away = distance_from_measured(campaign, np.array([np.full(6, 70.0), np.full(6, 10.0)]))
     assert (away[0] > FAR).all()
     assert (away[1] < FAR).all()
-    _, least = growth([campaign], 1, center=robot.parameters[0], delta=8.0)
     # the ends of the stroke show none of it; the middle does
-    seen = growth([ended(0.3, ends=False)], 1, center=robot.parameters[0], delta=8.0)[1]
-    assert suggested_error(least, away[0, 0]) > suggested_error(least)
-    assert suggested_error(seen) > 0.15 > suggested_error(least)
+    ends, middle = (ended(0.3, ends=ends) for ends in (True, False))
+    assert suggested_error(middle, 1)[0] > 0.15 > suggested_error(ends, 1, away[0, 0])[0] > suggested_error(ends, 1)[0]
 
 
 def run_of(campaign, **changes):

@@ -139,7 +139,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert leg.bracket.certificate is None
     assert leg.not_certified == "with uncertain readings a user-defined model has no certificate"
     certificates = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.jsonl"))
-    assert certificates == ["plain/leg1.cert.jsonl"]
+    assert certificates == [f"plain/leg1{kind}.cert.jsonl" for kind in ("", ".passes", ".recommended")]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))
     assert [row[5] for row in comparison_table(comparison).rows] == ["leg1.cert.jsonl", "none"]
     assert "which were not compared with the campaign" in write_comparison(comparison, tmp_path).read_text("utf-8")
@@ -162,7 +162,7 @@ def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(found_uncertain, lo
 
 
 def test_a_result_with_a_model_comes_back_from_its_file(exact, tmp_path):
-    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, certificates=tmp_path)
+    result = cpcal.certify(exact, legs=[1], model="gain", ranges=True, projections=True, certificates=tmp_path)
     cpcal.save_result(result, tmp_path)
     assert cpcal.load_result(tmp_path) == result
     assert result.legs[0].ranges.projections
@@ -183,7 +183,7 @@ def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
 
 def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True)
+    drawn = cpcal.certify(exact, legs=[1], model=own, ranges=True, projections=True)
     assert drawn.legs[0].ranges.projections
     page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
     assert "of the proved point are not drawn" not in page
@@ -241,7 +241,8 @@ def test_the_command(exact, tmp_path):
         assert all((cell if isinstance(cell, str) else cell.words) in page for cell in row)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"plain", "gain", "compare.html"}
     names = {path.name for path in (tmp_path / "run" / "gain").iterdir()}
-    assert names == {"campaign.json", "result.json", "report.html", "leg1.cert.jsonl"}
+    files = {f"leg1{kind}.cert.jsonl" for kind in ("", ".passes", ".recommended")}
+    assert names == {"campaign.json", "result.json", "report.html", *files}
     assert main([str(tmp_path / "run")]) == PROVED
     verified = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(tmp_path / "campaign")])
     assert verified.exit_code == 0

@@ -149,7 +149,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     assert (found.bracket.lo, found.bracket.hi) == (0.0, 0.0)
     assert found.not_refuted
     assert found.bracket.verdict is Verdict.PROVED
-    assert "satisfies every equation exactly for some readings: proved" in proved_sentence(Options(), found)
+    assert "fits within the stated reading uncertainty (for some readings): proved" in proved_sentence(Options(), found)
     truth = true_robot(campaign)
     assert truth is not None
     assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them

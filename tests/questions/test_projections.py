@@ -22,7 +22,7 @@ from tests.changed import leg_with
 def exact():
     """Readings taken as exact, so that a point's eps is its largest residual."""
     campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
-    return campaign, cpcal.certify(campaign, legs=[2], ranges=True)
+    return campaign, cpcal.certify(campaign, legs=[2], ranges=True, projections=True)
 
 
 def holds(found, x):
@@ -82,7 +82,7 @@ def test_they_say_more_than_the_box(exact):
 
 def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
     campaign = cpcal.simulate(seed=4, truncate=3.0)
-    result = cpcal.certify(campaign, legs=[3], ranges=True)
+    result = cpcal.certify(campaign, legs=[3], ranges=True, projections=True)
     leg = result.legs[0]
     assert leg.bracket.hi == leg.ranges.eps == 0.0
     assert holds(leg.ranges, true_robot(campaign).parameters[2])
@@ -133,6 +133,14 @@ def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
 
     campaign, result = exact
     monkeypatch.setattr(one_leg, "projections_of", stop)
-    found = cpcal.certify(campaign, legs=[2], ranges=True, support="none")
+    found = cpcal.certify(campaign, legs=[2], ranges=True, projections=True, support="none")
     assert found.interrupted
     assert found.legs[0].ranges == dataclasses.replace(result.legs[0].ranges, projections=())
+
+
+def test_none_is_made_unless_it_is_asked_for(exact):
+    campaign, result = exact
+    plain = cpcal.certify(campaign, legs=[2], ranges=True).legs[0].ranges
+    assert plain == dataclasses.replace(result.legs[0].ranges, projections=())
+    with pytest.raises(cpcal.InputError, match="ask for ranges too"):
+        cpcal.certify(campaign, legs=[2], projections=True)

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cpcal
 from cpcal.files import campaign_sha256
-from cpcal.questions import CampaignNote, Options
+from cpcal.questions import CampaignNote, Options, PassesFrom, Recommended
+from cpcal.questions.result import LEAST_SQUARES
 from tests.changed import leg_with
 
 
 def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:
-    """`numbers`: eps_lo, eps_hi, point, center, enclosure, floor, support, nodes, programs, seconds."""
+    """`numbers`: eps_lo, eps_hi, point, center, enclosure, floor, support, nodes, programs, seconds.
+
+    The point is what is recommended, as if readings were exact.
+    """
     names = ("eps_lo", "eps_hi", "point", "center", "enclosure", "floor", "support", "nodes", "programs", "seconds")
     fields = {"verdict": cpcal.Verdict.PROVED}
-    return leg_with(None, leg=leg, **(fields | dict(zip(names, numbers, strict=True)) | changes))
+    given = fields | dict(zip(names, numbers, strict=True)) | changes
+    if given["point"] is not None and math.isfinite(given["eps_hi"]):
+        point, eps = given["point"], given["eps_hi"]
+        given = {"recommended": Recommended(point, LEAST_SQUARES, eps), "passes_from": PassesFrom(eps, point)} | given
+    return leg_with(None, leg=leg, **given)
 
 
 def made_result(campaign: cpcal.Campaign, *legs: cpcal.LegResult, **options: Any) -> cpcal.Result:

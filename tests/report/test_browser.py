@@ -220,7 +220,7 @@ def test_an_untouched_page_turns_green_and_an_edited_one_red_where_it_was_edited
     state, said, red = genuine
     assert (state, red) == ("proof held", [])
     assert re.fullmatch(
-        r"1 certificate checked in this browser, .* statements of this page are what they prove\. Not judged here: .*",
+        r"3 certificates checked in this browser, .* statements of this page are what they prove\. Not judged here: .*",
         said,
     )
     for (_, edited), (state, said, red) in zip(EDITS[1:], others, strict=True):

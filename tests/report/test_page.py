@@ -145,7 +145,7 @@ def test_a_large_campaign_stays_small():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "no better than 0.08901174 mm"),
+        ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "fails below"),
         ({"enclosure": cpcal.Box(PARAMETERS, [-math.inf] * 7, [math.inf] * 7)}, "-∞"),
         (
             {
@@ -158,7 +158,7 @@ def test_a_large_campaign_stays_small():
             },
             "nothing to enclose",
         ),
-        ({"eps_lo": 0.0, "eps_hi": 0.0}, "satisfies every equation exactly for some readings: proved"),
+        ({"eps_lo": 0.0, "eps_hi": 0.0}, "fits within the stated reading uncertainty (for some readings): proved"),
     ],
 )
 def test_results_without_a_point_or_bounds(campaign, changes, text):
@@ -192,8 +192,8 @@ def test_a_question_about_one_eps(campaign):
     page = render(campaign, result_of(campaign, refuted, eps=0.05))
     assert "within eps = 0.05 mm" in page
     assert "eps_lo" not in page
-    assert ">does not explain<" in page
-    assert "cannot explain the data to within 0.05 mm" in page
+    assert ">does not fit<" in page
+    assert "No parameters fit to within 0.05 mm" in page
 
 
 def test_an_interrupted_run_says_so(campaign):
@@ -253,7 +253,7 @@ def test_a_tolerance_makes_the_page_say_pass_or_fail(campaign):
 def test_an_unproved_robot_wears_no_badge_that_says_proved(campaign):
     page = render(campaign, result_of(campaign))
     badges = re.findall(r'class="verdict (\w+)"[^>]*>([^<]*)<', page)
-    assert badges[0] == ("bounded", "explains to within 0.08901176 mm")
+    assert badges[0] == ("bounded", "fits to within 0.08901176 mm")
     assert not re.search(r'class="verdict[^>]*>proved', page)
 
 

@@ -40,12 +40,13 @@ async function inflated(base64) {
 }
 
 // What a certificate proves of a leg of this campaign: {lo, hi, claims, names}; or {refused}, a text.
-function proofOf({leg, name, bytes}, campaign, digest) {
+function proofOf({leg, kind, name, bytes}, campaign, digest, stated) {
   try {
     if (campaign instanceof Refused) throw campaign;
     const {problem, claims} = checkCertificate(bytes, campaign), {about, lo, hi} = problem;
     let names = EXTRA[about.model] && [...PARAMETERS, ...EXTRA[about.model]];
-    let same = about.leg === leg && about.only === null;
+    const left = about.only ? campaign.names.filter((_, k) => !about.only.includes(k)).join(", ") : "";
+    let same = about.leg === leg && (!left || kind in MET && stated[leg] === left);  // what is left out stands in the page
     const own = "about" in about;
     if (own) {  // a user-defined model: the certificate states its constraints, which nobody compares with the campaign
       const found = /^leg ([0-9]+), model ([A-Za-z_][A-Za-z0-9_]*), campaign ([0-9a-f]{64})$/.exec(about.about);
@@ -66,7 +67,22 @@ function bracket({lo, hi, claims: {epsilon, point, infeasible, cap}}) {
   return {lo: infeasible ? cap : epsilon ? epsilon.lo : ZERO, hi: inside ? point.at[last] : null};
 }
 
+// What a point meets whatever the readings are, by the kind of its certificate and by what the page states of it.
+const MET = {recommended: "", passes: "", reduced: ""};
+const ABOUT = {recommended: "recommended", "recommended.largest": "recommended", "passes.eps": "passes", "reduced.factor": "reduced"};
+const kindOf = claim => ABOUT[claim] || (claim.startsWith("ranges.") ? "ranges" : "bracket");
+
+// Of all readings at all measurements: the number claimed; null without such a claim.
+function met({names, claims: {point}}, claim, parameter) {
+  if (!point || !point.all || point.factor === null) return null;
+  if (claim === "reduced.factor") return point.factor;
+  if (cmp(point.factor, ONE)) return null;
+  const k = claim === "recommended" ? names.indexOf(parameter) : names.length;
+  return k < 0 ? null : point.at[k];
+}
+
 function claimed(proof, claim, parameter) {
+  if (claim in ABOUT) return met(proof, claim, parameter);
   const {enclosure, cap, infeasible} = proof.claims, found = bracket(proof), side = claim.slice(-2), k = proof.names.indexOf(parameter);
   if (claim === "eps_lo") return infeasible ? null : found.lo;
   if (claim === "eps_hi") return found.hi;
@@ -98,49 +114,56 @@ function misprint(text, value, side, wide = false) {
 // Whether measurements determine the parameters is computed in floating point; no certificate speaks of it.
 const UNJUDGED = "Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.";
 const OWN = "its certificate holds, of constraints that it states itself: these were not compared with the campaign";
-const OPEN = /undetermined|cannot be judged|determine|no test of the model/i;
+const OPEN = /undetermined|not compared/;
 
-// Why a sentence says more than the certificate proves, or something else; null where it says what is not judged here.
-function misstated(text, tolerance, proof) {
-  const {lo, hi} = bracket(proof), {infeasible, cap} = proof.claims, wrong = [], t = tolerance && hexNumber(tolerance);
-  for (const [, words, number] of text.matchAll(/(to within|no better than|at least) ([-+.0-9e]+) mm/g)) {
-    const refuted = /With no parameters|cannot explain/.test(text), value = words === "to within" ? refuted ? infeasible ? cap : lo : hi : lo;
-    wrong.push(value === null ? "nothing proved fits" : misprint(number, value, words === "to within" && !refuted ? 1 : -1));
-  }
-  for (const [, number] of text.matchAll(/tolerance is ([-+.0-9e]+) mm/g)) wrong.push(t ? misprint(number, t, 0) : "no tolerance was given");
-  if (text === "pass" && !(t && hi && cmp(hi, t) <= 0)) wrong.push("a pass is not proved");
-  if (text === "fail" && !(t && (cmp(lo, t) > 0 || infeasible && cmp(lo, t) >= 0))) wrong.push("a fail is not proved");
-  if (/^explains the data$|(fit|explains the data) exactly[.;,]/.test(text) && !/no parameters/.test(text) && !(hi && !hi.m)) wrong.push("no exact fit is proved");
-  return wrong.find(Boolean) || (OPEN.test(text) ? null : "");
+// The word that is proved of a leg at a tolerance; "" where neither is, null where nothing is claimed.
+function word(leg, tolerance, proofs) {
+  const t = tolerance && hexNumber(tolerance), holds = kind => proofs[`${leg} ${kind}`] && !proofs[`${leg} ${kind}`].refused && proofs[`${leg} ${kind}`];
+  const bounds = holds("bracket"), best = holds("recommended"), largest = best && met(best, "recommended.largest");
+  if (!t || !bounds && !best) return null;
+  if (bounds && (cmp(bracket(bounds).lo, t) > 0 || bounds.claims.infeasible && cmp(bounds.claims.cap, t) >= 0)) return "fail";
+  return largest && cmp(largest, t) <= 0 ? "pass" : "";
+}
+
+// Why a verdict on a leg is not proved; null where it is none that a certificate speaks of.
+function misstated(text, tolerance, leg, proofs) {
+  const [bounds, best] = ["bracket", "recommended"].map(kind => proofs[`${leg} ${kind}`]), refused = [bounds, best].find(proof => proof && proof.refused);
+  if (refused) return refused.refused;
+  const proved = word(leg, tolerance, proofs), {hi} = bounds ? bracket(bounds) : {hi: null}, within = / to within ([-+.0-9e]+) mm$/.exec(text);
+  const fits = /^(fits|explains) /.test(text), never = /^does not (fit|explain)$/.test(text);
+  if (text === "pass" || text === "fail") return text === proved ? "" : proved === null && tolerance ? null : `a ${text} is not proved`;
+  if (proved && !OPEN.test(text)) return `a ${proved} is proved`;
+  if (!bounds || !fits && !never) return null;
+  if (never) return bounds.claims.infeasible ? "" : "it is not refuted";
+  return hi === null ? "no fit is proved" : within ? misprint(within[1], hi, 1) : hi.m ? "no exact fit is proved" : "";
 }
 
 // Why the verdict on all legs together is not proved.
 function misjudged(text, tolerance, proofs, legs) {
-  const proofOn = leg => proofs[`${leg} bracket`], known = legs.filter(proofOn), refused = known.find(leg => proofOn(leg).refused);
-  if (refused) return proofOn(refused).refused;
-  const wrong = (word, leg) => misstated(word, tolerance, proofOn(leg));
-  const fails = known.some(leg => !wrong("fail", leg));
-  if (text === "FAIL") return fails ? "" : known.length < legs.length ? null : "a fail is not proved";
-  if (fails) return "a fail is proved";
-  if (text !== "PASS") return text === "UNDECIDED" ? "" : "it is no verdict";
-  return known.map(leg => wrong("pass", leg)).find(Boolean) || (known.length < legs.length ? null : "");
+  const refused = Object.values(proofs).find(proof => proof.refused), words = legs.map(leg => word(leg, tolerance, proofs)), unknown = words.includes(null);
+  if (refused) return refused.refused;
+  if (!["PASS", "FAIL", "UNDECIDED"].includes(text)) return "it is no verdict";
+  if (words.includes("fail")) return text === "FAIL" ? "" : "a fail is proved";
+  if (text === "UNDECIDED") return "";
+  return unknown ? null : text === "PASS" && words.every(Boolean) ? "" : `a ${text.toLowerCase()} is not proved`;
 }
 
 // Why a number shown is not proved: "" where it is, null where no certificate speaks of it.
-function fault({leg, claim, parameter, value, text}, proofs, {digest, count, legs, tolerances}) {
+function fault({leg, claim, parameter, value, text}, proofs, {digest, count, legs, tolerances, left}) {
   if (claim === "campaign") return text === digest ? "" : "the campaign in this page has another SHA-256";
   if (claim === "count") return text.replace(/,/g, "") === String(count) ? "" : `the campaign in this page has ${count} measurements`;
   if (claim === "tolerance") return tolerances.some(other => other !== value) ? "another tolerance stands elsewhere" : misprint(text, hexNumber(value), 0);
   if (claim === "overall") return misjudged(text, value, proofs, legs);
   if (claim === "box") {
-    const width = mul(D(2), hexNumber(value)), narrow = Object.values(proofs).some(({lo, hi}) => lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
+    const width = mul(D(2), hexNumber(value)), narrow = Object.entries(proofs).some(([key, {lo, hi}]) => !(key.split(" ")[1] in MET) && lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
     return narrow ? "a certificate is about a smaller box" : misprint(text, hexNumber(value), 0);
   }
-  const proof = proofs[`${leg} ${claim.startsWith("ranges.") ? "ranges" : "bracket"}`];
+  if (claim === "left_out") return text === left[leg] ? "" : "other measurements stand elsewhere";
+  if (claim === "verdict") return misstated(text, value, leg, proofs);
+  const proof = proofs[`${leg} ${kindOf(claim)}`];
   if (!proof) return null;
   if (proof.refused) return proof.refused;
-  if (claim === "verdict") return misstated(text, value, proof);
-  const side = claim.endsWith("lo") ? -1 : claim.endsWith("hi") ? 1 : 0;
+  const side = /lo$|factor$/.test(claim) ? -1 : /hi$|largest$|passes.eps$/.test(claim) ? 1 : 0;
   if (value === "inf" || value === "-inf") {  // states nothing, but for eps_lo
     if (text !== value.replace("inf", "∞")) return `${text} is not what is proved`;
     return claim === "eps_lo" ? proof.claims.infeasible ? null : "no certificate claims it" : (value === "inf") === (side > 0) ? "" : "no certificate claims it";
@@ -153,6 +176,11 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
   const stated = hexNumber(value), proved = claimed(proof, claim, parameter);
   if (proved === null) return "no certificate claims it";
   if (cmp(stated, proved)) return "the certificate claims another number";
+  if (claim === "reduced.factor") {  // of the recommended parameters, at the tolerance
+    const {at} = proof.claims.point, best = proofs[`${leg} recommended`], t = tolerances[0];
+    if (!t || cmp(at.at(-1), hexNumber(t))) return "the certificate is of another tolerance";
+    if (best && best.claims && met(best, "recommended.largest") && best.claims.point.at.slice(0, -1).some((v, i) => cmp(v, at[i]))) return "the certificate is of other parameters";
+  }
   return misprint(text, stated, claim === "ranges.eps" ? -1 : side);
 }
 
@@ -160,16 +188,17 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
 // {leg, name, refused, seconds} each; own: legs whose certificates state their constraints}.
 function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const digest = sha256(campaignBytes), proofs = {}, told = [];
+  const left = Object.fromEntries(shown.filter(({claim}) => claim === "left_out").map(({leg, text}) => [leg, text]));
   let campaign;
   try { campaign = readCampaign(campaignBytes, digest); } catch (error) { if (!(error instanceof Refused)) throw error; campaign = error; }
   certificates.forEach((certificate, k) => {
     tell(k);
-    const {leg, kind, name} = certificate, began = Date.now(), proof = proofOf(certificate, campaign, digest);
+    const {leg, kind, name} = certificate, began = Date.now(), proof = proofOf(certificate, campaign, digest, left);
     proofs[`${leg} ${kind}`] = proof;
     told.push({leg, name, refused: proof.refused || "", seconds: (Date.now() - began) / 1000});
   });
   const verdicts = shown.filter(({claim}) => claim === "verdict"), about = {
-    digest, count: campaign instanceof Refused ? 0 : campaign.rows.length,
+    left, digest, count: campaign instanceof Refused ? 0 : campaign.rows.length,
     legs: [...new Set(verdicts.map(({leg}) => leg))], tolerances: verdicts.map(({value}) => value).filter(Boolean)};
   const faults = shown.map(number => {
     try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }

@@ -21,17 +21,20 @@ _ENGINE = get_arithmetic("float64")  # at a point its bounds are as good as equa
 
 @dataclass(frozen=True)
 class RowValues:
-    """At one point: row values (K,) and Jacobian (K, n), at the readings that make each row smallest."""
+    """At one point: row values (K,) and Jacobian (K, n), at the readings that make each row smallest, or largest."""
 
     values: Floats
     jacobian: Floats
 
 
 class Extremes:
-    """The ends of the reading sets at which each element of some roots is smallest or largest, to first order."""
+    """The ends of the reading sets at which each element of some roots is smallest or largest, to first order.
 
-    def __init__(self, network: ConstraintNetwork, *roots: Expr) -> None:
-        self.tape = Tape(network, roots)
+    `every`: what is asked of one reading is asked of all of them, and each element is taken where it is largest.
+    """
+
+    def __init__(self, network: ConstraintNetwork, *roots: Expr, every: bool = False) -> None:
+        self.tape, self._asked = Tape(network, roots), int(every)
         self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings}
         self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
 
@@ -62,13 +65,13 @@ class Extremes:
             return self.tape.near(point, readings)
 
     def smallest(self, point: Floats) -> Floats:
-        """All elements (K,) at a point (n,), each at the readings that make it smallest."""
-        return self.values(point, self.at(point)[0] if self.tape.readings else self.centers)
+        """All elements (K,) at a point (n,), each where its readings make it smallest, or largest."""
+        return self.values(point, self.at(point)[self._asked] if self.tape.readings else self.centers)
 
     def linearize(self, point: Floats) -> RowValues:
         """The same with derivatives."""
         tape = self.tape
-        readings = self.at(point)[0] if tape.readings else self.centers
+        readings = self.at(point)[self._asked] if tape.readings else self.centers
         slots = tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
         jacobian = _middle(tape.jacobian(_ENGINE, tape.derivatives(_ENGINE, slots[0])))
         # a derivative that is not defined, as that of a norm at zero, counts as zero
@@ -93,15 +96,15 @@ def _middle(x: IntervalArray) -> Floats:
 
 
 class Rows:
-    """All one-sided rows of a network, in the order of its constraints."""
+    """All one-sided rows of a network, in the order of its constraints; for some readings, or for `every` one."""
 
-    def __init__(self, network: ConstraintNetwork) -> None:
+    def __init__(self, network: ConstraintNetwork, *, every: bool = False) -> None:
         rows = one_sided_rows(network)
-        self._constraints = len(network.constraints)
+        self._constraints, self.every = len(network.constraints), every
         # one reading may be at one end for one row and at the other end for the next
         reading = any("reading" in row.expr.ops for row in rows)
         groups = [[row] for row in rows] if reading else [rows]
-        self._parts = [Extremes(network, *(row.expr for row in group)) for group in groups if group]
+        self._parts = [Extremes(network, *(row.expr for row in group), every=every) for group in groups if group]
         ends = np.cumsum([0, *(math.prod(row.expr.shape) for row in rows)]).tolist()
         # of each row its constraint, where its elements stand, and how many there are along the leading axis
         self._blocks = [

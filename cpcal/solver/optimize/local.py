@@ -206,7 +206,7 @@ def fit_of_many(
         if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
             break
         chosen = more
-        some = Rows(restricted(network, chosen))
+        some = Rows(restricted(network, chosen), every=rows.every)
         point = fit(some, objective, box, point, _ROUGH)
     return point if some is None else fit(some, objective, box, point)
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import cpcal
@@ -18,10 +17,8 @@ from cpcal.models import leg_statement
 from cpcal.questions import save_result
 from cpcal.questions.result import PassesFrom, Recommended, Reduced
 from cpcal.solver.certificate.float_rows import AllReadings
-from cpcal.solver.certificate.prover import claims
-from cpcal.solver.certificate.recording import Recording
-from cpcal.solver.interval import Box
 from tests.checker.forged.test_checker_run import refused, up
+from tests.checker.proofs import met
 
 Data = dict[str, Any]
 
@@ -36,21 +33,17 @@ def stating(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (leg,), statement = result.legs, leg_statement(campaign, 1)
     best = leg.bracket.point
     assert best is not None
-    point = tuple(v + 0.01 for v in best)
-    here, there = (AllReadings(statement.problem, x, range(16)) for x in (point, best))
-    largest, tolerance = here.least_eps(), (here.least_eps() + here.least_eps(0.0)) / 2
-    part = here.largest_factor(tolerance)
-    for name, x, eps, factor in (
-        (RECOMMENDED, point, largest, 1.0), (PASSES, best, there.least_eps(), 1.0), (REDUCED, point, tolerance, part),
-    ):  # fmt: skip
-        at = np.append(x, eps)
-        with Recording(statement, Box((*leg.bracket.enclosure.names, "eps"), at, at)) as recording:
-            recording.write(folder / name, claims(eps, point=at, factor=factor))
+    point, every = tuple(v + 0.01 for v in best), statement.problem.chosen
+    here, (largest, passes) = AllReadings(statement.problem, point, every), (
+        met(folder / name, statement, x) for name, x in ((RECOMMENDED, point), (PASSES, best)))  # fmt: skip
+    tolerance = (largest + here.least_eps(0.0)) / 2
+    factor = here.largest_factor(tolerance)
+    met(folder / REDUCED, statement, point, tolerance, factor)
     found = replace(
         leg,
         recommended=Recommended(point, "least squares", largest, RECOMMENDED),
-        passes_from=PassesFrom(there.least_eps(), best, PASSES),
-        reduced=Reduced(part, REDUCED),
+        passes_from=PassesFrom(passes, best, PASSES),
+        reduced=Reduced(factor, REDUCED),
     )
     options = replace(result.options, tolerance=tolerance)
     save_result(replace(result, legs=(found,), options=options), folder)

@@ -1,0 +1,215 @@
+"""The parameters to load, and the tolerances that they meet for ALL readings (DESIGN section 6).
+
+    E(x) = max over measurements k, max over all readings M in the k-th set, of |g(x, M)|      mm
+
+Least squares, weighted by the stated deviations, where E is within the tolerance T; else the least sum of squares
+among x with E(x) <= T. Both are found in floating point, about one point after the other; then E is proved at the
+point that was found. Where no point meets T, or none is given, the point is least squares without weights.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.values import Floats
+from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_box, leg_statement
+from cpcal.questions.bracket import written
+from cpcal.questions.question import Question
+from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
+from cpcal.solver.certificate.exact_network import Statement
+from cpcal.solver.certificate.float_rows import AllReadings
+from cpcal.solver.certificate.prover import claims
+from cpcal.solver.certificate.recording import Recording
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.local import fit_of_many
+
+_BELOW = 1e-9  # relative, below a tolerance: slack left so that the proof at the point succeeds
+_FITS = 3  # each with the slack that the one before lacked
+_STEPS, _AT_REST = 20, 1e-9  # of Gauss-Newton; the change of the residuals, relative to the tolerance, that ends it
+_NEAR, _ROUNDS = 64, 8  # rows that enter a program at a time; times that they enter
+_REACH = 100.0  # mm around least squares: where the least E is looked for
+_PARTS = 1024  # the factor on the half-widths is a multiple of one of so many
+
+
+def conformity(
+    question: Question, leg: int, network: ConstraintNetwork, lo: float, only: tuple[int, ...] | None = None
+) -> dict[str, Any]:
+    """The fields of `LegResult` that are of all readings, of a leg (from 1) with the equations of `network`.
+
+    No parameters satisfy these below `lo` for any readings. `only`: some measurements, numbers from 0.
+    """
+    of, tolerance = _Leg(question, leg, network, only), question.options.tolerance
+    x, why, reduced = of.plain, LEAST_SQUARES, None
+    eps = of.stated(of.tightest)
+    if tolerance is not None and lo <= tolerance:
+        if of.largest(of.weighted) <= tolerance and of.stated(of.weighted) <= tolerance:
+            x = of.weighted
+        elif eps <= tolerance:
+            x, why = of.within(tolerance), CONSTRAINED
+        else:
+            factor = of.factor(x, tolerance)
+            reduced = Reduced(factor, of.certificate("reduced", x, tolerance, factor) if factor else None)
+    passes = None
+    if math.isfinite(eps):
+        passes = PassesFrom(eps, _tuple(of.tightest), of.certificate("passes", of.tightest, eps))
+    largest = of.stated(x)
+    recommended = Recommended(_tuple(x), why, largest, of.certificate("recommended", x, largest))
+    return {"recommended": recommended, "passes_from": passes, "reduced": reduced}
+
+
+def _tuple(x: Floats) -> tuple[float, ...]:
+    return tuple(map(float, x))
+
+
+class _Leg:
+    """One leg, for every reading of its measurements."""
+
+    def __init__(self, question: Question, leg: int, network: ConstraintNetwork, only: tuple[int, ...] | None) -> None:
+        campaign, model = question.campaign, question.model
+        self._question, self._leg, self._only, self._network = question, leg, only, network
+        self._range = ReadingRange(campaign, leg, model, question.engine)
+        self._residuals = ModelResiduals(campaign, leg, model)
+        self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
+        self._known: dict[bytes, AllReadings] = {}
+        self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
+
+    @cached_property
+    def plain(self) -> Floats:
+        """Least squares, without weights."""
+        return self._fit(None if self._only is None else self._used)
+
+    @cached_property
+    def weighted(self) -> Floats:
+        """Weighted by the deviations that the half-widths state."""
+        return self._fit(self._weight)
+
+    @cached_property
+    def _weight(self) -> Floats:
+        deviations = self._range.deviations(self.plain)
+        return self._used / deviations if deviations.min() > 0.0 else self._used
+
+    def _fit(self, weight: Floats | None) -> Floats:
+        question = self._question
+        return fit_model(question.campaign, self._leg, question.model, self._residuals, weight)
+
+    def largest(self, x: Floats, factor: float = 1.0) -> float:
+        """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved."""
+        found = self._range.of(x, factor)
+        return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
+
+    def stated(self, x: Floats) -> float:
+        """The same, as the exact proof of a certificate reaches it, if there is going to be one."""
+        exact = self._exact(x)
+        return self.largest(x) if exact is None else exact.least_eps()
+
+    def _exact(self, x: Floats) -> AllReadings | None:
+        if self._statement is None:
+            return None
+        if x.tobytes() not in self._known:
+            self._known[x.tobytes()] = AllReadings(self._statement.problem, x.tolist(), self._mine.tolist())
+        return self._known[x.tobytes()]
+
+    @cached_property
+    def _statement(self) -> Statement | None:
+        question = self._question
+        if question.certificates is None or not built_in(question.model):
+            return None
+        return leg_statement(question.campaign, self._leg, self._only, question.model.name)
+
+    def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
+        """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""
+        if self._statement is None or not math.isfinite(eps):
+            return None
+        at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
+        with Recording(self._statement, Box(names, at, at)) as recording:
+            write = partial(recording.write, claims=claims(eps, point=at, factor=factor))
+            return written(self._question, self._leg, f".{name}", write)[0]
+
+    @cached_property
+    def _rows(self) -> Rows:
+        return Rows(self._network, every=True)
+
+    @cached_property
+    def tightest(self) -> Floats:
+        """A local minimiser of E."""
+        parameters, start = leg_box(self.plain, _REACH, self._question.model), np.append(self.plain, 0.0)
+        box = Box((*parameters.names, "eps"), np.append(parameters.lo, 0.0), np.append(parameters.hi, np.inf))
+        found = fit_of_many(self._network, self._rows, len(start) - 1, start, box)[:-1]
+        return found if self.largest(found) <= self.largest(self.plain) else self.plain
+
+    def within(self, tolerance: float) -> Floats:
+        """The least weighted sum of squares among x with E(x) <= tolerance, by a local search from `tightest`, which
+        has it; where that search does not end in such an x, one on the way to it."""
+        x, slack = self.tightest, _BELOW * tolerance
+        for _ in range(_FITS):
+            x = self._constrained(tolerance - slack)
+            beyond = max(self.largest(x), self.stated(x)) - tolerance
+            if beyond <= 0.0:
+                return x
+            slack += 1.01 * beyond
+        way, share = x - self.tightest, 0.0
+        for step in 0.5 ** np.arange(1, 11):
+            share += step * (self.stated(self.tightest + (share + step) * way) <= tolerance)
+        return np.asarray(self.tightest + share * way)
+
+    def _constrained(self, tolerance: float) -> Floats:
+        """Gauss-Newton whose steps keep every row, linearised at its worst readings, within the tolerance."""
+        x, half = self.tightest, self._question.model.half_widths
+        for _ in range(_STEPS):
+            slopes = self._weight[:, None] * self._residuals.jacobian(x)
+            rows = self._rows.linearize(np.append(x, tolerance))
+            step = nearest_within(slopes, self._weight * self._residuals.values(x), rows.jacobian[:, :-1], -rows.values)
+            if step is None:
+                break
+            x = x + step
+            x[7:] = np.clip(x[7:], -half, half)
+            if float(np.max(np.abs(slopes @ step))) <= _AT_REST * tolerance * float(self._weight.max()):
+                break
+        return x
+
+    def factor(self, x: Floats, tolerance: float) -> float:
+        """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
+        if (exact := self._exact(x)) is not None:
+            return exact.largest_factor(tolerance)
+        low, high = 0, _PARTS
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.largest(x, middle / _PARTS) <= tolerance else (low, middle)
+        return low / _PARTS
+
+
+def nearest_within(slopes: Floats, values: Floats, rows: Floats, limits: Floats) -> Floats | None:
+    """The step d (n,) with the least |values + slopes d| of those with `rows @ d <= limits`; None: none is found.
+
+    With the QR decomposition of the slopes it is the point of a polyhedron nearest to the origin, which non-negative
+    least squares finds (Lawson and Hanson, Solving Least Squares Problems, chapter 23: LDP).
+    """
+    from scipy.optimize import nnls  # here: it takes half a second to load
+
+    size = np.maximum(np.abs(slopes).max(axis=0), 1e-300)
+    ridge = 1e-10 * len(slopes) * np.eye(len(size))  # what the measurements leave open stays
+    left, right = np.linalg.qr(np.concatenate([slopes / size, ridge]))
+    start = left[: len(values)].T @ values
+    turned = -np.linalg.solve(right.T, (rows / size).T).T  # G of G y >= h
+    length = np.maximum(np.linalg.norm(turned, axis=1), 1e-300)
+    turned, least = turned / length[:, None], (turned @ start - limits) / length
+    y, some = np.zeros(len(size)), np.zeros(0, np.intp)
+    for _ in range(_ROUNDS):
+        lacks = least - turned @ y
+        more = np.union1d(some, np.argsort(-lacks)[:_NEAR][np.sort(-lacks)[:_NEAR] < 1e-9 * np.abs(start).max()])
+        if len(more) == len(some):
+            break
+        some = more
+        system = np.concatenate([turned[some].T, least[None, some]])
+        aim = np.append(np.zeros(len(size)), 1.0)
+        rest = system @ nnls(system, aim)[0] - aim
+        if not rest[-1] < -1e-12:
+            return None
+        y = -rest[:-1] / rest[-1]
+    return np.asarray(np.linalg.solve(right, y - start) / size)

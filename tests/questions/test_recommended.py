@@ -1,0 +1,206 @@
+"""The parameters to load: right for ALL readings, proved; and worse sensors never turn a fail into a pass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import cpcal
+from cpcal.checker import check_run
+from cpcal.common.values import Floats
+from cpcal.models import ReadingRange, leg_model
+from cpcal.questions import LegResult, Result, recommendation, save_result, verdict_of
+from cpcal.questions.recommended import nearest_within
+from cpcal.robot import Campaign, Robot, Uncertainty, rotation_matrix
+from cpcal.solver.interval import get_arithmetic
+
+LEG = 2
+
+
+def campaign(scale: float = 1.0) -> Campaign:
+    """The same readings always, as if their deviations were `scale` times those that they have."""
+    found = cpcal.simulate(seed=1, joint_error=1.0, factor=3.0, truncate=3.0)
+    known = found.uncertainty
+    assert known is not None
+    position, rotation, length = (scale * s for s in (known.position, known.rotation, known.length))
+    arrays = (found.robot, found.position, found.quaternion, found.length)
+    return Campaign.of(
+        *arrays, pose=found.pose, run=found.run, uncertainty=Uncertainty(position, rotation, length, 3.0)
+    )
+
+
+def certified(of: Campaign, **options: object) -> tuple[Result, LegResult]:
+    result = cpcal.certify(of, legs=[LEG], support="none", **options)
+    return result, result.legs[0]
+
+
+def errors(of: Campaign, x: Floats, signs: Floats) -> Floats:
+    """|g| (N,) at the plain parameters x, from its definition, with the readings at `signs` (7,) of their sets."""
+    turn = 0.5 * signs[3:6] * of.rotation_radius
+    rotation = rotation_matrix(np.column_stack([np.ones(len(of)), turn])) @ rotation_matrix(of.quaternion)
+    v = of.position + signs[:3] * of.position_radius + rotation @ x[3:6] - x[:3]
+    length = of.length[:, LEG - 1] + signs[6] * of.length_radius[:, LEG - 1]
+    return np.abs(np.linalg.norm(v, axis=1) - length - x[6])
+
+
+@pytest.fixture(scope="module")
+def free() -> LegResult:
+    return certified(campaign())[1]
+
+
+@pytest.mark.parametrize("scale", [1.0, 10.0])
+def test_the_largest_error_bounds_that_of_every_reading_and_is_reached(scale: float) -> None:
+    of = campaign(scale)
+    found = certified(of)[1].recommended
+    assert found is not None
+    x, rng = np.array(found.point), np.random.default_rng(0)
+    corners = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 7)).reshape(7, -1).T
+    sampled = max(errors(of, x, signs).max() for signs in (*corners, *rng.uniform(-1.0, 1.0, (50, 7))))
+    assert sampled <= found.largest <= 1.001 * sampled
+
+
+@pytest.mark.parametrize("model", ["gain", "linear", "lateral"])
+def test_it_bounds_a_centre_and_grows_with_the_half_widths_in_every_model(model: str) -> None:
+    _, leg = certified(campaign(), model=model)
+    assert leg.recommended is not None
+    of = ReadingRange(campaign(), LEG, leg_model(model), get_arithmetic("float64"))
+    ranges = [of.of(np.array(leg.recommended.point), factor) for factor in (0.0, 0.5, 1.0)]
+    for inner, outer in pairwise(ranges):
+        assert (outer.lo < inner.lo).all()
+        assert (inner.hi < outer.hi).all()
+    assert leg.recommended.largest == max(-ranges[-1].lo.min(), ranges[-1].hi.max())
+
+
+def test_readings_in_which_the_error_is_not_monotone_count_too() -> None:
+    """A vertical leg: moved sideways, either way, it gets longer."""
+    identity, up = np.array([[1.0, 0.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 100.0]])
+    robot = Robot.from_parameters("one", np.zeros((1, 7)))
+    sideways = Uncertainty(np.array([10.0, 0.0, 0.0]), np.zeros(3), np.zeros(1))
+    of = Campaign.of(robot, up, identity, np.array([[100.0]]), uncertainty=sideways)
+    found = ReadingRange(of, 1, leg_model("plain"), get_arithmetic("float64")).of(np.zeros(7))
+    assert found.lo[0] <= 0.0
+    assert found.hi[0] >= np.hypot(100.0, 10.0) - 100.0
+
+
+def test_worse_sensors_never_turn_a_fail_into_a_pass(free: LegResult) -> None:
+    assert free.passes_from is not None
+    words = []
+    for scale in (1e-3, 1e-2, 0.1, 0.3, 0.6, 1.0):
+        result, _ = certified(campaign(scale), tolerance=0.4)
+        words.append(verdict_of(result, result.legs[0]).word)
+    assert words[0] == "fail"  # even then the model has an error of more than that
+    assert "pass" not in words
+    assert words[-1] == "undecided"
+    order = ["pass", "fail", "undecided"]
+    words = [
+        verdict_of(r, leg).word for r, leg in (certified(campaign(s), tolerance=0.95) for s in (1e-3, 0.3, 1.0, 3.0))
+    ]
+    assert words[0] == "pass"
+    assert sorted(words, key=order.index) == words
+    assert words[-1] == "undecided"
+
+
+@pytest.mark.parametrize("share", [0.25, 0.75])
+def test_what_is_recommended_conforms_with_the_least_sum_of_squares(
+    share: float, free: LegResult, tmp_path: Path
+) -> None:
+    of = campaign()
+    assert free.recommended is not None
+    assert free.passes_from is not None
+    tolerance = free.passes_from.eps + share * (free.recommended.largest - free.passes_from.eps)
+    result, leg = certified(of, tolerance=tolerance, certificates=tmp_path)
+    found = leg.recommended
+    assert found is not None
+    assert found.why == "constrained least squares"
+    assert (1.0 - 1e-6) * tolerance < found.largest <= tolerance
+    assert verdict_of(result, leg).word == "pass"
+    assert f"conforms to {tolerance}" in recommendation(result, leg)
+    save_result(result, tmp_path, of)
+    (checked,) = check_run(tmp_path)
+    assert checked.refused is None
+    assert {key for key, _ in checked.points} == {"recommended", "passes_from"}
+    # steps that lower the weighted sum of squares leave what conforms
+    model, engine = leg_model("plain"), get_arithmetic("float64")
+    every, x = ReadingRange(of, LEG, model, engine), np.array(found.point)
+    weight = 1.0 / every.deviations(np.array(free.recommended.point))
+    cost = np.sum((weight * errors(of, x, np.zeros(7))) ** 2)
+    for step in np.random.default_rng(1).standard_normal((200, 7)) * 1e-3:
+        other = x + step
+        if np.sum((weight * errors(of, other, np.zeros(7))) ** 2) < 0.999999 * cost:
+            beyond = every.of(other)
+            assert max(beyond.hi.max(), -beyond.lo.min()) > tolerance
+
+
+def test_at_the_least_tolerance_that_passes_the_point_found_there_is_recommended(free: LegResult) -> None:
+    assert free.passes_from is not None
+    result, leg = certified(campaign(), tolerance=free.passes_from.eps)
+    assert verdict_of(result, leg).word == "pass"
+    assert leg.recommended is not None
+    assert leg.recommended.point == free.passes_from.point
+
+
+def test_the_factor_on_the_half_widths_is_the_largest_at_which_the_point_conforms(tmp_path: Path) -> None:
+    of = campaign(3.0)
+    result, leg = certified(of, tolerance=1.2, certificates=tmp_path)
+    assert verdict_of(result, leg).word == "undecided"
+    assert recommendation(result, leg) == "least squares; not shown to conform"
+    assert leg.recommended is not None
+    assert leg.reduced is not None
+    x, factor = np.array(leg.recommended.point), leg.reduced.factor
+    every = ReadingRange(of, LEG, leg_model("plain"), get_arithmetic("float64"))
+    largest = [max(r.hi.max(), -r.lo.min()) for r in (every.of(x, f) for f in (factor, factor + 1.1 / 1024))]
+    assert 0.0 < factor < 1.0
+    assert largest[0] <= 1.2 < largest[1]
+    save_result(result, tmp_path, of)
+    (checked,) = check_run(tmp_path)
+    assert (checked.refused, checked.points[-1][0]) == (None, "reduced")
+    # where the readings as they are exceed the tolerance, no better sensor helps these parameters
+    never = certified(of, tolerance=float(errors(of, x, np.zeros(7)).max()) * 0.99)[1].reduced
+    assert never == replace(leg.reduced, factor=0.0, certificate=None)
+
+
+def test_on_a_fail_least_squares_is_marked() -> None:
+    result, leg = certified(campaign(0.01), tolerance=0.3)
+    assert recommendation(result, leg) == "least squares; not recommended: fails"
+    assert verdict_of(result, leg).sentence.startswith("Fail at 0.3 mm: no parameters in the box")
+
+
+def test_with_outliers_a_pass_is_over_the_others() -> None:
+    good = cpcal.simulate(seed=2, joint_error=0.1, noise=0.1, truncate=3.0, extremal=False, random_poses=30)
+    length = good.length.copy()
+    length[17, LEG - 1] += 5.0
+    of = replace(good, length=length)
+    fails, _ = certified(of, tolerance=0.5)
+    result, leg = certified(of, tolerance=0.5, outliers=1)
+    assert verdict_of(fails, fails.legs[0]).word == "fail"
+    assert verdict_of(result, leg).word == "pass"
+    assert leg.bracket.left_out == (of.measurement_ids[17],)
+    assert leg.recommended is not None
+    assert (
+        np.delete(errors(of, np.array(leg.recommended.point), np.zeros(7)), 17).max() <= leg.recommended.largest <= 0.5
+    )
+
+
+def test_a_step_within_limits_is_the_one_that_another_method_finds() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        slopes, values = rng.standard_normal((20, 4)), rng.standard_normal(20)
+        rows, limits = rng.standard_normal((30, 4)), rng.uniform(0.05, 0.3, 30)
+        step = nearest_within(slopes, values, rows, limits)
+        assert step is not None
+        assert (rows @ step <= limits + 1e-9).all()
+        other = minimize(
+            lambda d, a=slopes, b=values: np.sum((b + a @ d) ** 2),
+            np.zeros(4),
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda d, a=rows, b=limits: b - a @ d},
+            options={"ftol": 1e-14},
+        )
+        assert np.sum((values + slopes @ step) ** 2) <= other.fun + 1e-7
+    impossible = np.array([[1.0, 0, 0, 0], [-1.0, 0, 0, 0]])
+    assert nearest_within(slopes, values, impossible, np.array([-1.0, -1.0])) is None
