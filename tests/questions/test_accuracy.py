@@ -158,6 +158,15 @@ def test_lengths_that_nobody_measured_are_named_and_what_is_assumed_rises():
     assert suggested_error(middle, 1)[0] > 0.15 > suggested_error(ends, 1, away[0, 0])[0] > suggested_error(ends, 1)[0]
 
 
+def test_the_truth_of_a_robot_without_joint_error_is_that_of_its_parameters():
+    campaign = cpcal.simulate(seed=3, extremal=False, random_poses=3)
+    poses = Pose(campaign.position, campaign.quaternion)
+    true = true_poses(campaign, campaign.robot, poses)
+    assert (distances(true, poses)[0] > 0.1).all()
+    readings = inverse_kinematics(campaign.robot, poses)
+    assert inverse_kinematics(true_robot(campaign), true) == pytest.approx(readings, abs=1e-6)
+
+
 def run_of(campaign, **changes):
     """A run that the solver has not made: nothing is proved, the recommended parameters are those of least squares."""
     box, nominal = cpcal.Box(PARAMETERS, np.zeros(7), np.ones(7)), campaign.robot.parameters.tolist()
