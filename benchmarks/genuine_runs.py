@@ -52,6 +52,12 @@ def uncertain_leg(folder: Path) -> None:
     command("certify", campaign, *NARROW, "--eps", "0.05", "-o", folder / "run")
 
 
+def undecided_leg(folder: Path) -> None:
+    """Which would pass with smaller half-widths."""
+    campaign = _campaign(folder, factor=1.0)
+    command("certify", campaign, *NARROW, "--tolerance", "0.1797", "-o", folder / "run")
+
+
 def robust(folder: Path) -> None:
     command("certify", _campaign(folder), "--legs", "1", "--delta", "0.5", "--outliers", "1", "-o", folder / "run")
 
@@ -123,6 +129,7 @@ def solve(folder: Path) -> None:
 RUNS: dict[str, Callable[[Path], None]] = {
     "leg": leg,
     "uncertain leg": uncertain_leg,
+    "undecided leg": undecided_leg,
     "robust": robust,
     "compare": compare,
     "fits": fits,

@@ -236,22 +236,22 @@ def outliers(asked: argparse.Namespace) -> None:
         print(f"{q:2} {found:5} {proved:6} {asked.campaigns:4} {files:21.0f} {kilobytes:4.0f} {cpu:8.1f} ({worst:.1f})")
 
 
-KINDS = ("noise", "joint", "sag", "gain", "axis")
+MODEL_ERRORS = ("noise", "joint", "sag", "gain", "axis")
 
 
 def tolerance(asked: argparse.Namespace) -> None:
     """The recommended parameters at unseen poses, and false verdicts."""
     print("kind: ratios at T of 1/4, 1/2, 3/4 (least E: last): medians, largest; passes, false passes, false fails")
     every = np.array([_recommended(k) for k in range(asked.campaigns)])
-    for k, kind in enumerate((*KINDS, "all")):
-        found = every[k :: len(KINDS)] if k < len(KINDS) else every
+    for k, kind in enumerate((*MODEL_ERRORS, "all")):
+        found = every[k :: len(MODEL_ERRORS)] if k < len(MODEL_ERRORS) else every
         medians, largest = (" ".join(f"{v:.2f}" for v in f(found[:, :4], axis=0)) for f in (np.median, np.max))
         print(f"{kind}: {medians}; {largest}; {' '.join(f'{v:.0f}' for v in found[:, 4:].sum(axis=0))}")
 
 
 def _recommended(seed: int) -> tuple[float, ...]:
     """Ratios of the three tolerances and of the least E; passes, false passes and false fails."""
-    rng, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
+    rng, kind = np.random.default_rng(seed), MODEL_ERRORS[seed % len(MODEL_ERRORS)]
     a = np.append(rng.uniform(-500.0, 500.0, 2), rng.uniform(-30.0, 30.0))
     b = np.append(rng.uniform(-250.0, 250.0, 2), rng.uniform(-30.0, 30.0))
     size, phases, offset = rng.uniform(0.0, 1.0), rng.uniform(0.0, 2 * np.pi, 4), rng.uniform(200.0, 300.0)

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_parameters, robust_scale
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
 from cpcal.common.values import Bools, Floats
@@ -66,31 +66,21 @@ LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
 _WEAK = 5.0  # and below it, a remark
 _LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
-_LISTED = 20  # unusable poses that a message lists
 
 
 def _check_pairs(*pairs: Pose) -> None:
     """Raises InputError for wrong shapes, NaN or infinite numbers, zero quaternions, too few pairs."""
-    problems = []
+    counts = []
     for pose, name in zip(pairs, _NAMES, strict=True):
-        count = len(pose.position)
-        if (np.shape(pose.position), np.shape(pose.quaternion)) != ((count, 3), (count, 4)):
-            what = f"have positions of shape {np.shape(pose.position)} and quaternions of {np.shape(pose.quaternion)}"
-            problems.append(Problem(name, what, "give (N, 3) in mm and (N, 4), scalar first"))
-            continue
-        good = np.isfinite(np.concatenate([pose.position, pose.quaternion], axis=1)).all(axis=1)
-        for k in np.flatnonzero(~(good & pose.quaternion.any(axis=1)))[:_LISTED]:
-            what = "has the zero quaternion" if good[k] else "holds a NaN or an infinity"
-            problems.append(Problem(f"{name}, pose {k} (from 0)", what, "correct it, or leave the pair out"))
-    one, other = (len(pose.position) for pose in pairs)
-    if not problems and (one != other or one < 3):
-        what, remedy = f"hold {one} and {other} poses", "give the same measurements in the same order"
-        if one == other:
-            what = f"hold {one} pairs, which do not determine the unknown frames"
-            remedy = "give at least 3, with rotations about two axes"
-        problems.append(Problem(" and ".join(_NAMES), what, remedy))
-    if problems:
-        raise InputError(problems)
+        table = np.concatenate([pose.position, pose.quaternion], axis=-1)
+        good = table.ndim == 2 and table.shape[1] == 7
+        if not (good and np.isfinite(table).all() and pose.quaternion.any(axis=1).all()):
+            what = "are no poses, or hold a NaN, an infinity or a zero quaternion"
+            raise unusable(name, what, "give (N, 3) in mm and (N, 4), scalar first")
+        counts.append(len(table))
+    if counts[0] != counts[1] or counts[0] < 3:
+        what, remedy = f"hold {counts[0]} and {counts[1]} poses", "give at least 3, the same measurements in order"
+        raise unusable(" and ".join(_NAMES), what, remedy)
 
 
 def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
@@ -484,25 +474,23 @@ def in_base_frame(campaign: Campaign) -> TrackedFrames:
     tracker, target = (Pose(np.array(one.position), np.array(one.quaternion)) for one in (base, mobile))
     seen = compose(tracker, Pose(campaign.position, campaign.quaternion))
     pose, lever = compose(seen, inverse(target)), seen.rotation @ inverse(target).position
-    parts = tracker.rotation, cross_matrix(-lever) @ tracker.rotation
     power = 1.0 if factor is None else 2.0  # bounds add up, independent standard deviations in quadrature
-
-    def carried(matrix: Floats, radius: Floats) -> Floats:
-        return np.asarray(np.einsum("...ij,...j->...i", np.abs(matrix) ** power, radius**power))
-
-    position = carried(parts[0], campaign.position_radius) + carried(parts[1], campaign.rotation_radius)
-    radii = [total ** (1.0 / power) for total in (position, carried(parts[0], campaign.rotation_radius))]
+    sizes = np.zeros((len(lever), 6, 6))
+    sizes[:, :3, :3] = sizes[:, 3:, 3:] = tracker.rotation
+    sizes[:, :3, 3:] = cross_matrix(-lever) @ tracker.rotation
+    radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
+    radii = np.einsum("kij,kj->ki", np.abs(sizes) ** power, radius**power) ** (1.0 / power)
     declared = campaign.uncertainty
     if declared is not None:
-        widest = [radius.max(axis=0) / (factor or 1.0) for radius in radii]
-        declared = Uncertainty(widest[0], widest[1], declared.length, factor)
+        widest = radii.max(axis=0) / (factor or 1.0)
+        declared = Uncertainty(widest[:3], widest[3:], declared.length, factor)
     told = {key: text for key, text in campaign.provenance.items() if key not in ("true_parameters", "options")}
     moved = replace(
         campaign,
         position=pose.position,
         quaternion=pose.quaternion,
-        position_radius=radii[0],
-        rotation_radius=radii[1],
+        position_radius=radii[:, :3],
+        rotation_radius=radii[:, 3:],
         uncertainty=declared,
         provenance=told,
     )

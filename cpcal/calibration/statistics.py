@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
@@ -21,7 +21,6 @@ from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.campaign import ARRAYS
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 
@@ -197,13 +196,6 @@ def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Flo
         what = f"has the shape {array.shape}, or a number that is no standard deviation"
         raise unusable(f"option {name}", what, f"give {shape} numbers >= 0")
     return array
-
-
-def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
-    """The measurements with a true value in `keep` (N,), declared exact: half-widths come from the scatter."""
-    rows = campaign.rows(keep)
-    radii = {name: np.zeros_like(getattr(rows, name)) for name in ARRAYS[3:]}
-    return replace(rows, uncertainty=None, **radii)
 
 
 # ------------------------------------------------------------------------------------------------------------------

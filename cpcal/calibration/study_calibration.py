@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,7 +42,6 @@ from cpcal.calibration.statistics import (
     describe,
     group_means,
     grouped,
-    kept,
     means,
     scores,
     screen,
@@ -105,7 +104,7 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
             legs = scores(campaign_deviations(every))[_by_run(rows, runs)][:, 6:]
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
-    good = kept(rows, keep)
+    good = rows.rows(keep)
     averages, names = _run_means(good, runs[keep])
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
@@ -116,7 +115,16 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
 def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
-    return Campaign.of(robot, *table.readings, pose=table.pose, run=runs, exact=True, provenance=provenance)
+    return Campaign.of(
+        robot,
+        table.position,
+        table.quaternion,
+        table.length,
+        pose=table.pose,
+        run=runs,
+        exact=True,
+        provenance=provenance,
+    )
 
 
 def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
@@ -143,7 +151,6 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
 
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
-Sides = Callable[[Floats], tuple[Floats, Floats]]
 
 _BINS = 31  # of a histogram
 _REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
@@ -449,25 +456,24 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
 
 
 def _implicit(campaign: Campaign, start: Floats) -> Floats:
-    """(n, 7) mm: the least sum of squares of the paper's equation f = g (||v|| + L + l), a leg at a time."""
-    found = []
-    for leg, at in enumerate(start, start=1):
-        equations = LegEquations.of(campaign, [leg])
+    """(n, 7) mm: the least sum of squares of the paper's f = ||v||^2 - (L + l)^2 = g (g + 2 (L + l)), leg by leg."""
+    found = start.copy()
+    for leg, at in enumerate(start):
+        equations = LegEquations.of(campaign, [leg + 1])
+        read = equations.length[:, 0]
 
-        def sides(x: Floats, equations: LegEquations = equations) -> tuple[Floats, Floats]:
-            return np.linalg.norm(equations.vectors(x[None])[0][:, 0], axis=1), equations.length[:, 0] + x[6]
+        def gap(x: Floats, equations: LegEquations = equations) -> Floats:
+            return np.asarray(equations.values(x[None])[:, 0])
 
-        def values(x: Floats, sides: Sides = sides) -> Floats:
-            long, read = sides(x)
-            return np.asarray(long**2 - read**2)
+        def jacobian(x: Floats, equations: LegEquations = equations, read: Floats = read) -> Floats:
+            factors = np.stack([gap(x, equations) + read + x[6]] * 6 + [read + x[6]], axis=1)
+            return np.asarray(2.0 * factors * equations.by_parameters(x[None])[:, 0])
 
-        def jacobian(x: Floats, sides: Sides = sides, equations: LegEquations = equations) -> Floats:
-            long, read = sides(x)
-            factors = 2.0 * np.stack([long] * 6 + [read], axis=1)
-            return np.asarray(factors * equations.by_parameters(x[None])[:, 0])
+        def values(x: Floats, equations: LegEquations = equations, read: Floats = read) -> Floats:
+            return np.asarray(gap(x, equations) * (gap(x, equations) + 2.0 * (read + x[6])))
 
-        found.append(least_squares(values, jacobian, at, tolerance=1e-10).at)
-    return np.stack(found)
+        found[leg] = least_squares(values, jacobian, at, tolerance=1e-10).at
+    return found
 
 
 def _provenance(study: Study) -> Mapping[str, str]:

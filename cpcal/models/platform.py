@@ -475,7 +475,7 @@ class Covered:
     """What the branch and bound leaves.
 
     boxes (K, 6) of (P, S), a cover of the workspace; `proved` (K,): those of which something is; `position` (K,) mm
-    and `rotation` (K,) rad: no pose of the cell is off by more; `share` (K, n) as in PoseBounds. `at` (6,): the pose
+    and `rotation` (K,) rad: no pose of the cell is off by more. `at` (6,): the pose
     whose own bound is the worst that was met, `at_position` mm. `complete`: the search ended by its gap.
     """
 
@@ -483,7 +483,6 @@ class Covered:
     proved: Bools
     position: Floats
     rotation: Floats
-    share: Floats
     at: Floats
     at_position: float
     complete: bool
@@ -523,7 +522,6 @@ def cover(
         proved=np.array([cell.state.proved for cell in cells]),
         position=np.array([cell.state.position for cell in cells]),
         rotation=np.array([cell.state.rotation for cell in cells]),
-        share=np.stack([cell.state.share for cell in cells]),
         at=dividing.at,
         at_position=dividing.attained,
         complete=not search.waiting,
@@ -536,7 +534,6 @@ class _Cell(NamedTuple):
     proved: bool
     position: float
     rotation: float
-    share: Floats
     worth: float
 
 
@@ -560,7 +557,7 @@ class _Dividing:
             self.at, self.attained = boxes.mid[met.argmax()], float(met.max())
         small = ((boxes.hi - boxes.lo) / self._width).max(axis=1) <= _SMALLEST
         worth = np.where(~over.proved & small, 0.0, over.position)
-        cells = map(_Cell, over.proved, over.position, over.rotation, over.share, worth)
+        cells = map(_Cell, over.proved, over.position, over.rotation, worth)
         return list(map(Piece, Box.rows(AXES, boxes.lo, boxes.hi), cells))
 
     def __call__(self, node: Node) -> Decision:

@@ -35,6 +35,7 @@ from cpcal.robot import (
     Mechanisms,
     Pose,
     Robot,
+    forward_kinematics,
     inverse_kinematics,
     normalised,
     pose_jacobian,
@@ -658,7 +659,8 @@ def true_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | Non
         )
     except (KeyError, TypeError, ValueError, CpcalError):
         return None
-    return assembled_with(robot, mechanisms, inverse_kinematics(controller, poses), poses)
+    readings = inverse_kinematics(controller, poses)
+    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))
 
 
 def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:

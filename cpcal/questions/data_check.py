@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration import LegEquations
-from cpcal.calibration.fit import robust_parameters, robust_scale
+from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.models import PLAIN, LegModel, model_jacobian
@@ -183,8 +183,8 @@ class DataCheck:
 def check_data(campaign: Campaign) -> DataCheck:
     """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters; ranges to expect.
 
-    Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 20,000 measurements, spread
-    evenly, are fitted and say what to expect; odd and copied rows are sought among all.
+    Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 2,000 measurements, spread
+    evenly, are fitted, and 20,000 say what to expect; odd and copied rows are sought among all.
     """
     given, seen, still = Given.of(campaign), spread_of(campaign), single_pose(campaign)
     sizes = sizes_in_question(campaign)
@@ -194,8 +194,7 @@ def check_data(campaign: Campaign) -> DataCheck:
     nominal = tuple(np.median(given.share * given.nominal, axis=0).tolist())
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), nominal, seen, ())
-    sample = campaign.sampled(_FITTED)
-    x = robust_parameters(sample)
+    sample, x = campaign.sampled(_FITTED), seen.fitted
     legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
     findings += [*odd_rows(campaign, x), *_open(legs)]
     return DataCheck(tuple(findings), nominal, seen, legs)

@@ -272,11 +272,11 @@ class VerifiedPoint:
 
     def sentence(self, name: str) -> str:
         """What is proved of the point called `name`."""
-        within = "exactly" if self.eps == 0.0 else f"to within {stated(self.eps)} mm"
+        within = "within the stated reading uncertainty" if self.eps == 0.0 else f"to within {stated(self.eps)} mm"
         equations = f"{self.holds:,} of the {self.count:,} equations {within} for some readings in their sets"
         if self.verdict is Verdict.PROVED:
             return f"{name} is a solution: it satisfies all {self.count:,} equations {within} for some readings."
-        refuting = f"{self.fails:,} measurement{'' if self.fails == 1 else 's'} refute it" if self.fails else ""
+        refuting = f"{self.fails:,} measurement{' refutes' if self.fails == 1 else 's refute'} it" if self.fails else ""
         unknown = self.count - self.holds - self.fails
         rest = [text for text in (refuting, f"{unknown:,} are undecided" if unknown else "") if text]
         return f"{name} satisfies {equations}; {', '.join(rest)}."

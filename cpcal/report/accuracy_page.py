@@ -99,7 +99,7 @@ def sentences(found: Accuracy) -> list[str]:
     if over is not None and over.left_out:
         out.append(
             f"LEFT OUT: {len(over.left_out)} of {len(over.cells)} cells, of which nothing is proved; the platform is "
-            "singular or nearly so there, or the cells are still too large. They are listed below."
+            "singular or nearly so there, or the cells are still too large. accuracy.json lists them."
         )
     lost = [pose.name for pose in found.poses if not pose.proved]
     if lost:
@@ -224,17 +224,7 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
         f"{f' The workspace was proposed: {over.proposal}.' * bool(over.proposal)}"
     )
     legend |= {"dashed": "left out", "": "× worst pose met"}
-    cells = Table(
-        ("cell",),
-        [(f"{_pose_text(cell.lo)} to {_pose_text(cell.hi)}",) for cell in over.left_out],
-        ("word",),
-        "",
-        _MOST,
-        "accuracy.json",
-    )
-    left = Section("Cells left out", ["Nothing is proved of the poses in these cells."], tables=[cells])
-    parts = [left] * bool(over.left_out)
-    yield Section("Where in the workspace", figures=[Drawing(map_svgs(over), legend, caption)], parts=parts)
+    yield Section("Where in the workspace", figures=[Drawing(map_svgs(over), legend, caption)])
 
 
 def _at_poses(found: Accuracy) -> Iterator[Section]:

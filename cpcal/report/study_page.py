@@ -477,7 +477,7 @@ def _exact_sentence(result: Result) -> str:
     """The paper's second question: has any x in the box no model error at all?"""
     box = f"within ±{stated(result.options.delta)} mm"
     answers: dict[str, list[str]] = {
-        f"proved: no parameters {box} satisfy all equations exactly": [],
+        f"proved: no parameters {box} satisfy all equations within the stated reading uncertainty": [],
         "proved: some parameters do": [],
         "not known": [],
     }

@@ -593,11 +593,6 @@ class Given:
     def of(cls, campaign: Campaign) -> Given:
         return cls(campaign.robot, Pose(campaign.position, campaign.quaternion), campaign.length)
 
-    def sampled(self, most: int) -> Given:
-        """At most so many of its rows, spread evenly."""
-        count = len(self.length)
-        return self if count <= most else self.rows(np.linspace(0, count - 1, most).astype(np.intp))
-
     def rows(self, chosen: npt.NDArray[np.intp]) -> Given:
         return replace(self, pose=self.pose.rows(chosen), length=self.length[chosen])
 

@@ -310,6 +310,7 @@ MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
     (radians_as_degrees, 1, 0),
     (degrees_as_radians, 1, _ROW),
     (counts, 12, 0),
+    (other_frames, 12, 0),
 )
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -473,9 +474,6 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
         ]
         options = _options(few, tried)
         found, clear = _best(options, doubted=doubted)
-        if not clear and few.most > SHARE:
-            options += _options(few, [(name, without, 12) for name, without in other_frames(few)])
-            found, clear = _best(options, doubted=doubted)
         if not clear and few.most > 2.0 * SHARE:
             found, clear = _best(options + _options(few, _pairs(few)), doubted=doubted)
         return found
@@ -523,7 +521,12 @@ def _best(options: list[Option], *, doubted: bool) -> tuple[list[Cause], bool]:
     clear = bool(left < _CLEAR * plain[2][0] or (not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE)))
     if len(alike) > _NAMED or not all(_explains(plain, v, seen) and seen[2] < SHARE for v, _, seen in alike):
         return [], clear
-    return [Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)) for _, name, seen in alike], clear
+    causes = []
+    for value, name, seen in alike:
+        same = [n for v, n, _ in options if abs(v - value) <= _EQUAL and ", and " not in n + name and n != name]
+        name += f" (or, to the same effect, {same[0]}{' and others' * (len(same) > 1)})" if same and same[0] else ""
+        causes.append(Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)))
+    return causes, clear
 
 
 def _ascending(values: Sequence[float]) -> list[int]:
@@ -547,7 +550,7 @@ def _pairs(few: Given) -> Tried:
     """A wrong unit and one more mistake."""
     plain = [undone for undone, numbers, _ in MISTAKES[1:] if not numbers and undone is not shifted_rows]
     return [
-        (f"{first}, and {second}", without, 1)
+        (f"{first}, and {second}", without, 2)
         for first, scaled in units(few)
         if scaled.typical < _ODD
         for undone in plain
@@ -607,11 +610,13 @@ TOO_LARGE, TOO_SMALL = 20.0, 3.0  # of the deviations of residuals from which th
 @dataclass(frozen=True, eq=False)
 class Spread:
     """left (n,) mm: deviation of the residuals of each leg's fit (robust); ratio (n,) to what is stated, None where
-    readings are called exact or are few; share: by how much of a leg's length drawing and readings are apart."""
+    readings are called exact or are few; share: by how much of a leg's length drawing and readings are apart;
+    fitted (n, 7) mm: robust, near the drawing."""
 
     left: Floats
     ratio: Floats | None
     share: float
+    fitted: Floats
 
 
 def spread_of(campaign: Campaign) -> Spread:
@@ -625,13 +630,13 @@ def spread_of(campaign: Campaign) -> Spread:
         spare = np.sqrt(len(rows) / max(len(rows) - 7, 1))
         left = spare * _NORMAL * np.median(residual, axis=0)
         if campaign.exact or len(rows) < _TOLD:
-            return Spread(left, None, float(found.share[0]))
+            return Spread(left, None, float(found.share[0]), fit.parameters)
         factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
         radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[rows, None]
         square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius[rows] ** 2
         stated = np.sqrt(square) / (factor or _UNIFORM)
         ratio = spare * _NORMAL * np.median(residual / np.maximum(stated, _TINY), axis=0)
-    return Spread(left, ratio, float(found.share[0]))
+    return Spread(left, ratio, float(found.share[0]), fit.parameters)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -640,7 +645,7 @@ def spread_of(campaign: Campaign) -> Spread:
 TURN = 0.1  # rad: no camera is so bad
 _WIDE = 0.05  # of a leg's length: no instrument is so bad
 _DOUBTED = 1.0 / _BETTER  # of the stated deviations: from here a mistake can be what the scorer asks for
-_ROUGH = 3e-4  # of a leg's length: the same, where no deviations are stated
+_ROUGH = 3e-4  # of a leg's length: the same, whatever is stated
 _ABSURD = 0.2  # of a leg's length: no drawing is so bad, also where a fit explains all readings
 
 
@@ -656,11 +661,11 @@ def suspicions(campaign: Campaign) -> tuple[str, ...]:
 def mixed_up(campaign: Campaign, seen: Spread) -> str | None:
     """The sentence on drawing, poses and readings that do not fit; small differences need a known cause."""
     given = Given.of(campaign)
-    left = float(seen.left.max()) / float(np.median(given.nominal))
-    doubted = left > _ROUGH if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
-    if not doubted and seen.share <= DISAGREE:
+    rough = float(seen.left.max()) > _ROUGH * float(np.median(given.nominal))
+    doubted = rough if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
+    if not (doubted or rough) and seen.share <= DISAGREE:
         return None
-    if causes := likely_causes(given, doubted=doubted):
+    if causes := likely_causes(given, doubted=doubted or rough):
         listed = "; or just as well: ".join(f"{cause.name}. {cause.gain}" for cause in causes)
         return f"{_what(seen)}: likely cause: {listed}."
     if seen.share <= SHARE or (seen.share < _ABSURD and not doubted):

@@ -72,11 +72,6 @@ class PoseTable(Value):
         """The poses (N) of the target frame in the camera frame."""
         return Pose(self.position, self.quaternion)
 
-    @property
-    def readings(self) -> tuple[Floats, Floats, Floats]:
-        """Position, quaternion and length, as `Campaign.of` takes them."""
-        return self.position, self.quaternion, self.length
-
     def __len__(self) -> int:
         """The number of rows, N."""
         return len(self.pose)

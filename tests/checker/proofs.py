@@ -16,9 +16,9 @@ from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Rule, Unknowns, Weights
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
-from cpcal.solver.certificate.float_rows import AllReadings, failing, holding
-from cpcal.solver.certificate.prover import WeightProver, claims
-from cpcal.solver.certificate.recording import Recording, with_readings
+from cpcal.solver.certificate.float_rows import failing, holding
+from cpcal.solver.certificate.prover import WeightProver
+from cpcal.solver.certificate.recording import with_readings
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.network import ConstraintNetwork
@@ -128,18 +128,6 @@ class Proof:
         return lo, hi
 
 
-def met(
-    path: Path, statement: Statement, point: Sequence[float], eps: float | None = None, factor: float = 1.0
-) -> float:
-    """Write that a point meets eps, or the least that it does, for all readings of the measurements."""
-    problem = statement.problem
-    least = AllReadings(problem, point, problem.chosen).least_eps(factor) if eps is None else eps
-    at = np.append(point, least)
-    with Recording(statement, Box(problem.unknowns, at, at)) as recording:
-        recording.write(path, claims(least, point=at, factor=factor))
-    return least
-
-
 def tightest(rule: Rule, given: Sequence[Any], lo: list[float], hi: list[float]) -> list[Any]:
     """The last float64 that the weights prove, for every bound that improves a box; the objective first.
 
@@ -173,16 +161,16 @@ def short(
     bounds = tightest(rule, given, lo, hi)
     assert len(bounds) == 3
     best = float(domain.hi[o])
-    said = {
+    claims = {
         "cap": number(best),
         "infeasible": False,
         "epsilon": {"lo": number(lo[o]), "hi": number(best)},
         "enclosure": limits(Box(network.names, np.array(lo), np.array(hi))),
         "point": {"at": [number(v) for v in point], "holds": "all", "factor": None, "fails": []},
     }
-    said = with_readings(statement.problem, said)
+    claims = with_readings(statement.problem, claims)
     step = {"pass": 0, "cap": record["cap"], "rows": record["rows"], "bounds": bounds}
-    lines = [*statement.header(domain), said, step]
+    lines = [*statement.header(domain), claims, step]
     return Proof(folder, statement.problem, json.loads(json.dumps(lines)), lo[o], best, tuple(point))
 
 
@@ -191,7 +179,7 @@ def halved(proof: Proof) -> Proof:
     o = proof.problem.objective
     assert o is not None
     lines, at = proof.copy(), proof.eps_lo * 0.75
-    head, (said, step) = lines[: proof.head], lines[proof.head :]
+    head, (claims, step) = lines[: proof.head], lines[proof.head :]
     weights = next(entry[3] for entry in step["bounds"] if entry[0] == o)
     lo, hi = proof.bounds()
     below = [*hi[:o], at, *hi[o + 1 :]]
@@ -199,8 +187,8 @@ def halved(proof: Proof) -> Proof:
     assert proof.rule(lo, below, rows).excludes(exact_weights(weights))
     lo[o] = at
     bounds = tightest(proof.rule(lo, hi, rows), step["bounds"], lo, hi)
-    said["epsilon"]["lo"] = number(lo[o])
-    said["enclosure"] = limits(Box(proof.problem.unknowns, np.array(lo), np.array(hi)))
+    claims["epsilon"]["lo"] = number(lo[o])
+    claims["enclosure"] = limits(Box(proof.problem.unknowns, np.array(lo), np.array(hi)))
     axis = 3 if o > 3 else 0
     steps = [
         {"split": 0, "unknown": o, "at": number(at), "into": [1, 2]},
@@ -208,4 +196,4 @@ def halved(proof: Proof) -> Proof:
         {"pass": 2, "cap": step["cap"], "rows": rows, "bounds": bounds},
         {"split": 2, "unknown": axis, "at": number(proof.point[axis]), "into": [3, 4]},
     ]
-    return Proof(proof.folder, proof.problem, [*head, said, *steps], lo[o], proof.eps_hi, proof.point)
+    return Proof(proof.folder, proof.problem, [*head, claims, *steps], lo[o], proof.eps_hi, proof.point)

@@ -56,17 +56,19 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
     assert leg.bracket.lo <= timed.bracket.hi
     for _, verified in fits_in(folder).both:
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
+    written = sum(len(list((folder / part).glob("*.cert.jsonl"))) for part in ("fits", "run"))
     for text in (
         "in their sets: refuted for leg 6.",
         "The paper's timeout method",
-        "accepted all 4 certificates",
+        f"accepted all {written} certificates",
         "report.html",
         "Where this differs from the paper: ",
         "Tolerance: 1 mm",
     ):
         assert text in outcome.stdout
     page = (folder / "report.html").read_text(encoding="utf-8")
-    for text in ("Table 7", "accepted all 4 certificates", "bound: none below", "24.01"):
+    assert written >= 4
+    for text in ("Table 7", f"accepted all {written} certificates", "bound: none below", "24.01"):
         assert text in page
 
 

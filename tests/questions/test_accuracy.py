@@ -141,6 +141,18 @@ def test_what_is_asked_by_default_is_measured_or_needs_no_readings_beyond_and_u_
         assert least < u.max() < 3.0 * position.max()
 
 
+def test_u_holds_at_poses_that_nobody_measured_where_the_model_is_imperfect():
+    campaign = cpcal.simulate(seed=5, extremal=False, random_poses=64, noise=0.01, joint_error=0.3)
+    robot = Robot.from_parameters("fit", np.stack([fit_model(campaign, leg) for leg in range(1, 7)]))
+    readings = np.random.default_rng(6).uniform(0.0, 140.0, (100, 6))
+    poses = forward_kinematics(robot, readings, central_pose(robot, np.full(6, 70.0)))
+    u, turn = expanded_uncertainty(campaign, robot, poses)
+    position, angle = distances(true_poses(campaign, robot, poses), poses)
+    assert np.mean(position <= u) >= 0.9
+    assert np.mean(angle <= turn) >= 0.9
+    assert u.max() <= 2.2 * position.max()
+
+
 def ended(error, ends):
     """A campaign of extremal legs, whose readings lack an error that vanishes at both ends of the stroke."""
     good = cpcal.simulate(seed=4, noise=0.1, truncate=3.0, deviation=0.5, random_poses=0 if ends else 40)
@@ -156,6 +168,15 @@ def test_lengths_that_nobody_measured_are_named_and_what_is_assumed_rises():
     # the ends of the stroke show none of it; the middle does
     ends, middle = (ended(0.3, ends=ends) for ends in (True, False))
     assert suggested_error(middle, 1)[0] > 0.15 > suggested_error(ends, 1, away[0, 0])[0] > suggested_error(ends, 1)[0]
+
+
+def test_the_truth_of_a_robot_without_joint_error_is_that_of_its_parameters():
+    campaign = cpcal.simulate(seed=3, extremal=False, random_poses=3)
+    poses = Pose(campaign.position, campaign.quaternion)
+    true = true_poses(campaign, campaign.robot, poses)
+    assert (distances(true, poses)[0] > 0.1).all()
+    readings = inverse_kinematics(campaign.robot, poses)
+    assert inverse_kinematics(true_robot(campaign), true) == pytest.approx(readings, abs=1e-6)
 
 
 def run_of(campaign, **changes):

@@ -157,7 +157,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
 
 def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
     assert not certified.not_refuted
-    assert "satisfies every equation exactly" not in proved_sentence(Options(), certified)
+    assert "fits within the stated reading uncertainty" not in proved_sentence(Options(), certified)
 
 
 # deficient data ---------------------------------------------------------------------------------------------

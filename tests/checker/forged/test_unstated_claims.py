@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,8 @@ import pytest
 
 import cpcal
 from cpcal.checker import check, check_run
-from cpcal.models import leg_statement
 from cpcal.questions import save_result
-from cpcal.questions.result import PassesFrom, Recommended, Reduced
-from cpcal.solver.certificate.float_rows import AllReadings
 from tests.checker.forged.test_checker_run import refused, up
-from tests.checker.proofs import met
 
 Data = dict[str, Any]
 
@@ -27,26 +22,9 @@ Data = dict[str, Any]
 def stating(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A leg with a certificate of each kind: of its bracket, ranges, support, and of what is met by all readings."""
     folder = tmp_path_factory.mktemp("stating")
-    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=1.0)
-    asked = {"legs": [1], "delta": 2.0, "support": "irreducible", "ranges": True}
-    result = cpcal.certify(campaign, certificates=folder, **asked)
-    (leg,), statement = result.legs, leg_statement(campaign, 1)
-    best = leg.bracket.point
-    assert best is not None
-    point, every = tuple(v + 0.01 for v in best), statement.problem.chosen
-    here, (largest, passes) = AllReadings(statement.problem, point, every), (
-        met(folder / name, statement, x) for name, x in ((RECOMMENDED, point), (PASSES, best)))  # fmt: skip
-    tolerance = (largest + here.least_eps(0.0)) / 2
-    factor = here.largest_factor(tolerance)
-    met(folder / REDUCED, statement, point, tolerance, factor)
-    found = replace(
-        leg,
-        recommended=Recommended(point, "least squares", largest, RECOMMENDED),
-        passes_from=PassesFrom(passes, best, PASSES),
-        reduced=Reduced(factor, REDUCED),
-    )
-    options = replace(result.options, tolerance=tolerance)
-    save_result(replace(result, legs=(found,), options=options), folder)
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=1.0, factor=0.5)
+    asked = {"legs": [1], "delta": 2.0, "support": "irreducible", "ranges": True, "tolerance": 0.1537}
+    save_result(cpcal.certify(campaign, certificates=folder, **asked), folder)
     return folder
 
 
