@@ -20,7 +20,7 @@ from tests.cli.command import done
 
 LEGS, POSES, WRONG, WRONG_LEG = 6, 60, 17, 3
 SIGMA_P, SIGMA_R, SIGMA_L = 0.02, 1e-4, 0.01  # mm, rad, mm: as stated; the noise is cut at 2.9 of them
-TOLERANCE = 0.35  # mm
+TOLERANCE = 0.5  # mm
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def log(world, tmp_path_factory):
         seen = tracker @ pose @ target
         turn = Rotation.from_rotvec(noise(SIGMA_R, (3,))) * seen.rotation
         read = length + noise(SIGMA_L, (LEGS,))
-        read[WRONG_LEG - 1] += 1.5 if k + 1 == WRONG else 0.0  # mm: a slipped encoder
+        read[WRONG_LEG - 1] += 2.5 if k + 1 == WRONG else 0.0  # mm: a slipped encoder
         place = (seen.origin + noise(SIGMA_P, (3,))) / 1e3
         rows.append([k + 1, *place, *turn.as_euler("xyz", degrees=True), *(read / 1e3)])
     folder = tmp_path_factory.mktemp("tracker")
@@ -205,31 +205,33 @@ def test_without_it_every_leg_passes_with_parameters_as_good_as_least_squares_wi
         assert ours <= 1.2 * theirs
 
 
-def test_the_accuracy_that_is_stated_holds_where_nobody_measured(log, elsewhere):
-    quaternions = [f.rotation.as_quat(scalar_first=True) for f in elsewhere.frames]
+@pytest.mark.parametrize("count", [25, pytest.param(UNSEEN, marks=pytest.mark.nightly)])  # a certificate names each
+def test_the_accuracy_that_is_stated_holds_where_nobody_measured(log, elsewhere, count):
+    frames = elsewhere.frames[:count]
+    quaternions = [f.rotation.as_quat(scalar_first=True) for f in frames]
     rows = [
         ",".join([str(k + 1), *(repr(float(v)) for v in (*f.origin, *q))])
-        for k, (f, q) in enumerate(zip(elsewhere.frames, quaternions, strict=True))
+        for k, (f, q) in enumerate(zip(frames, quaternions, strict=True))
     ]
-    (log / "unseen.csv").write_text("\n".join(["name,x,y,z,qw,qx,qy,qz", *rows]) + "\n")
-    done("accuracy", log / "without", "--poses", log / "unseen.csv", "-o", log / "accuracy")
-    found, result = load_accuracy(log / "accuracy"), cpcal.load_result(log / "without")
+    (log / f"unseen-{count}.csv").write_text("\n".join(["pose,x,y,z,qw,qx,qy,qz", *rows]) + "\n")
+    done("accuracy", log / "without", "--poses", log / f"unseen-{count}.csv", "-o", log / f"accuracy-{count}")
+    found, result = load_accuracy(log / f"accuracy-{count}"), cpcal.load_result(log / "without")
     loaded = np.array([leg.recommended.point for leg in result.legs])
     robot = loaded[:, :3], loaded[:, 3:6], loaded[:, 6]
     beyond = 0
-    for pose, frame, lengths in zip(found.poses, elsewhere.frames, leg_lengths(robot, elsewhere.frames), strict=True):
+    for pose, frame, lengths in zip(found.poses, frames, leg_lengths(robot, frames), strict=True):
         there = reached(elsewhere.robot, frame, lengths)
         off = float(np.linalg.norm(there.origin - frame.origin))
         assert pose.proved
         assert off <= pose.position_bound
         assert (there.rotation * frame.rotation.inv()).magnitude() <= pose.rotation_bound
         beyond += off > pose.estimated.u_position
-    assert beyond <= 0.1 * UNSEEN  # U is an estimate, which covers about 95 of 100
+    assert beyond <= 0.1 * count  # U is an estimate, which covers about 95 of 100
 
 
 def test_six_lines_of_python_say_the_same(log, runs):
     campaign = cpcal.load_log(
-        log / "log.csv", robot=log / "drawing.toml", rotation=FORM,
+        log / "log.csv", robot=str(log / "drawing.toml"), rotation=FORM,
         position_sigma=SIGMA_P, rotation_sigma=SIGMA_R, length_sigma=SIGMA_L,
     )  # fmt: skip
     result = cpcal.certify(campaign, tolerance=TOLERANCE, outliers=1)

@@ -404,6 +404,8 @@ def guessed(question: Question, leg: int, center: Floats) -> frozenset[int]:
 
     for _ in range(question.options.outliers):
         start, active = fitted(without, start)
+        if start[-1] <= 0.0:  # what is left fits as it is: nothing more is wrong
+            break
         trials = [(float(fitted(without | {k}, start)[0][-1]), k) for k in active]
         if not trials:
             break

@@ -200,7 +200,7 @@ class _Worker:
         return self._tasks.recv_bytes()
 
     def ask_to_stop(self) -> None:
-        with suppress(OSError):
+        with suppress(OSError, TypeError):  # closed, or being closed by the thread that ends it: its handle is None
             self._life.send_bytes(b"stop")
 
     def kill(self) -> None:

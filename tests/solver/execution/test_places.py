@@ -1,5 +1,6 @@
 """The same certificates, byte for byte, wherever the work is done on this machine."""
 
+import multiprocessing
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 import cpcal
 from cpcal.cli import verify
 from cpcal.common.errors import InputError
+from cpcal.solver.execution import executors
 from cpcal.solver.execution.executors import executor_for
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0, "support": "none"}
@@ -90,3 +92,14 @@ def test_legs_that_a_killed_worker_did_not_check_are_checked_here(monkeypatch):
     monkeypatch.setattr(verify, "leg_checks", lambda run: [*checks, partial(int, "x")])
     with verify.legs_beside(Path("run")) as legs, pytest.raises(ValueError, match="invalid literal"):
         legs()
+
+
+def test_a_worker_that_is_asked_to_stop_while_its_pipe_is_closed_takes_no_harm(monkeypatch):
+    """A thread ends its worker while another asks it to stop: the pipe's number is gone between test and use."""
+    here, there = multiprocessing.Pipe(duplex=False)
+    worker = object.__new__(executors._Worker)
+    worker._life = there
+    monkeypatch.setattr(type(there), "_check_closed", lambda self: None)
+    there.close()
+    worker.ask_to_stop()
+    here.close()
