@@ -474,7 +474,7 @@ def _models_compared(
             if found[name].interrupted:
                 break
         stopped = len(found) < len(questions) or any(result.interrupted for result in found.values())
-        page = write_comparison(found, runs, stopped=stopped)
+        page = write_comparison(found, runs, stopped=stopped, title=questions[0].campaign.title)
         if talk.verbose:
             show_table(talk, comparison_table(found))
             talk.say(*map(printable, comparison_sentences(found)), f"{QUANTIFIER} {LONGER}")

@@ -106,8 +106,11 @@ def comparison_lines(found: Compared) -> list[str]:
     return out
 
 
-def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False) -> Path:
-    """Write `compare.html` beside the runs of the models; its path. The same results give the same bytes."""
+def write_comparison(
+    found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False, title: str | None = None
+) -> Path:
+    """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
+    give the same bytes."""
     first, at = next(iter(found.values())), _tolerance(found)
     answers = Section(
         "Answers",
@@ -143,9 +146,9 @@ def write_comparison(found: Compared, folder: str | os.PathLike[str], *, stopped
         ),
     }
     page = Page(
-        f"Models compared: {first.campaign.robot}",
+        f"{title or first.campaign.robot}: models compared",
         "models compared",
-        first.campaign.robot,
+        title or first.campaign.robot,
         [answers, Section("The models", data=data, notes=[same, *strange]), origin(rests)],
         ["Interrupted: what is shown was proved until then; the rest is missing."] if stopped else [],
         "How small can the error of each model be?"

@@ -584,7 +584,7 @@ def embedded(run: Path, result: Result, *, study: bool = False) -> Proof | None:
     script, checker = ((scripts / name).read_text(encoding="utf-8") for name in ("page.js", "checker.js"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     compared = (
-        "With the certificates: the verdict on all legs and on each, the tolerance, sentences on the error, brackets, "
+        "With the certificates: the verdict on all legs and on each, the tolerance, thresholds, brackets, "
         "certified parameters, ranges, enclosures and their widths, and the box; with the campaign in this page: its "
         "SHA-256 and the number of measurements. Under the pointer each says so. Not compared: figures, other prose, "
         "least squares, nominal values, what to look at and to do next"

@@ -47,6 +47,7 @@ def test_every_table_and_figure_has_its_heading_and_the_papers_values(study, pag
     of_u = np.abs(np.array(study.record.x_c.values) - true) <= 2.0 * np.array(study.record.x_c.standard_errors)
     assert f"True parameters: {held} of 42 inside proved ranges; {of_u.sum()} of 42 inside x_c ± U" in page
     assert "x_c minimises g (mm) instead of f" in page
+    assert "<title>Simulated: DeltaLab" in page
 
 
 def test_the_drawing_is_the_papers_table_1():

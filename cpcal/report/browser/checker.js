@@ -553,7 +553,7 @@ function readCampaign(bytes, sha256) {
   try {
     const [format, files, robot, uncertainty, model, provenance, list_] = fields(parseJson(utf8(bytes), each), "format", "files", "robot", "uncertainty", "model", "provenance", "measurements");
     need(format === CAMPAIGN_FORMAT && Array.isArray(list_) && rows.length, "is no campaign");
-    return {sha256, legs, rows, names: [...names]};
+    return {sha256, legs, rows};
   } catch (error) {
     throw error instanceof Refused ? new Refused(0, "campaign", error.message) : error;
   }

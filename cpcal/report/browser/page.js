@@ -40,13 +40,12 @@ async function inflated(base64) {
 }
 
 // What a certificate proves of a leg of this campaign: {lo, hi, claims, names}; or {refused}, a text.
-function proofOf({leg, kind, name, bytes}, campaign, digest, stated) {
+function proofOf({leg, name, bytes}, campaign, digest) {
   try {
     if (campaign instanceof Refused) throw campaign;
     const {problem, claims} = checkCertificate(bytes, campaign), {about, lo, hi} = problem;
     let names = EXTRA[about.model] && [...PARAMETERS, ...EXTRA[about.model]];
-    const left = about.only ? campaign.names.filter((_, k) => !about.only.includes(k)).join(", ") : "";
-    let same = about.leg === leg && (!left || kind in MET && stated[leg] === left);  // what is left out stands in the page
+    let same = about.leg === leg && about.only === null;
     const own = "about" in about;
     if (own) {  // a user-defined model: the certificate states its constraints, which nobody compares with the campaign
       const found = /^leg ([0-9]+), model ([A-Za-z_][A-Za-z0-9_]*), campaign ([0-9a-f]{64})$/.exec(about.about);
@@ -68,7 +67,6 @@ function bracket({lo, hi, claims: {epsilon, point, infeasible, cap}}) {
 }
 
 // What a point meets whatever the readings are, by the kind of its certificate and by what the page states of it.
-const MET = {recommended: "", passes: "", reduced: ""};
 const ABOUT = {recommended: "recommended", "recommended.largest": "recommended", "passes.eps": "passes", "reduced.factor": "reduced"};
 const kindOf = claim => ABOUT[claim] || (claim.startsWith("ranges.") ? "ranges" : "bracket");
 
@@ -149,16 +147,15 @@ function misjudged(text, tolerance, proofs, legs) {
 }
 
 // Why a number shown is not proved: "" where it is, null where no certificate speaks of it.
-function fault({leg, claim, parameter, value, text}, proofs, {digest, count, legs, tolerances, left}) {
+function fault({leg, claim, parameter, value, text}, proofs, {digest, count, legs, tolerances}) {
   if (claim === "campaign") return text === digest ? "" : "the campaign in this page has another SHA-256";
   if (claim === "count") return text.replace(/,/g, "") === String(count) ? "" : `the campaign in this page has ${count} measurements`;
   if (claim === "tolerance") return tolerances.some(other => other !== value) ? "another tolerance stands elsewhere" : misprint(text, hexNumber(value), 0);
   if (claim === "overall") return misjudged(text, value, proofs, legs);
   if (claim === "box") {
-    const width = mul(D(2), hexNumber(value)), narrow = Object.entries(proofs).some(([key, {lo, hi}]) => !(key.split(" ")[1] in MET) && lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
+    const width = mul(D(2), hexNumber(value)), narrow = Object.entries(proofs).some(([key, {lo, hi}]) => !Object.values(ABOUT).includes(key.split(" ")[1]) && lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
     return narrow ? "a certificate is about a smaller box" : misprint(text, hexNumber(value), 0);
   }
-  if (claim === "left_out") return text === left[leg] ? "" : "other measurements stand elsewhere";
   if (claim === "verdict") return misstated(text, value, leg, proofs);
   const proof = proofs[`${leg} ${kindOf(claim)}`];
   if (!proof) return null;
@@ -188,17 +185,16 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
 // {leg, name, refused, seconds} each; own: legs whose certificates state their constraints}.
 function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const digest = sha256(campaignBytes), proofs = {}, told = [];
-  const left = Object.fromEntries(shown.filter(({claim}) => claim === "left_out").map(({leg, text}) => [leg, text]));
   let campaign;
   try { campaign = readCampaign(campaignBytes, digest); } catch (error) { if (!(error instanceof Refused)) throw error; campaign = error; }
   certificates.forEach((certificate, k) => {
     tell(k);
-    const {leg, kind, name} = certificate, began = Date.now(), proof = proofOf(certificate, campaign, digest, left);
+    const {leg, kind, name} = certificate, began = Date.now(), proof = proofOf(certificate, campaign, digest);
     proofs[`${leg} ${kind}`] = proof;
     told.push({leg, name, refused: proof.refused || "", seconds: (Date.now() - began) / 1000});
   });
   const verdicts = shown.filter(({claim}) => claim === "verdict"), about = {
-    left, digest, count: campaign instanceof Refused ? 0 : campaign.rows.length,
+    digest, count: campaign instanceof Refused ? 0 : campaign.rows.length,
     legs: [...new Set(verdicts.map(({leg}) => leg))], tolerances: verdicts.map(({value}) => value).filter(Boolean)};
   const faults = shown.map(number => {
     try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
