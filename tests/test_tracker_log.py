@@ -8,6 +8,7 @@ platform nobody measured. Every pose was read once, and one leg was read wrong o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,7 +114,7 @@ def log(world, tmp_path_factory):
     return folder
 
 
-def frames_chosen(campaign: cpcal.Campaign, world: tuple, log: np.ndarray) -> tuple[Frame, Frame]:
+def frames_chosen(campaign: cpcal.Campaign, world: tuple[Any, ...], log: np.ndarray) -> tuple[Frame, Frame]:
     """Frames (C, D): the campaign's pose of a true platform pose A is C A D. From the log and the campaign, between
     which there is no noise: campaign pose = B (pose in the log) T."""
     _, _, tracker, target, _, _ = world

@@ -18,7 +18,7 @@ import numpy as np
 from cpcal.calibration import fit
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import CpcalError, InputError, Problem, unusable
-from cpcal.common.numbers import bracket_text
+from cpcal.common.numbers import about, bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -527,7 +527,7 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
     turn = 2.0 * orientation[1:] / orientation[0]
     box = (np.concatenate([middle + sign * shares[-1] * half, turn]).tolist() for sign in (-1.0, 1.0))
     said = (
-        f"{round(100 * shares[-1])} % of the measured positions' range about its middle, in the mean measured "
+        f"{about(100 * shares[-1], 2)} % of the measured positions' range about its middle, in the mean measured "
         "orientation, in which no leg needs a reading beyond those measured; smaller where its cells cannot be bounded"
     )
     return Workspace(*map(tuple, box)), said

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_box, leg_statement
+from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_statement
 from cpcal.questions.bracket import written
 from cpcal.questions.question import Question
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
@@ -33,7 +33,6 @@ _BELOW = 1e-9  # relative, below a tolerance: slack left so that the proof at th
 _FITS = 3  # each with the slack that the one before lacked
 _STEPS, _AT_REST = 20, 1e-9  # of Gauss-Newton; the change of the residuals, relative to the tolerance, that ends it
 _NEAR, _ROUNDS = 64, 8  # rows that enter a program at a time; times that they enter
-_REACH = 100.0  # mm around least squares: where the least E is looked for
 _PARTS = 1024  # the factor on the half-widths is a multiple of one of so many
 
 
@@ -137,11 +136,12 @@ class _Leg:
 
     @cached_property
     def tightest(self) -> Floats:
-        """A local minimiser of E."""
-        parameters, start = leg_box(self.plain, _REACH, self._question.model), np.append(self.plain, 0.0)
-        box = Box((*parameters.names, "eps"), np.append(parameters.lo, 0.0), np.append(parameters.hi, np.inf))
-        found = fit_of_many(self._network, self._rows, len(start) - 1, start, box)[:-1]
-        return found if self.largest(found) <= self.largest(self.plain) else self.plain
+        """A local minimiser of E in the leg's box, for which `lo` is proved: so its E is not below `lo`."""
+        box = self._network.domain.replace("eps", lo=0.0, hi=np.inf)
+        inside = np.clip(self.plain, box.lo[:-1], box.hi[:-1])
+        found = fit_of_many(self._network, self._rows, len(inside), np.append(inside, 0.0), box)[:-1]
+        found = np.clip(found, box.lo[:-1], box.hi[:-1])
+        return found if self.largest(found) <= self.largest(inside) else inside
 
     def within(self, tolerance: float) -> Floats:
         """The least weighted sum of squares among x with E(x) <= tolerance, by a local search from `tightest`, which
@@ -160,15 +160,14 @@ class _Leg:
 
     def _constrained(self, tolerance: float) -> Floats:
         """Gauss-Newton whose steps keep every row, linearised at its worst readings, within the tolerance."""
-        x, half = self.tightest, self._question.model.half_widths
+        x, box = self.tightest, self._network.domain
         for _ in range(_STEPS):
             slopes = self._weight[:, None] * self._residuals.jacobian(x)
             rows = self._rows.linearize(np.append(x, tolerance))
             step = nearest_within(slopes, self._weight * self._residuals.values(x), rows.jacobian[:, :-1], -rows.values)
             if step is None:
                 break
-            x = x + step
-            x[7:] = np.clip(x[7:], -half, half)
+            x = np.clip(x + step, box.lo[:-1], box.hi[:-1])
             if float(np.max(np.abs(slopes @ step))) <= _AT_REST * tolerance * float(self._weight.max()):
                 break
         return x

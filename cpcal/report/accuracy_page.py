@@ -257,7 +257,7 @@ def _assumption(found: Accuracy) -> Section:
             str(e.leg),
             about(e.residual),
             at_least(e.refuted_below),
-            f"{round(100 * e.far)} %",
+            f"{about(100 * e.far, 2)} %",
             stated(e.eps) if e.stated else about(e.eps),
         )
         for e in found.legs

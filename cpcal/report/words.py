@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
@@ -317,6 +316,8 @@ def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
 
     The first one to leave is the one that stands out most; of so many as leave all must stand out against the rest.
     """
+    from scipy.special import stdtrit  # here: `verify` needs no scipy
+
     left, out = used.copy(), list[int]()
     named: tuple[int, ...] = ()
     for _ in range(_MOST_WRONG + 1):

@@ -33,7 +33,7 @@ def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(small, tmp
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     full = certified(small, tmp_path, "--gap", "1e-2", largest=100_000)
     assert full.exit_code == 2
-    assert "Leg 2: fits to within" in full.stdout
+    assert "Leg 2: Fails below" in full.stdout
     assert "File too large" in full.stderr
     assert "Traceback" not in full.stderr
     assert {name: (tmp_path / name).read_bytes() for name in before} == before

@@ -437,5 +437,5 @@ def test_a_report_in_another_process_has_all_figures_of_a_provided_model(other_p
     for variables, drawn in ((environment, True), (dict(os.environ), False)):
         subprocess.run(command, env=variables, check=True, capture_output=True)
         page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-        assert ("residuals of the proved point over the measurements" in page) is drawn
+        assert ("residuals over the measurements, and the band" in page) is drawn
         assert ("the leg model &#39;stretched&#39; is not known here" in page) is not drawn
