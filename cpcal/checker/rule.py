@@ -227,7 +227,7 @@ class Problem:
 
     def scaled(self, factor: F) -> Problem:
         """With half-widths of so many times those of the readings."""
-        return self if self.rescaled is None else self.rescaled(factor)
+        return self if self.rescaled is None or factor == 1 else self.rescaled(factor)
 
     def holds(self, x: Unknowns, k: int, signs: str, every: bool = False) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends, or

@@ -21,6 +21,7 @@ from .leg import (
     model_name_problem,
     model_residuals,
     model_statement,
+    of_measurements,
     reading_sensitivities,
 )
 from .platform import ProvedPose, Workspace, prove_pose
@@ -50,6 +51,7 @@ __all__ = [
     "model_name_problem",
     "model_residuals",
     "model_statement",
+    "of_measurements",
     "prove_pose",
     "reading_sensitivities",
 ]

@@ -11,7 +11,7 @@ contains the plain one: its smallest eps is never larger.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -463,6 +463,13 @@ def leg_statement(
     return stated_leg(problem, campaign_sha256(campaign), leg, only, forms)
 
 
+def of_measurements(network: ConstraintNetwork, only: Sequence[int] | None) -> ConstraintNetwork:
+    """The equations of some measurements of a leg, numbers from 0; None: all."""
+    if only is None:
+        return network
+    return restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+
+
 def model_statement(
     campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
 ) -> Statement | None:
@@ -478,8 +485,7 @@ def model_statement(
     box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
     engine = get_arithmetic("float64")  # nothing that is stated depends on it
     network = leg_network(campaign, leg, box, engine=engine, eps=eps, model=model, stated=True)
-    if only is not None:
-        network = restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+    network = of_measurements(network, only)
     try:
         return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
     except NotStated:

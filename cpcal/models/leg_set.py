@@ -28,7 +28,7 @@ from cpcal.checker.certificate import Given, with_forms
 from cpcal.checker.platform import Commanded
 from cpcal.common.errors import unusable
 from cpcal.common.values import Floats
-from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement
+from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import exact_box, leg_sides
@@ -37,7 +37,6 @@ from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements,
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.network import restricted
 
 SIZE = 17  # of z
 _COLUMNS = np.r_[0:7, 8:18]  # of x, w and C in the network; eps stands between them
@@ -96,9 +95,7 @@ class AskedSet:
         """The equations of the leg at `eps`."""
         box = leg_box(np.asarray(self.center, np.float64), self.delta)
         whole = leg_network(self.campaign, self.leg, box, engine=engine, eps=(self.eps, self.eps), model=PLAIN)
-        if self.only is None:
-            return whole
-        return restricted(whole, [np.array(self.only, dtype=np.intp)] * len(whole.constraints))
+        return of_measurements(whole, self.only)
 
 
 def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedSet | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +14,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError
 from cpcal.common.values import Floats
-from cpcal.models import built_in, leg_box, leg_network, model_statement
+from cpcal.models import built_in, leg_box, leg_network, model_statement, of_measurements
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins
@@ -30,7 +30,6 @@ from cpcal.solver.contract import Contraction, Contractor, Limits, Restrictable,
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.network import restricted
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Prepared, Witness
@@ -51,11 +50,6 @@ def network_of(question: Question, leg: int, center: Floats, highest: float | No
         highest = max(longest, 0.0)
     domain = (0.0, highest) if eps is None else (eps, eps)
     return leg_network(question.campaign, leg, box, engine=question.engine, eps=domain, model=question.model)
-
-
-def of_measurements(network: ConstraintNetwork, only: Sequence[int]) -> ConstraintNetwork:
-    """The equations of some measurements, numbers from 0."""
-    return restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +113,7 @@ def prepared_leg(
     """`center`: where it is known. `only`: some measurements. `highest`: eps up to that."""
     center = question.center(leg) if center is None else center
     network = network_of(question, leg, center, highest)
-    network = network if only is None else of_measurements(network, only)
+    network = of_measurements(network, only)
     names, arithmetic = question.options.contractors, question.options.arithmetic
     parts = plugins.build_each(network, names, objective="eps", arithmetic=arithmetic)
     found = PreparedLeg(

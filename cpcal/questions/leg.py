@@ -13,13 +13,20 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.models import PARAMETERS, built_in, exactly_read, leg_box, model_jacobian, model_statement
+from cpcal.models import (
+    PARAMETERS,
+    built_in,
+    exactly_read,
+    leg_box,
+    model_jacobian,
+    model_statement,
+    of_measurements,
+)
 from cpcal.questions.bracket import (
     Answered,
     PreparedLeg,
     by_timeout,
     network_of,
-    of_measurements,
     prepared_leg,
     searched,
     the_answer,
@@ -79,8 +86,8 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
         try:
-            asks = question.options.projections and not stopped and ranges is not None
-            drawn = projections_of(prepared, ranges) if asks and ranges is not None else ()
+            wanted = None if stopped or not question.options.projections else ranges
+            drawn = () if wanted is None else projections_of(prepared, wanted)
         except KeyboardInterrupt:
             drawn, stopped = (), True
         result = replace(result, ranges=None if ranges is None else replace(ranges, projections=drawn))
@@ -359,11 +366,13 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             supports.append(_Refutation(_members(found.minimum, part), target, found.certificate))
     settled = hitting_set([one.members for one in supports], options.outliers) is None
     lo = min((one.lo for one in supports), default=0.0) if settled else 0.0
-    at_point = None if best.witness is None else _point_certificate(question, leg, center, without, best)
+    whole, at_point = network_of(question, leg, center), None
+    without = frozenset() if best.witness is None else without  # without a point nothing is known to be wrong
+    only = _others(question, without)
+    if best.witness is not None:
+        at_point = _point_certificate(question, leg, whole.domain, only, best)
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
-    only = _others(question, without)
-    whole = network_of(question, leg, center)
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
     lost = Uncertified.NOT_ASKED if question.certificates is None else Uncertified.NOTHING_PROVED
     return LegResult(
@@ -376,9 +385,9 @@ def robust_leg(question: Question, leg: int) -> LegResult:
             lo=float(lo),
             proofs=proofs,
             point_certificate=at_point,
-            left_out=() if best.witness is None else tuple(ids[k] for k in sorted(without)),
+            left_out=tuple(ids[k] for k in sorted(without)),
         ),
-        **conformity(question, leg, whole if only is None else of_measurements(whole, only), float(lo), only),
+        **conformity(question, leg, of_measurements(whole, only), float(lo), only),
         determination=_determination(question, leg, center if best.witness is None else best.witness.point[:-1], only),
         not_certified=Uncertified.NOTHING if proofs or at_point else lost,
         extra=tuple(map(float, center[7:])),
@@ -394,7 +403,7 @@ def guessed(question: Question, leg: int, center: Floats) -> frozenset[int]:
     def fitted(without: frozenset[int], start: Floats) -> tuple[Floats, list[int]]:
         """A local minimiser of the others' eps, and the measurements that decide it."""
         only = _others(question, without)
-        network = whole if only is None else of_measurements(whole, only)
+        network = of_measurements(whole, only)
         rows = Rows(network)
         point = fit(rows, network.names.index("eps"), network.domain, start)
         # each one-sided row of a leg has an element for every measurement
@@ -452,10 +461,9 @@ def _searched(part: PreparedLeg, file: str | None = None) -> Answered:
 
 
 def _point_certificate(
-    question: Question, leg: int, center: Floats, without: frozenset[int], best: Minimum
+    question: Question, leg: int, domain: Box, only: tuple[int, ...] | None, best: Minimum
 ) -> str | None:
     """The file that proves the best point, at all measurements but those left out."""
-    domain, only = network_of(question, leg, center).domain, _others(question, without)
     if question.certificates is None:
         return None
     statement = model_statement(question.campaign, leg, question.model, domain, only)

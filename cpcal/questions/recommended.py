@@ -174,12 +174,19 @@ class _Leg:
 
     def factor(self, x: Floats, tolerance: float) -> float:
         """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
-        if (exact := self._exact(x)) is not None:
-            return exact.largest_factor(tolerance)
+        exact = self._exact(x)
+
+        def passes(parts: int) -> bool:
+            if exact is not None:
+                return bool(exact.hold(tolerance, parts / _PARTS).all())
+            return self.largest(x, parts / _PARTS) <= tolerance
+
         low, high = 0, _PARTS
+        if passes(high):
+            return 1.0
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if self.largest(x, middle / _PARTS) <= tolerance else (low, middle)
+            low, high = (middle, high) if passes(middle) else (low, middle)
         return low / _PARTS
 
 

@@ -480,9 +480,8 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
 
 
 Tried = list[tuple[str, Given, int]]  # names, what would be given, how many numbers were fitted
-Option = tuple[
-    float, str, Floats
-]  # -2 log likelihood, name, and what fits leave, the drawing's distance, and its share
+# -2 log likelihood, name, and what fits leave, the drawing's distance, and its share
+Option = tuple[float, str, Floats]
 
 
 def _options(few: Given, tried: Tried) -> list[Option]:

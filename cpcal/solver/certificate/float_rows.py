@@ -524,15 +524,5 @@ class AllReadings:
                 low, below = eps, here
         return high
 
-    def largest_factor(self, eps: float) -> float:
-        """The largest factor, a multiple of 1/1024 up to 1, at which it is proved of all at eps; 0 where none is."""
-        low, high = 0, 1024
-        if self.hold(eps).all():
-            return 1.0
-        while high - low > 1:
-            middle = low + high >> 1
-            low, high = (middle, high) if self.hold(eps, middle / 1024).all() else (low, middle)
-        return low / 1024
-
 
 _TRIES, _WORST, _STEP = 60, 64, 1e-3  # rounds; measurements that are tried alone; mm
