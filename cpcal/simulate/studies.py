@@ -27,10 +27,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import unusable
+from cpcal.common.errors import CpcalError, unusable
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
+    Campaign,
     KinematicsError,
     Mechanisms,
     Pose,
@@ -40,6 +41,8 @@ from cpcal.robot import (
     Truth,
     central_pose,
     compose,
+    forward_kinematics,
+    inverse_kinematics,
     normalised,
     pose_jacobian,
     quaternion_from_rotation_vector,
@@ -63,6 +66,7 @@ from cpcal.simulate.campaigns import (
     sizes,
     standard_noise,
     streams,
+    true_robot,
     usual,
     whole,
 )
@@ -376,3 +380,20 @@ def _upper_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
 
 def _turned(rotation: Floats, vectors: Floats) -> Floats:
     return np.asarray((rotation @ vectors[..., None])[..., 0])
+
+
+def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
+    """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
+    robot = true_robot(campaign)
+    if robot is None or robot.legs < 6:
+        return None
+    try:
+        options = json.loads(campaign.provenance["options"])
+        stream, error = streams(int(options["seed"]))[1], float(options["joint_error"])
+        mechanisms = Mechanisms.sampled(
+            robot.legs, np.random.default_rng(0), stream, joint_error=error, reference=0.5 * sum(options["stroke"])
+        )
+    except (KeyError, TypeError, ValueError, CpcalError):
+        return None
+    readings = inverse_kinematics(controller, poses)
+    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))
