@@ -91,7 +91,7 @@ KINDS: tuple[dict[str, float], ...] = (  # of mechanisms
     {"gain": 0.005},
     {"axis_offset": 3.0},
     {"axis_offset": 6.0},
-    {"joint_offset": 1.0},
+    {"axis_offset": 1.0},
     {},
 )
 _OTHERS = 200  # random poses that decide the true model error, besides

@@ -356,7 +356,7 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
 # ------------------------------------------------------------------------------------------------------------------
 # Studies to files: canonical bytes, so that the same study is always the same files.
 
-STUDY_FORMAT = "cpcal-study/1"
+STUDY_FORMAT = "cpcal-study/2"
 STUDY_NAME = "study.toml"
 CALIBRATION_NAME = "calibration.csv"
 VALIDATION_NAME = "validation.csv"

@@ -246,8 +246,6 @@ def known_robot(name: str) -> KnownRobot:
 FIELDS: Widths = {
     "base_axis": 3,
     "base_offset": 1,
-    "mobile_axis": 3,
-    "mobile_offset": 3,
     "backlash": 1,
     "friction": None,
     "sag": 1,
@@ -270,10 +268,6 @@ class Mechanisms(Value):
     base_axis      (n, 3) unit, base frame: first axis of the lower universal joint, fixed in the base, through a
     base_offset    (n,) mm: its second axis passes at this distance, along the common normal of the two, which
                    turns about the first axis with the leg and points to the leg's side of it
-    mobile_axis    (n, 3) unit, mobile frame: first axis of the upper joint, fixed in the platform, through b
-    mobile_offset  (n, 3) mm: of its other two axes, each at right angles to the one before (Denavit-Hartenberg):
-                   from axis 1 to axis 2 along their common normal; along axis 2; from axis 2 to axis 3, the
-                   leg's own, along theirs
     backlash       (n,) mm: whole clearance along the leg, which is half of it longer under tension and half of it
                    shorter under compression
     friction       platform weights: of the axial force, positive under compression, that the approach adds
@@ -290,8 +284,6 @@ class Mechanisms(Value):
 
     base_axis: Floats
     base_offset: Floats
-    mobile_axis: Floats
-    mobile_offset: Floats
     backlash: Floats
     friction: float
     sag: Floats
@@ -312,7 +304,7 @@ class Mechanisms(Value):
     @property
     def perfect(self) -> bool:
         """Whether nothing is imperfect, whatever the axes, the friction and the phases are."""
-        active = (self.base_offset, self.mobile_offset, self.backlash, self.sag, self.gain, self.joint_error)
+        active = (self.base_offset, self.backlash, self.sag, self.gain, self.joint_error)
         return not any(values.any() for values in active)
 
     @classmethod
@@ -323,7 +315,6 @@ class Mechanisms(Value):
         phases: np.random.Generator,
         *,
         axis_offset: float = 0.0,
-        joint_offset: float = 0.0,
         backlash: float = 0.0,
         friction: float = 0.0,
         sag: float = 0.0,
@@ -336,14 +327,11 @@ class Mechanisms(Value):
         First axes are level, in random directions; offsets and gains have the given size and a random sign. The
         draw does not depend on the sizes, so that each scales on its own.
         """
-        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))
-        axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros((2, legs))], axis=-1)
+        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))[0]
         sign = np.where(stream.random((5, legs)) < 0.5, -1.0, 1.0)
         return cls(
-            base_axis=axes[0],
+            base_axis=np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(legs)], axis=-1),
             base_offset=axis_offset * sign[0],
-            mobile_axis=axes[1],
-            mobile_offset=joint_offset * sign[1:4].T,
             backlash=np.full(legs, backlash),
             friction=friction,
             sag=np.full(legs, sag),

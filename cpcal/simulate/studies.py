@@ -20,14 +20,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import CpcalError, unusable
+from cpcal.common.errors import CpcalError
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
@@ -43,6 +42,7 @@ from cpcal.robot import (
     compose,
     forward_kinematics,
     inverse_kinematics,
+    leg_vectors,
     normalised,
     pose_jacobian,
     quaternion_from_rotation_vector,
@@ -74,7 +74,7 @@ from cpcal.simulate.campaigns import (
 Stream = np.random.Generator
 
 MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
-_MECHANISMS = ("joint_error", "axis_offset", "joint_offset", "backlash", "friction", "sag", "gain")
+_MECHANISMS = ("joint_error", "axis_offset", "backlash", "friction", "sag", "gain")
 
 
 def simulate_study(
@@ -93,7 +93,6 @@ def simulate_study(
     stroke: tuple[float, float] = STROKE,
     joint_error: float = 0.0,
     axis_offset: float = 0.0,
-    joint_offset: float = 0.0,
     backlash: float = 0.0,
     friction: float = 0.2,
     sag: float = 0.0,
@@ -117,7 +116,6 @@ def simulate_study(
     What follows is explained in `Mechanisms`; size 0 is a perfect leg, and changes nothing, bit for bit.
 
     axis_offset       mm, between the two axes of each lower joint, with a random sign
-    joint_offset      mm, each of the three offsets between the axes of each upper joint, with random signs
     backlash          mm, whole clearance of each leg; its side follows the load
     friction          in platform weights, by which the direction of approach, random in each run, shifts the load
     sag               mm, shortening of a leg that lies flat, by its own weight
@@ -214,29 +212,6 @@ def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
 
 
-def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
-    """A simulated study whose legs come back to within `sigma` mm only (standard deviation).
-
-    Camera and sensors both see where to; nothing of it is known to the calibration. Raises InputError without a truth.
-    """
-    truth = study.truth
-    if truth is None:
-        raise unusable("study", "was measured: its true poses are not known", "give a simulated one")
-
-    def moved(table: PoseTable, stream: Stream) -> PoseTable:
-        runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}
-        draw = stream.standard_normal((len(runs), table.legs))  # the same for all images of a run
-        longer = sigma * draw[[runs[key] for key in zip(table.pose, table.run, strict=True)]]
-        poses = truth.mobile_in_base(table)
-        step = np.linalg.solve(pose_jacobian(truth.robot, poses), longer[..., None])[..., 0]
-        turned = normalised(quaternion_product(small_rotation(step[:, 3:]), poses.quaternion))
-        seen = compose(compose(truth.camera, Pose(poses.position + step[:, :3], turned)), truth.target)
-        return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)
-
-    first, second = streams(seed, 2)
-    return replace(study, calibration=moved(study.calibration, first), validation=moved(study.validation, second))
-
-
 def _check_options(options: dict[str, Any]) -> None:
     stated = ("pose_noise",) if options["pose_noise"] is not None else ()
     rules = usual(options) + whole(options, 0, MEASUREMENTS_MAX, "images") + sizes(options, *_MECHANISMS[1:], *stated)
@@ -255,7 +230,7 @@ def _check_options(options: dict[str, Any]) -> None:
 #
 #     ||C - A|| = s - sag (s / s_ref)^7 sin^2(tilt) +- backlash / 2          s = l + true extension
 #
-# A and C depend on the leg's direction: see `_joint_centres`. `tilt` is the leg's angle from the vertical (z of the
+# A depends on the leg's direction. `tilt` is the leg's angle from the vertical (z of the
 # base frame). The sag term is the shortening of the chord of a uniform, slender beam on two hinges: the deflection
 # y = k (x^4 - 2 s x^3 + s^3 x), k = q sin(tilt) / (24 E I), has 1/2 int y'^2 dx = (17/70) k^2 s^7; a shortening d
 # means a deflection of sqrt(d s / 2.49) in the middle.
@@ -263,7 +238,6 @@ def _check_options(options: dict[str, Any]) -> None:
 
 
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings
-_CENTRES = 100  # fixed-point steps for the joint centres; each gains a factor of offset / leg length
 _ROUNDS = 10  # of clearance sides and poses in turn
 
 
@@ -312,8 +286,11 @@ def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: 
 
 def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose, side: Floats) -> Floats:
     """What each leg's equation misses, (..., n) mm: the length that the reading means, less that of the pose."""
-    lower, upper = _joint_centres(robot, mechanisms, pose)
-    leg = upper - lower
+    leg = leg_vectors(robot, pose)
+    # The second axis of the lower joint stands at right angles to the first axis e and to the leg, so that e, common
+    # normal and leg lie in one plane: the normal is the part of the leg across e, as a unit vector.
+    across = leg - np.sum(leg * mechanisms.base_axis, axis=-1, keepdims=True) * mechanisms.base_axis
+    leg = leg - mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True)
     length = np.linalg.norm(leg, axis=-1)
     sine_squared = (leg[..., 0] ** 2 + leg[..., 1] ** 2) / length**2
     read = readings - mechanisms.joint_error * joint_effect(robot, pose, mechanisms.joint_phase)
@@ -321,65 +298,6 @@ def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose,
     stretched = robot.offset + reference + (read - reference) / (1.0 + mechanisms.gain)
     sag = mechanisms.sag * (stretched / (robot.offset + reference)) ** 7 * sine_squared
     return np.asarray(stretched - sag + 0.5 * side * mechanisms.backlash - length)
-
-
-def _joint_centres(robot: Robot, mechanisms: Mechanisms, pose: Pose) -> tuple[Floats, Floats]:
-    """The two ends A and C of each leg, (..., n, 3) mm each, in the base frame.
-
-    The lower end depends on the leg's direction, hence on the upper end, and the other way round: alternately.
-    """
-    rotation = pose.rotation[..., None, :, :]
-    origin = pose.position[..., None, :]
-    upper = origin + _turned(rotation, robot.mobile)
-    scale = float(np.max(np.abs(robot.parameters)))
-    for _ in range(_CENTRES):
-        lower = robot.base + _lower_end(mechanisms, upper - robot.base)
-        seen = _turned(np.swapaxes(rotation, -1, -2), lower - origin) - robot.mobile
-        new = origin + _turned(rotation, robot.mobile + _upper_end(mechanisms, seen))
-        change = np.max(np.abs(new - upper), initial=0.0)
-        upper = new
-        if not change > 1e-14 * scale:
-            break
-    return lower, upper
-
-
-def _lower_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
-    """From a to the end of the leg, given the leg's other end from a, (..., n, 3) mm, base frame.
-
-    The second axis of the joint stands at right angles to the first axis e and to the leg, so that e, the common
-    normal of the two axes and the leg lie in one plane: the normal is the part of `leg` across e, as a unit vector.
-    """
-    axis = mechanisms.base_axis
-    across = leg - np.sum(leg * axis, axis=-1, keepdims=True) * axis
-    return np.asarray(mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True))
-
-
-def _upper_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
-    """From b to the end of the leg, given the leg's other end D from b, (..., n, 3) mm, mobile frame.
-
-    With e the first axis, (r, t) the directions of D across e and at right angles to both, and offsets (h, d, g):
-    axis 2 points along e2 = sin(w) r + cos(w) t where |D across e| sin(w) = d; the common normal of axes 1 and 2 is
-    n = cos(w) r - sin(w) t; axis 2 has its foot at h n + d e2, and the leg's line passes it at the distance g.
-    """
-    axis, (h, d, g) = mechanisms.mobile_axis, mechanisms.mobile_offset.T[..., None]
-    along = np.sum(leg * axis, axis=-1, keepdims=True)
-    across = leg - along * axis
-    reach = np.linalg.norm(across, axis=-1, keepdims=True)
-    radial = across / reach
-    tangent = np.cross(axis, radial)
-    with np.errstate(invalid="ignore"):  # offsets that do not fit give NaN, which Newton reports
-        sine, cosine = d / reach, np.sqrt(1.0 - (d / reach) ** 2)
-        normal, second = cosine * radial - sine * tangent, sine * radial + cosine * tangent
-        rest = along * axis + (reach * cosine - h) * normal  # from the foot on axis 2 to D
-        distance = np.linalg.norm(rest, axis=-1, keepdims=True)
-        unit = rest / distance
-        share = g / distance
-        to_line = share * unit + np.sqrt(1.0 - share**2) * np.cross(second, unit)
-    return np.asarray(h * normal + d * second + g * to_line)
-
-
-def _turned(rotation: Floats, vectors: Floats) -> Floats:
-    return np.asarray((rotation @ vectors[..., None])[..., 0])
 
 
 def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:

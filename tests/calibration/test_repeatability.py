@@ -9,8 +9,7 @@ from cpcal.calibration import as_campaign, calibrate_study, redefined, repeat_te
 from cpcal.calibration.statistics import sentences_of, unusual
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
-from cpcal.simulate.studies import with_robot_scatter
-from tests.changed import with_drift, with_pose_noise
+from tests.changed import with_drift, with_pose_noise, with_robot_scatter
 
 
 def found_of(study: Study):

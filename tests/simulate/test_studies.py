@@ -15,7 +15,6 @@ SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}
 MECHANISMS = {
     "joint_error": 0.5,
     "axis_offset": 1.0,
-    "joint_offset": 1.0,
     "backlash": 1.0,
     "sag": 1.0,
     "gain": 0.001,
