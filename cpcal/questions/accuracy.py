@@ -32,7 +32,6 @@ from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
 from cpcal.robot import (
     Campaign,
-    Mechanisms,
     Pose,
     Robot,
     forward_kinematics,
@@ -44,7 +43,7 @@ from cpcal.robot import (
     rotation_vector,
 )
 from cpcal.simulate.campaigns import streams, true_robot
-from cpcal.simulate.studies import assembled_with
+from cpcal.simulate.studies import Mechanisms, assembled_with
 from cpcal.solver.certificate.exact_network import free
 
 # ------------------------------------------------------------------------------------------------------------------
