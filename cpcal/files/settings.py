@@ -20,7 +20,6 @@ from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,
     Campaign,
-    Mechanisms,
     ModelChoice,
     Pose,
     PoseTable,
@@ -30,7 +29,7 @@ from cpcal.robot import (
     Uncertainty,
 )
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import FIELDS, KINDS, LARGEST, wrong_value
+from cpcal.robot.robot import KINDS, LARGEST
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 
 KeyPath = tuple[str, ...]
@@ -265,8 +264,8 @@ def positive(unit: str) -> Read:
     return read
 
 
-def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False, field: str = "") -> Read:
-    """An array of numbers, or one number: of any length where the shape has None; `field`: of the mechanisms."""
+def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False) -> Read:
+    """An array of numbers, or one number: of any length where the shape has None."""
 
     def read(reader: TomlReader, path: KeyPath, value: object) -> Floats | float:
         before = len(reader.problems)
@@ -274,8 +273,6 @@ def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool 
         if len(reader.problems) > before:
             return 0.0
         values = np.array(found, dtype=np.float64)
-        if field and (wrong := wrong_value(field, values)) is not None:
-            reader.wrong(path, f"{field} {wrong[0]}", wrong[1])
         return values if shape else float(values)
 
     return read
@@ -384,7 +381,6 @@ def study_bytes(study: Study) -> bytes:
         for name in ("camera", "target"):
             pose: Pose = getattr(truth, name)
             sections[f"truth.{name}"] = {"position": pose.position, "quaternion": pose.quaternion}
-        sections["truth.mechanisms"] = {name: getattr(truth.mechanisms, name) for name in FIELDS}
     return document(STUDY_FORMAT, sections, study.provenance)
 
 
@@ -515,17 +511,7 @@ def read_study_settings(path: Path, problems: Problems, absent: str) -> Settings
     robot, legs = _robot(reader)
     parameters = array((legs, 7), "ax, ay, az, bx, by, bz, l in mm", by_leg=True)
 
-    def mechanisms(reader: TomlReader, path: KeyPath, value: object) -> Mechanisms | None:
-        """Of each a number, one number a leg, or one row a leg."""
-        keys = {}
-        for key, width in FIELDS.items():
-            shape = () if width is None else (legs,) if width == 1 else (legs, width)
-            meaning = "one for each leg" if width == 1 else f"{width} numbers for each leg"
-            keys[key] = array(shape, meaning, by_leg=len(shape) > 1, field=key)
-        found = reader.table(path, value, keys, remedy=_WHOLE)
-        return None if found is None or legs is None else Mechanisms(**found)
-
-    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose, "mechanisms": mechanisms}
+    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose}
     found = reader.section("truth", keys, needed=False, remedy=_WHOLE)
     truth = None
     if found is not None and robot is not None:

@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -32,7 +34,6 @@ from cpcal.robot import (
     DELTALAB,
     Campaign,
     KinematicsError,
-    Mechanisms,
     Pose,
     PoseTable,
     Robot,
@@ -63,6 +64,7 @@ from cpcal.simulate.campaigns import (
     configurations,
     demand,
     joint_effect,
+    joint_phases,
     sizes,
     standard_noise,
     streams,
@@ -125,18 +127,17 @@ def simulate_study(
     """
     options = dict(locals())
     _check_options(options)
-    shape, joint, pose, noise_c, mechanism, frames, approach_c, noise_v, approach_v = streams(seed, 9)
+    shape, _, pose, noise_c, _, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
-    imperfect = {name: options[name] for name in _MECHANISMS}
-    mechanisms = Mechanisms.sampled(6, mechanism, joint, **imperfect, reference=0.5 * (stroke[0] + stroke[1]))
+    mechanisms = mechanisms_of(options)
     drawn_camera, target = _camera(frames), _target(frames)
-    truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
+    truth = Truth(seed, true_robot, drawn_camera if camera is None else camera, target)
     scales = (noise, noise if pose_noise is None else pose_noise)
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
         drawn = 0 if extremal else random_poses
         names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
-        poses = true_poses(truth, readings, stroke, runs, approach)
+        poses = true_poses(true_robot, mechanisms, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
         return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)
 
@@ -151,16 +152,17 @@ def simulate_study(
     )
 
 
-def true_poses(truth: Truth, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream) -> Pose:
+def true_poses(
+    robot: Robot, mechanisms: Mechanisms, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream
+) -> Pose:
     """The mobile frame in the base frame for readings (K, 6), `runs` times each: (K runs).
 
     Each leg comes to its length extending or retracting, at random in every run.
     """
-    robot = truth.robot
     ideal = assembled(robot, readings, stroke)
     ideal = Pose(np.repeat(ideal.position, runs, axis=0), np.repeat(ideal.quaternion, runs, axis=0))
     came = np.where(approach.random((len(readings) * runs, robot.legs)) < 0.5, -1.0, 1.0)
-    poses = assembled_with(robot, truth.mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
+    poses = assembled_with(robot, mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
     check_branch(robot, poses, central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1]))))
     return poses
 
@@ -220,6 +222,85 @@ def _check_options(options: dict[str, Any]) -> None:
     total = each * max(options["images"], 1)
     few = ("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
     demand(options, [few, ("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Imperfect legs: physical mechanisms that the seven parameters of a leg leave out, each with its own size.
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanisms:
+    """What is imperfect about each of n legs. Zero offsets, backlash, sag, gain, joint error: nothing.
+
+    base_axis      (n, 3) unit, base frame: first axis of the lower universal joint, fixed in the base, through a
+    base_offset    (n,) mm: its second axis passes at this distance, along the common normal of the two, which
+                   turns about the first axis with the leg and points to the leg's side of it
+    backlash       (n,) mm: whole clearance along the leg, which is half of it longer under tension and half of it
+                   shorter under compression
+    friction       platform weights: of the axial force, positive under compression, that the approach adds
+                   (extending) or takes away (retracting) before its sign decides the side of the clearance
+    sag            (n,) mm: by how much the leg's own weight would bring together the ends of the leg if it lay
+                   flat with the length of mid-stroke
+    gain           (n,): the sensor reads `reference + (1 + gain) (true - reference)`
+    reference      mm: the reading at mid-stroke
+    joint_error    (n,) mm, joint_phase (n, 2) rad: amplitude and phases of `joint_effect` on the reading
+    """
+
+    base_axis: Floats
+    base_offset: Floats
+    backlash: Floats
+    friction: float
+    sag: Floats
+    gain: Floats
+    reference: float
+    joint_error: Floats
+    joint_phase: Floats
+
+    @property
+    def perfect(self) -> bool:
+        """Whether nothing is imperfect, whatever the axes, the friction and the phases are."""
+        active = (self.base_offset, self.backlash, self.sag, self.gain, self.joint_error)
+        return not any(values.any() for values in active)
+
+    @classmethod
+    def sampled(
+        cls,
+        legs: int,
+        stream: np.random.Generator,
+        phases: np.random.Generator,
+        *,
+        axis_offset: float = 0.0,
+        backlash: float = 0.0,
+        friction: float = 0.0,
+        sag: float = 0.0,
+        gain: float = 0.0,
+        joint_error: float = 0.0,
+        reference: float,
+    ) -> Mechanisms:
+        """Mechanisms of these sizes; directions and signs from `stream`, phases of the joint error from `phases`.
+
+        First axes are level, in random directions; offsets and gains have the given size and a random sign. The
+        draw does not depend on the sizes, so that each scales on its own.
+        """
+        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))[0]
+        sign = np.where(stream.random((5, legs)) < 0.5, -1.0, 1.0)
+        return cls(
+            base_axis=np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(legs)], axis=-1),
+            base_offset=axis_offset * sign[0],
+            backlash=np.full(legs, backlash),
+            friction=friction,
+            sag=np.full(legs, sag),
+            gain=gain * sign[4],
+            reference=reference,
+            joint_error=np.full(legs, joint_error),
+            joint_phase=joint_phases(legs, phases),
+        )
+
+
+def mechanisms_of(options: Mapping[str, Any]) -> Mechanisms:
+    """Of the options of a simulated study, which its provenance holds as JSON."""
+    children, reference = streams(options["seed"], 9), 0.5 * sum(options["stroke"])
+    return Mechanisms.sampled(6, children[4], children[1], **{k: options[k] for k in _MECHANISMS}, reference=reference)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from cpcal.calibration import LegEquations, calibrate_study
 from cpcal.calibration.diagnosis import Asked, corrected, sag_shape, vertical
 from cpcal.simulate import simulate_study
+from cpcal.simulate.studies import mechanisms_of
 from tests.changed import with_drift
 
 SIZE = {"runs": 4, "validation_runs": 2, "random_poses": 16}
@@ -68,7 +70,7 @@ def test_a_correction_is_found_with_its_standard_error():
     noise = found.repeats.noise(np.full(64, 4))
     given = LegEquations.of(found.campaign), noise, vertical(found.campaign)
     gain = corrected(*given, found.x_c_sigma.parameters, "gain")
-    truth = simulate_study(seed=2, **SIZE, gain=0.001).truth.mechanisms.gain
+    truth = mechanisms_of(json.loads(simulate_study(seed=2, **SIZE, gain=0.001).provenance["options"])).gain
     errors = np.array(gain.errors)
     assert (np.abs(-np.array(gain.values) - truth) < 4.0 * errors).all()  # what the sensors add is to be taken away
     assert (errors < 1e-4).all()

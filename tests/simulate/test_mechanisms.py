@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.common.errors import InputError
-from cpcal.robot import DELTALAB, KinematicsError, Mechanisms, Pose, inverse_kinematics, leg_vectors
+from cpcal.robot import DELTALAB, KinematicsError, Pose, inverse_kinematics, leg_vectors
 from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
-from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps
+from cpcal.simulate.studies import Mechanisms, assembled_with, clearance_sides, leg_gaps
 
 LARGE = {  # mm; the gain is relative
     "axis_offset": 20.0,
@@ -106,23 +105,3 @@ def test_friction_lets_the_approach_decide():
 def test_mechanisms_that_fit_no_pose_are_refused():
     with pytest.raises(KinematicsError, match="imperfections"):
         solved(gain=-0.9)
-
-
-def test_values_without_a_meaning_are_all_named():
-    good = sampled()
-    with pytest.raises(InputError) as caught:
-        Mechanisms(
-            2.0 * good.base_axis,
-            good.base_offset[:5],
-            -1.0 - good.backlash,
-            -1.0,
-            good.sag + np.nan,
-            good.gain - 1.0,
-            70.0,
-            good.joint_error,
-            good.joint_phase,
-        )
-    named = [problem.where for problem in caught.value.problems]
-    assert named == [
-        f"mechanisms {name}" for name in ("base_axis", "base_offset", "backlash", "friction", "sag", "gain")
-    ]
