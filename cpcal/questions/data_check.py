@@ -11,7 +11,7 @@ from cpcal.calibration import LegEquations
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.models import PLAIN, LegModel, model_jacobian
+from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import Given, copied_rows, single_pose
@@ -28,7 +28,7 @@ _OPEN = 0.1  # of a parameter in such a direction, from which it is called undet
 
 def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
     """At parameters x (n,) of one leg and the centres of the reading sets."""
-    return _determined(model_jacobian(campaign, leg, x, model), model.parameters)[0]
+    return _determined(ModelResiduals(campaign, leg, model).jacobian(x), model.parameters)[0]
 
 
 def _determined(jacobian: Floats, names: Sequence[str]) -> tuple[Determination, Floats, Floats]:
@@ -76,19 +76,14 @@ class LegOutlook:
 
 def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
     """The outlook of one leg at parameters x (7,) mm."""
-    jacobian = LegEquations.of(campaign, [leg]).by_parameters(x[None])[:, 0]
+    jacobian = ModelResiduals(campaign, leg, PLAIN).jacobian(x)
     found, scale, values = _determined(jacobian, PLAIN.parameters)
     condition, index = np.inf, 0.0
     if found.rank == found.of:
         condition, index = float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values))))
-    return LegOutlook(leg, found, condition, index, _ranges(jacobian, scale, slack(campaign, leg, x)))
-
-
-def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
-    """(N,) mm: by how much the reading sets let each equation g vary, to first order."""
-    by_pose = np.abs(LegEquations.of(campaign, [leg]).by_pose(x[None])[:, 0])
-    pose = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
-    return np.asarray(np.sum(by_pose * pose, axis=1) + campaign.length_radius[:, leg - 1])
+    return LegOutlook(
+        leg, found, condition, index, _ranges(jacobian, scale, reading_moves(campaign, leg, x).sum(axis=1))
+    )
 
 
 def _ranges(jacobian: Floats, scale: Floats, allowed: Floats) -> Floats:
@@ -145,7 +140,7 @@ def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
     residuals = LegEquations.of(campaign, list(legs)).values(x)
     far = np.zeros(residuals.shape, dtype=np.bool_)
     for leg in legs:
-        allowed, off = slack(campaign, leg, x[leg - 1]), np.abs(residuals[:, leg - 1])
+        allowed, off = reading_moves(campaign, leg, x[leg - 1]).sum(axis=1), np.abs(residuals[:, leg - 1])
         unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
         least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
         far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)
