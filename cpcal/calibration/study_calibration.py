@@ -9,7 +9,6 @@ was measured stays as the camera gave it, and so does the shape of its reading s
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -228,7 +227,7 @@ class Parameters:
         parts = (self.values, self.standard_errors, self.drawn, self.drawn_errors)
         if any(len(part) != len(self.values) or any(len(row) != 7 for row in part) for part in parts):
             raise ValueError("a fit is not seven numbers a leg, each with its standard error")
-        if not all(math.isfinite(value) for row in (*self.values, *self.drawn) for value in row):
+        if not np.isfinite((self.values, self.drawn)).all():
             raise ValueError("a fit is not finite")
 
     @classmethod
@@ -418,7 +417,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     assert screening is not None  # a table without repeats has no statistics, and was refused
     camera_in_base, target_in_mobile = fitted_frames(x_c_sigma, drawing, of_frames)
     record = CalibrationRecord(
-        robot=drawing.name,
+        robot=campaign.title,
         drawing=_rows(drawing.parameters),
         campaign_sha256=campaign_sha256(campaign),
         check_sha256=campaign_sha256(check),

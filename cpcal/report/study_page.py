@@ -451,7 +451,8 @@ def _true(found: StudyFound) -> Iterator[Section]:
         "The truth, which only a simulation knows",
         [
             f"True parameters: {told}. Of U (k = 2) about 95 % are expected inside. Where fewer are, the legs are not "
-            "as the model says: ranges hold if it holds to within their eps, and what it lacks is in no U."
+            "as the model says: ranges hold if it holds to within their eps, and what it lacks is in no parameter’s U. "
+            "The U of a pose, which cpcal accuracy states, takes it from the residuals."
         ],
         tables=[Table(_legs(leg.leg for leg in legs), rows)],
     )
