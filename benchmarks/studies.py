@@ -45,11 +45,12 @@ import json
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import linprog
 
 import cpcal
@@ -277,7 +278,7 @@ def verdicts(asked: argparse.Namespace) -> None:
     print(dict(counts))
 
 
-def _drawn(seed: int, scale: float) -> tuple[Campaign, Callable[[Sequence[float]], tuple[Floats, Floats]], Floats]:
+def _drawn(seed: int, scale: float) -> tuple[Campaign, Callable[[npt.ArrayLike], tuple[Floats, Floats]], Floats]:
     """A campaign of 64 poses; the errors (464,) of parameters at the true poses, measured and unseen, with their
     derivatives (464, 7); the true parameters."""
     rng, kind = np.random.default_rng(seed), MODEL_ERRORS[seed % len(MODEL_ERRORS)]
@@ -303,12 +304,13 @@ def _drawn(seed: int, scale: float) -> tuple[Campaign, Callable[[Sequence[float]
     stated = Uncertainty(sigmas[:3], sigmas[3:6], sigmas[6:], 3.0)
     length = (read[:64] + noise[:, 6])[:, None]
 
-    def errors(x: Sequence[float]) -> tuple[Floats, Floats]:
-        vector = place + matrix @ np.array(x)[3:6] - np.array(x)[:3]
+    def errors(x: npt.ArrayLike) -> tuple[Floats, Floats]:
+        at = np.asarray(x, np.float64)
+        vector = place + matrix @ at[3:6] - at[:3]
         known = np.linalg.norm(vector, axis=1)
         along = vector / known[:, None]
         slopes = [-along, np.einsum("kji,kj->ki", matrix, along), np.full((len(along), 1), -1.0)]
-        return known - read - x[6], np.concatenate(slopes, axis=1)
+        return known - read - at[6], np.concatenate(slopes, axis=1)
 
     campaign = Campaign.of(robot, place[:64] + noise[:, :3], seen, length, uncertainty=stated)
     return campaign, errors, np.array([*a, *b, offset])
@@ -329,7 +331,7 @@ def _recommended(seed: int) -> tuple[float, ...]:
     rows, best = Rows(network, every=True), np.array(free.passes_from.point)
     for _ in range(8):  # the largest unseen error is the last unknown; it and the rows are convex, nearly
         (value, slope), inside = (
-            (part[64:] for part in errors(best.tolist())),
+            (part[64:] for part in errors(best)),
             rows.linearize(np.append(best, tolerances[0])),
         )
         beside = -np.ones((len(value), 1))
@@ -338,6 +340,7 @@ def _recommended(seed: int) -> tuple[float, ...]:
         )
         limits = np.concatenate([-value, value, -inside.values])
         found = linprog(np.eye(8)[7], matrix, limits, bounds=[(-50.0, 50.0)] * 7 + [(0.0, None)], method="highs")
+        assert found.x is not None
         best = best + found.x[:7]
     points.append(tuple(best.tolist()))
     every = [float(np.abs(errors(x)[0][64:]).max()) for x in (free.recommended.point, *points)]
