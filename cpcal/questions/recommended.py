@@ -178,7 +178,7 @@ class _Leg:
 
         def passes(parts: int) -> bool:
             if exact is not None:
-                return bool(exact.hold(tolerance, parts / _PARTS).all())
+                return exact.needed(tolerance, parts / _PARTS) <= tolerance
             return self.largest(x, parts / _PARTS) <= tolerance
 
         low, high = 0, _PARTS
