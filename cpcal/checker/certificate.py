@@ -91,7 +91,7 @@ class Accepted:
 
 # its first lines: the problem that it speaks of, and its box ---------------------------------------------------------
 
-FORMAT = "cpcal-certificate/5"
+FORMAT = "cpcal-certificate/6"
 Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 _MOST_UNKNOWNS = 1000
 _MOST_CONSTRAINTS = 100_000

@@ -1,11 +1,11 @@
 "use strict";
-// Checks certificates of the format cpcal-certificate/5, as docs/certificate-format.md says: plain JavaScript, whole
+// Checks certificates of the format cpcal-certificate/6, as docs/certificate-format.md says: plain JavaScript, whole
 // numbers of any size, no library. It shares nothing with the checker in Python but that page.
 //
 //   checkCertificate(bytes, campaign) -> {claims, ...}      throws Refused {line, code, message}
 //   readCampaign(bytes)               -> campaign           bytes: Uint8Array
 
-const FORMAT = "cpcal-certificate/5", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
+const FORMAT = "cpcal-certificate/6", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
 const LIMIT = {line: 4194304, unknowns: 1000, constraints: 100000, boxes: 100000, terms: 100000, bits: 4096, work: 40000000};
 
 class Refused extends Error {

@@ -58,7 +58,7 @@ ROW = ("rows", "first")  # the row of the step that the first bound has the firs
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/3")
-place("format is a list", "header", "format", value=["cpcal-certificate/5"])
+place("format is a list", "header", "format", value=["cpcal-certificate/6"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)
