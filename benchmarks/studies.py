@@ -36,6 +36,7 @@ hexapod; the paper's noise), and of DeltaLab campaigns with each of the mistakes
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -77,7 +78,7 @@ from cpcal.robot.campaign import ARRAYS
 from cpcal.robot.mistakes import spread_of, suspicions
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE
-from cpcal.simulate.studies import true_poses
+from cpcal.simulate.studies import mechanisms_of, true_poses
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit as minimax_fit
@@ -91,7 +92,7 @@ KINDS: tuple[dict[str, float], ...] = (  # of mechanisms
     {"gain": 0.005},
     {"axis_offset": 3.0},
     {"axis_offset": 6.0},
-    {"joint_offset": 1.0},
+    {"axis_offset": 1.0},
     {},
 )
 _OTHERS = 200  # random poses that decide the true model error, besides
@@ -121,7 +122,8 @@ def _studied(options: dict[str, float], count: int, more: int = 0) -> tuple[Camp
         parts.append(averaged(Campaign.of(*arrays, pose=table.pose, run=table.run, exact=True), of="mean"))
     stream = np.random.default_rng(7)
     readings = stream.uniform(*STROKE, (count, 6))
-    return _joined(parts), true_poses(truth, readings, STROKE, 1, stream), bent(readings)
+    mechanisms = mechanisms_of(json.loads(study.provenance["options"]))
+    return _joined(parts), true_poses(truth.robot, mechanisms, readings, STROKE, 1, stream), bent(readings)
 
 
 def _sets(campaign: Campaign, errors: list[float], known: Floats) -> list[CertifiedSet]:

@@ -15,10 +15,10 @@ import numpy as np
 from cpcal.common.values import Floats, Indices
 from cpcal.models import (
     PARAMETERS,
+    ModelResiduals,
     built_in,
     exactly_read,
     leg_box,
-    model_jacobian,
     model_statement,
     of_measurements,
 )
@@ -301,7 +301,7 @@ def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
 
     In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
     """
-    jacobian = model_jacobian(prepared.question.campaign, prepared.leg, x, prepared.question.model)
+    jacobian = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model).jacobian(x)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.abs(covariance / np.outer(spread, spread))

@@ -42,7 +42,6 @@ from cpcal.robot import (
     small_rotation,
 )
 from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.robot import joint_phases
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is asked of the options of simulated measurements: name, whether it is so, remedy.
@@ -261,6 +260,11 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(at_mobile[..., 1], at_mobile[..., 2])
     waves = np.sin(_WAVES * base_angle + phases[:, 0]) + np.sin(_WAVES * mobile_angle + phases[:, 1])
     return np.asarray(0.5 * waves)
+
+
+def joint_phases(legs: int, stream: np.random.Generator) -> Floats:
+    """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
+    return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
 
 
 def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Floats:
