@@ -175,7 +175,7 @@ class _Leg:
         exact = self._exact(x)
         if exact is None:
             return _most(lambda factor: self.largest(x, factor) <= tolerance)
-        return _most(lambda factor: bool(exact.hold(tolerance, factor).all()))
+        return _most(lambda factor: exact.needed(tolerance, factor) <= tolerance)
 
 
 def _most(passes: Callable[[float], bool]) -> float:

@@ -107,7 +107,7 @@ TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
     ),
     "fewer measurements": (
         PASSES,
-        at_point(holds=list(range(15)), readings=lambda signs: signs[:-1]),
+        at_point(holds=list(range(15))),
         "of which its certificate claims nothing",
     ),
     "another factor": (REDUCED, at_point(factor=lambda f: (float.fromhex(f) / 2).hex()), "factor of reduced"),
