@@ -262,12 +262,6 @@ class Fit:
         return int(np.sum(self.determined))
 
     @property
-    def condition(self) -> float:
-        """Largest over smallest singular value of A; infinite when rank < 7 n."""
-        values = self.svd[1]
-        return float(values[0] / values[-1]) if self.rank == self.parameters.size else np.inf
-
-    @property
     def freedom(self) -> float:
         """Residual degrees of freedom of each leg's scatter; of x_c_sigma of all legs' together."""
         surplus = self.residuals.size - self.rank
@@ -358,7 +352,8 @@ class Fit:
         if self.rank < size:
             names = [f"{SYMBOLS[k]} of leg {self.legs[leg]}" for leg, k in np.argwhere(self.undetermined).tolist()]
             return f"The data are RANK-DEFICIENT, {self.rank} of {size}: they do not determine {listed(names)}."
-        said = f"Rank {self.rank} of {size}, condition {self.condition:.2g}"
+        values = self.svd[1]
+        said = f"Rank {self.rank} of {size}, condition {values[0] / values[-1]:.2g}"
         errors = self.standard_errors
         if not np.isfinite(errors).all():
             return f"{said}; no measurements are left to tell the parameters' errors from."

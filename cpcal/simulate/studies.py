@@ -56,21 +56,17 @@ from cpcal.robot.kinematics import newton
 from cpcal.simulate.campaigns import (
     EULER_SIGMA,
     LENGTH_SIGMA,
-    MEASUREMENTS_MAX,
     POSITION_SIGMA,
     STROKE,
     assembled,
     check_branch,
+    check_options,
     configurations,
-    demand,
     joint_effect,
     joint_phases,
-    sizes,
     standard_noise,
     streams,
     true_robot,
-    usual,
-    whole,
 )
 
 Stream = np.random.Generator
@@ -126,7 +122,7 @@ def simulate_study(
     InputError for senseless options, KinematicsError when a configuration cannot be assembled.
     """
     options = dict(locals())
-    _check_options(options)
+    check_options(options, lambda: (64 * runs + random_poses * validation_runs) * max(images, 1))
     shape, _, pose, noise_c, _, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
     mechanisms = mechanisms_of(options)
@@ -212,16 +208,6 @@ def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     """A quaternion: any turn about z, then a tilt with a standard deviation of `tilt` rad about x and about y."""
     turn = quaternion_from_rotation_vector([0.0, 0.0, stream.uniform(-np.pi, np.pi)])
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
-
-
-def _check_options(options: dict[str, Any]) -> None:
-    stated = ("pose_noise",) if options["pose_noise"] is not None else ()
-    rules = usual(options) + whole(options, 0, MEASUREMENTS_MAX, "images") + sizes(options, *_MECHANISMS[1:], *stated)
-    demand(options, rules + whole(options, 1, MEASUREMENTS_MAX, "runs", "validation_runs", "random_poses"))
-    each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
-    total = each * max(options["images"], 1)
-    few = ("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
-    demand(options, [few, ("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")])
 
 
 # ------------------------------------------------------------------------------------------------------------------
