@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.checker.leg import LegConstraint, eased, leg_formula
+from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
 from cpcal.common.values import Bools, Floats, Indices
@@ -113,16 +113,16 @@ def _reading(leg: LegConstraint) -> list[float]:
         return []
     widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
     ends = [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
-    return ends + (widths[3:6] if eased(leg.model, leg.x.moves, True) else [])
+    return ends + (widths[3:6] if leg.model == "linear" else [])
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:
-    return _planned(leg.model, leg.x.moves, leg.m.uncertain, side)
+    return _planned(leg.model, leg.m.uncertain, side)
 
 
 @lru_cache(maxsize=64)
-def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
-    formed = leg_formula(model, moves, reads, (side,))
+def _planned(model: str, reads: bool, side: str) -> _Plan:
+    formed = leg_formula(model, reads, (side,))
     program, (places,) = formed.program, formed.places
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
