@@ -253,7 +253,7 @@ EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "t
 _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
 _FINE = 40  # bits behind the point: of the length that the slopes of `linear` are taken at
-_POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
+POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
 
@@ -454,7 +454,7 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
     slack *= over
     most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
-    x.spend((1 + linear) * _POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+    x.spend((1 + linear) * POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
     high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
     if linear:
         high, low = (
