@@ -45,7 +45,7 @@ def _campaign(folder: Path, **changes: object) -> Path:
 
 
 def leg(folder: Path) -> None:
-    command("certify", _campaign(folder), *NARROW, "--support", "irreducible", "-o", folder / "run")
+    command("certify", _campaign(folder), *NARROW, "-o", folder / "run")
 
 
 def uncertain_leg(folder: Path) -> None:

@@ -207,7 +207,7 @@ def bounds_table(result: Result) -> Table:
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
         bounds = bracket_words(leg) if eps is None else (stated(eps),)
-        certified, support = "yes" if leg.certified else "no", str(len(leg.support.ids))
+        certified, support = "yes" if leg.certified else "no", str(len(leg.support))
         rows.append((str(leg.leg), badge(result, leg), *bounds, certified, support))
     bounds_head = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
     return Table(("leg", "verdict", *bounds_head, "certified", "support"), rows, ("", "word"))
