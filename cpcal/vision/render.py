@@ -68,7 +68,8 @@ def render(
 
 
 def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True, seed: int = 0) -> Image:
-    """The image of a surface, (height, width): light, noise and quantisation.
+    """The image of a surface, (height, width): light, noise and quantisation. Light falls on the surface before the
+    optics blur it: where it grows, an edge seems to move (exactly so for light that grows linearly).
 
     `share`, (height, width), is how much of each pixel's light comes from the drawing, which is brighter than its
     ground when `bright`. The optics' blur is already in it.
@@ -79,7 +80,10 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
         height, width = grey.shape
         x = np.linspace(-0.5, 0.5, width, dtype=np.float32)
         y = np.linspace(-0.5, 0.5, height, dtype=np.float32)
-        grey *= 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
+        light = 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
+        growth = (scene.blur**2 + 1.0 / 12.0) * np.array(scene.gradient, dtype=np.float32) / (width, height)
+        down, right = np.gradient(grey)
+        grey = (light * grey + growth[0] * right + growth[1] * down).astype(np.float32)
     if scene.noise > 0.0:
         rng = np.random.default_rng(seed)
         grey += np.float32(scene.noise) * rng.standard_normal(grey.shape, dtype=np.float32)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -166,6 +166,7 @@ def _ellipse(points: npt.NDArray[np.int32], first: int, last: int, center: Float
 
 
 Grey8 = npt.NDArray[np.uint8]
+Image = TypeVar("Image", bound=npt.NDArray[Any])
 
 _NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
@@ -298,11 +299,10 @@ def spots(image: Grey8, half: Grey8, survey: Survey) -> Spots:
     return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright, survey.radius)
 
 
-def halved(image: Grey8) -> Grey8:
-    """The image at half its size."""
-    cv2 = opencv()
-    size = max(image.shape[1] // 2, 1), max(image.shape[0] // 2, 1)
-    half: Grey8 = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+def halved(image: Image) -> Image:
+    """The image at half its size: the means of four pixels each, without an odd last row or column."""
+    height, width = (max(side // 2, 1) for side in image.shape)
+    half: Image = opencv().resize(image[: 2 * height, : 2 * width], (width, height), interpolation=opencv().INTER_AREA)
     return half
 
 
