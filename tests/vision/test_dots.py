@@ -22,7 +22,7 @@ TILTED = Pose(np.array([10.0, -5.0, 650.0]), quaternion_from_rotation_vector([np
 def plate(radius: float, pitch: float, bright: bool) -> Target:
     """6 x 6 dots; at a distance of the focal length a millimetre is a pixel."""
     ticks = (np.arange(6) - 2.5) * pitch
-    return Target("plate", np.array(list(itertools.product(ticks, ticks))), radius, (), bright)
+    return Target("plate", np.array(list(itertools.product(ticks, ticks))), radius, bright)
 
 
 def collected(found: list[DotErrors]) -> tuple[np.ndarray, np.ndarray]:

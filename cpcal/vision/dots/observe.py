@@ -7,7 +7,8 @@ ellipse explains their grey levels), their size and their contrast, both compare
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_
 from cpcal.vision.dots.segmentation import (
     Grey,
     Spots,
+    Survey,
     eight_bits,
     gaps,
     grey_levels,
@@ -291,7 +293,7 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     an image without dots has none.
     """
     found = populations(image, bright=bright)
-    return max(found, key=lambda dots: float(dots.quality.sum()), default=_none(bool(bright)))
+    return max(found, key=lambda dots: float(dots.quality.sum()), default=nothing(bool(bright)))
 
 
 def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
@@ -302,7 +304,12 @@ def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
     for halvings in range(_HALVINGS + 1):
         eight, expected, most = eight_bits(grey), 0, 0
         half = halved(eight)
-        for survey in surveys(eight, half, bright):
+        if bright is None:
+            both = itertools.chain(surveys(eight, half, True), surveys(eight, half, False))
+            looks: Iterable[Survey] = sorted(both, key=lambda survey: -survey.number)
+        else:
+            looks = surveys(eight, half, bright)
+        for survey in looks:
             dots = _observed(grey, spots(eight, half, survey), survey.radius, halvings)
             yield dots
             expected, most = max(expected, survey.number), max(most, len(dots))
@@ -337,7 +344,7 @@ def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
 def _observed(grey: Grey, found: Spots, usual: float, halvings: int) -> Dots:
     """The dots among spots, of about the `usual` radius, in an image that was halved so many times."""
     if not len(found):
-        return _none(found.bright)
+        return nothing(found.bright)
     gap = gaps(found)
     light, left = light_growth(grey, found, gap)
     edges, noise = fitted_under(grey, found, gap, light, left), noise_level(grey)
@@ -346,11 +353,19 @@ def _observed(grey: Grey, found: Spots, usual: float, halvings: int) -> Dots:
         size, contrast = np.sqrt(edges.axes[keep].prod(axis=1)), np.abs(edges.contrast[keep])
         keep = keep[(size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * median(contrast))]
     parts, strangers = _measured(edges.kept(keep), noise, halvings), len(keep) < len(found)
-    return Dots(**parts, bright=found.bright, spots=found.kept(keep), gap=gap[keep], light=light[keep],
-        strangers=strangers, halvings=halvings)
+    return Dots(
+        **parts,
+        bright=found.bright,
+        spots=found.kept(keep),
+        gap=gap[keep],
+        light=light[keep],
+        strangers=strangers,
+        halvings=halvings,
+    )
 
 
-def _none(bright: bool) -> Dots:
+def nothing(bright: bool) -> Dots:
+    """No dots."""
     pairs, matrices, numbers = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0)
     return Dots(pairs, matrices, numbers, pairs, bright, Spots(pairs, matrices, bright), numbers, pairs)
 
