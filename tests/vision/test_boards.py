@@ -16,9 +16,10 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.vision.boards import DEVIATION, dark_squares
+from cpcal.vision.boards import DEVIATION
 from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import Camera
+from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import estimate_pose

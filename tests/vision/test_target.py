@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.boards import dark_squares
 from cpcal.vision.files.plate_and_camera import load_target
+from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET, Board, Target, resized, target_from, two_diagonals
 

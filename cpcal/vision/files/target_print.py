@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Rectangle
 from cpcal.common.errors import unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
-from cpcal.vision.boards import dark_squares
+from cpcal.vision.opencv import marker_dictionary, opencv
 from cpcal.vision.target import Board, Target, resized
 
 _SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}
@@ -181,3 +181,31 @@ def _caption(target: Target) -> str:
 
 def _title(target: Target) -> str:
     return "".join(c if c.isprintable() else " " for c in target.name)
+
+
+def dark_squares(board: Board) -> Floats:
+    """What is black on a printed board: x, y of the upper left corner and side (m, 3), mm; none of a circle grid."""
+    nodes, side = board.nodes(board.columns, board.rows), board.lengths[0]
+    if board.kind == "grid":
+        return _markers(board, sum(board.lengths) * nodes, side)
+    if board.kind == "charuco":
+        dark, inner = nodes.sum(axis=1) % 2.0 == 0.0, board.lengths[1]
+        markers = _markers(board, side * nodes[~dark] + 0.5 * (side - inner), inner)
+        return np.concatenate([np.column_stack([side * nodes[dark], np.full(dark.sum(), side)]), markers])
+    if board.kind == "chessboard":
+        nodes = board.nodes(board.columns + 1, board.rows + 1)
+        nodes = nodes[nodes.sum(axis=1) % 2.0 == 1.0] - 1.0
+        return np.column_stack([side * nodes, np.full(len(nodes), side)])
+    return np.zeros((0, 3))
+
+
+def _markers(board: Board, corners: Floats, side: float) -> Floats:
+    """The dark bits of the first markers of a dictionary, at their upper left corners (n, 2)."""
+    dictionary, out = marker_dictionary(board.dictionary), []
+    count = dictionary.markerSize + 2  # a border of one bit all around
+    for number, corner in enumerate(corners):
+        bits = opencv().aruco.generateImageMarker(dictionary, number, count)
+        rows, columns = np.nonzero(bits == 0)
+        places = corner + side / count * np.column_stack([columns, rows])
+        out.append(np.column_stack([places, np.full(len(places), side / count)]))
+    return np.concatenate(out)
