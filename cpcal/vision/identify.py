@@ -152,19 +152,20 @@ _CROOKED = 0.9  # cosine between the two steps, at most
 _ANCHORS = 12  # dots that a lattice grows from, in turn
 _RINGS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)  # steps from there, in which dots are numbered in turn
 _OFF = 0.25  # of a step: how far from its place a dot is numbered, meanwhile
-_SHARE = 0.5  # of the dots that a lattice, or a way to lay the target, must explain
+_SHARE, _PART = 0.5, 0.35  # of the dots that a way to lay the target must explain; and a lattice
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """nodes (k, 2) whole numbers of some dots; homography (3, 3) from there to the dots' places."""
+    """nodes (k, 2) whole numbers of some dots; homography (3, 3) from there to the dots' places; members (k,) which."""
 
     nodes: Ints
     homography: Floats
+    members: Ints
 
 
 def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
-    """Lattices that explain half of the points (n, 2) at least, to within `off` steps, from the most regular places
+    """Lattices that explain a third of the points (n, 2) at least, to within `off` steps, from the most regular places
     first."""
     count = min(_NEIGHBOURS + 1, len(points))
     near = np.asarray(cKDTree(points).query(points, count)[1])[:, 1:]
@@ -173,41 +174,46 @@ def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
     apart = np.linalg.norm(arms[:, :, None] + arms[:, None], axis=3) / np.maximum(length, 1e-300)[:, :, None]
     apart[:, *np.tril_indices(count - 1)] = np.inf
     opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
-    for anchor in np.argsort(np.sort(best, axis=1)[:, 1])[:_ANCHORS].tolist():
+    anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), dtype=bool)
+    for _ in range(min(_ANCHORS, len(points))):
+        first = int(taken[anchors].argmin())  # none that a lattice has, as long as there are others
+        anchor, anchors = anchors[first], np.delete(anchors, first)
         even = best[anchor] < _SYMMETRIC
         steps = np.where(even[:, None], 0.5 * (arms[anchor] - arms[anchor, opposite[anchor]]), arms[anchor])
-        for one, other in sorted(
-            itertools.combinations(range(min(_TRIED, count - 1)), 2), key=lambda k: -even[[*k]].sum()
-        ):
+        both = itertools.combinations(range(min(_TRIED, count - 1)), 2)
+        for one, other in sorted(both, key=lambda k: -even[[*k]].sum()):
             if abs(steps[one] @ steps[other]) < _CROOKED * length[anchor, one] * length[anchor, other]:
                 found = _grown_lattice(points, np.column_stack([steps[one], steps[other], points[anchor]]), off)
                 if found is not None:
+                    taken[found.members] = True
                     yield found
+                    break
 
 
 def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | None:
     """What begins with two steps from a place, (2, 3), over more and more of the points."""
-    homography, nodes, on = np.concatenate([columns, [[0.0, 0.0, 1.0]]]), np.zeros((0, 2)), np.zeros(0, dtype=bool)
+    homography, nodes = np.concatenate([columns, [[0.0, 0.0, 1.0]]]), np.zeros((0, 2))
+    on = np.zeros(len(points), dtype=bool)
     for ring in _RINGS:
         with np.errstate(all="ignore"):
             at = mapped(np.linalg.inv(homography), points)
-            nodes = np.rint(at)
+            every = np.rint(at)
             inside = np.abs(at).max(axis=1) < ring + 0.5
-            on = inside & (np.abs(at - nodes).max(axis=1) < off)
-        if on.sum() < max(5, _SHARE * inside.sum()):
-            return None
+            near = inside & (np.abs(at - every).max(axis=1) < off)
+        if near.sum() < max(5, _SHARE * inside.sum()):
+            break  # something else begins: another plate, a background
+        on, nodes, places = near, every[near], points[near]
         if ring == 1:
-            terms = np.column_stack([nodes[on], np.ones(on.sum())])
-            homography[:2] = np.linalg.lstsq(terms, points[on], rcond=None)[0].T
+            homography[:2] = np.linalg.lstsq(np.column_stack([nodes, np.ones(len(nodes))]), places, rcond=None)[0].T
         else:
-            homography = fitted(nodes[on], points[on])
+            homography = fitted(nodes, places)
         if not np.isfinite(homography).all() or abs(np.linalg.det(homography)) < 1e-30:
             return None
         if inside.all():
             break
-    if on.sum() < _SHARE * len(points):
+    if len(nodes) < max(9, _PART * len(points)):
         return None
-    return Lattice(nodes[on].astype(np.int64), homography)
+    return Lattice(nodes.astype(np.int64), homography, np.flatnonzero(on))
 
 
 _TURNS = np.array([m for m in itertools.product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1])
@@ -284,9 +290,10 @@ def self_maps(target: Target) -> SelfMaps:
 _NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
 _STRAYED = 0.3  # of the spacing: how far dots may be from where the image before has them
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
+_LATTICES = 6  # of the found dots, at most
 _LAID, _FOLLOWED = 24, 2  # ways to lay the target whose errors are counted, those that meet the most; and the best
 _ROUGH = 0.1  # of the spacing: how far dots may be off for that
-TRIED = _ANCHORS * len(_TURNS) * 1000  # hypotheses, at most: for what chance alone would explain
+TRIED = _LATTICES * len(_TURNS) * 1000  # hypotheses, at most: for what chance alone would explain
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +316,7 @@ def hypotheses(view: View, target: Target) -> Iterator[Hypothesis]:
     """Of each lattice of the found dots the way to lay the target onto it that makes the fewest errors; where a target
     is its own mirror image the one that a camera can see."""
     grid = grid_of(target)
-    for seen in lattices(view.points) if grid is not None else ():
+    for seen in itertools.islice(lattices(view.points), _LATTICES) if grid is not None else ():
         assert grid is not None
         maps, counts = ways(grid.nodes, seen.nodes)
         best = np.argsort(-counts, kind="stable")[:_LAID]

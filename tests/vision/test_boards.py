@@ -68,8 +68,19 @@ BOARDS = {
 }
 
 
-@pytest.mark.parametrize("text", BOARDS)
-@pytest.mark.parametrize("camera", [CAMERA, FISHEYE, RATIONAL], ids=lambda camera: camera.model)
+@pytest.mark.parametrize(
+    ("text", "camera"),
+    [
+        *((text, CAMERA) for text in BOARDS),
+        ("acircles:4x7:20:16", FISHEYE),
+        ("acircles:4x7:20:16", RATIONAL),
+        *(
+            pytest.param(text, lens, marks=pytest.mark.nightly)
+            for text in [*BOARDS][1:]
+            for lens in (FISHEYE, RATIONAL)
+        ),
+    ],
+)
 def test_a_board_is_found_where_it_is(text: str, camera: Camera) -> None:
     """With any lens; nothing is mistaken, and residuals are as large as stated."""
     target = target_from(text)
@@ -98,7 +109,7 @@ def test_circles_of_either_colour_are_found_and_their_mirror_image_is_not_told_a
 @pytest.mark.parametrize("text", ["circles:7x5:20:12", "chessboard:8x6:20"])
 def test_a_board_that_looks_the_same_turned_needs_a_hint(text: str) -> None:
     target = target_from(text)
-    for turn, side in ((0.1, "top"), (np.pi / 2.0, "right"), (np.pi - 0.1, "bottom"), (-np.pi / 2.0, "left")):
+    for turn, side in ((np.pi / 2.0, "right"), (np.pi - 0.1, "bottom")):
         spin = quaternion_from_rotation_vector(np.array([0.0, 0.0, turn]))
         pose = Pose(np.zeros(3), spin)
         pose = Pose(np.array([0.0, 0.0, 520.0]) - pose.rotation @ target.points.mean(axis=0), spin)
@@ -115,11 +126,18 @@ def test_a_board_that_looks_the_same_turned_needs_a_hint(text: str) -> None:
             measure_pose(image, target, CAMERA, first_row="top")
 
 
-@pytest.mark.parametrize("text", ["acircles:4x11:12:14", "circles:7x5:20:12", "charuco:6x5:30:20:4X4_50"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "acircles:4x11:16:14",
+        pytest.param("circles:7x5:20:12", marks=pytest.mark.nightly),
+        pytest.param("charuco:6x5:30:20:4X4_50", marks=pytest.mark.nightly),
+    ],
+)
 def test_a_camera_is_calibrated_from_a_board(text: str) -> None:
     target, images = target_from(text), []
     for k, (x, y) in enumerate(((0.5, 0.0), (-0.5, 0.2), (0.0, 0.5), (0.2, -0.5), (-0.3, -0.4), (0.1, 0.1))):
-        pose = seen_at(560.0 if "11" in text else 430.0, x, y, 0.1 * k, target=target)
+        pose = seen_at(480.0 if "11" in text else 430.0, x, y, 0.1 * k, target=target)
         images.append(photographed(target, CAMERA, pose, Scene(), seed=k))
     found = calibrate_from_images(images, target)
     assert all(not view.reason for view in found.views)
