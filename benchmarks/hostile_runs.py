@@ -59,7 +59,7 @@ def measured(*arguments: object, seconds: int = 3 * SECONDS, megabytes: int = 3 
 
 def header(unknowns: int, constraints: int, *, lo: str = ZERO, hi: str = ONE, objective: int | None = None) -> Line:
     names = [f"x{i}" for i in range(unknowns)]
-    head = {"format": "cpcal-certificate/5", "about": "", "unknowns": names, "objective": objective}
+    head = {"format": "cpcal-certificate/6", "about": "", "unknowns": names, "objective": objective}
     return head | {"constraints": constraints, "lo": [lo] * unknowns, "hi": [hi] * unknowns}
 
 
@@ -256,7 +256,7 @@ def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) ->
     digest = sha256((folder / "campaign.json").read_bytes()).hexdigest()
     n = 7 + extra
     lo, hi = ["-" + LONG + "p-250"] * n + [ZERO], [LONG + "p-250"] * n + ["0x1p+10"]
-    head = {"format": "cpcal-certificate/5", "campaign": digest, "leg": 1, "model": model, "measurements": measurements}
+    head = {"format": "cpcal-certificate/6", "campaign": digest, "leg": 1, "model": model, "measurements": measurements}
     claims = CLAIMS | {"cap": "0x1p+10", "infeasible": False}
     rows = [[("upper", "lower")[k % 2], k % measurements, "0+-0-+0"] for k in range(40)]
     lines = (bounds(1, weights([[k, n + 1] for k in range(40)]), rows, cap="0x1p+10") for n in range(steps))
@@ -265,7 +265,7 @@ def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) ->
 
 def result(folder: Path, **changes: Any) -> None:
     """A result.json of no legs, of which nothing can be accepted."""
-    whole = {"format": "cpcal-result/11", "legs": [], "information": {}} | changes
+    whole = {"format": "cpcal-result/12", "legs": [], "information": {}} | changes
     (folder / "result.json").write_text(json.dumps(whole, separators=(",", ":")))
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.questions import LegBracket, LegResult, Support, Work
-from cpcal.robot import PoseTable, Study, normalised, quaternion_product, small_rotation
+from cpcal.questions import LegBracket, LegResult, Work
+from cpcal.robot import PoseTable, Study, compose, normalised, pose_jacobian, quaternion_product, small_rotation
 from cpcal.simulate.campaigns import streams
 
 
@@ -54,8 +54,6 @@ def leg_with(leg, /, **changes):
     lo_hi = {name.removeprefix("eps_"): changes.pop(name) for name in ("eps_lo", "eps_hi") if name in changes}
     bracket = {name: changes.pop(name) for name in _OF_BRACKET & changes.keys()} | lo_hi
     work = {name: changes.pop(name) for name in _OF_WORK & changes.keys()}
-    if "support" in changes:
-        changes["support"] = Support(changes["support"])
     if leg is None:
         return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **changes)
     return replace(leg, bracket=replace(leg.bracket, **bracket), work=replace(leg.work, **work), **changes)
@@ -73,6 +71,23 @@ def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
         return replace(table, position=table.position + step[:, :3], quaternion=turned)
 
     return _each(study, noisier, seed)
+
+
+def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
+    """The legs come back to within `sigma` mm only (standard deviation); camera and sensors both see where to."""
+    truth = study.truth
+    assert truth is not None
+
+    def moved(table: PoseTable, stream: np.random.Generator) -> PoseTable:
+        runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}
+        draw = stream.standard_normal((len(runs), table.legs))  # the same for all images of a run
+        longer = sigma * draw[[runs[key] for key in zip(table.pose, table.run, strict=True)]]
+        poses = truth.mobile_in_base(table)
+        poses = poses.moved(np.linalg.solve(pose_jacobian(truth.robot, poses), longer[..., None])[..., 0])
+        seen = compose(compose(truth.camera, poses), truth.target)
+        return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)
+
+    return _each(study, moved, seed)
 
 
 def with_drift(study: Study, size: float, *, leg: int = 1) -> Study:

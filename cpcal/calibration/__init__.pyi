@@ -16,7 +16,6 @@ from .fit import (
 from .frames import (
     FittedFrame,
     FrameCalibration,
-    TrackedFrames,
     calibrate_frames,
     in_base_frame,
     load_log,
@@ -24,22 +23,17 @@ from .frames import (
     on_drawing,
     redefined,
 )
-from .repeatability import (
+from .statistics import (
+    Deviations,
     Repeatability,
     RepeatTest,
-    RepeatTests,
-    repeat_tests,
-    repeatability,
-)
-from .statistics import (
-    ChannelStatistics,
-    Deviations,
     Screening,
     averaged,
     campaign_deviations,
-    describe,
     deviations,
     mean_rotations,
+    repeat_tests,
+    repeatability,
     screen,
 )
 from .study_calibration import (
@@ -52,9 +46,6 @@ from .study_calibration import (
     save_record,
 )
 from .validation import (
-    ErrorSummary,
-    NoiseFloor,
-    PoseErrors,
     Validation,
     pose_errors,
     validate,
@@ -64,24 +55,18 @@ __all__ = [
     "RECORD_NAME",
     "Budget",
     "CalibrationRecord",
-    "ChannelStatistics",
     "Deviations",
     "Diagnosis",
-    "ErrorSummary",
     "Fit",
     "FittedFrame",
     "FrameCalibration",
     "Inputs",
     "LegEquations",
     "Noise",
-    "NoiseFloor",
-    "PoseErrors",
     "RepeatTest",
-    "RepeatTests",
     "Repeatability",
     "Screening",
     "StudyCalibration",
-    "TrackedFrames",
     "Validation",
     "as_campaign",
     "averaged",
@@ -89,7 +74,6 @@ __all__ = [
     "calibrate_frames",
     "calibrate_study",
     "campaign_deviations",
-    "describe",
     "deviations",
     "fit",
     "in_base_frame",

@@ -11,13 +11,12 @@ A robot without imperfections should not be accused in any of 200 studies, so le
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from cpcal.calibration.fit import LegEquations, Noise, chances, whitening
-from cpcal.calibration.repeatability import RUNS, VARIANCES, RepeatTests
+from cpcal.calibration.statistics import RUNS, VARIANCES, Tests, unusual
 from cpcal.common.values import Floats
 from cpcal.robot import Campaign
 from cpcal.solver.optimize.least_squares import least_squares
@@ -49,15 +48,13 @@ _SEVENTH = 7  # the chord of a uniform beam on two hinges shortens with the seve
 @dataclass(frozen=True)
 class Asked:
     """A model that was asked: a correction c of each leg, in the unit of its column, with standard errors, the range of
-    what it adds over the poses (mm), and how likely its residuals are by noise alone. `common`: whether one c for all
-    legs would do."""
+    what it adds over the poses (mm), and how likely its residuals are by noise alone."""
 
     name: str
     values: tuple[float, ...]
     errors: tuple[float, ...]
     size: tuple[float, ...]
     chance: float
-    common: bool
 
     @property
     def explains(self) -> bool:
@@ -71,32 +68,11 @@ class Asked:
 Column = Callable[[LegEquations, Floats, Floats], Floats]
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """What the models are asked to explain: equations of N poses with their noise, and the vertical (3,)."""
-
-    equations: LegEquations
-    noise: Noise
-    up: Floats
-
-    @classmethod
-    def of(cls, campaigns: Sequence[Campaign], noises: Sequence[Noise]) -> Poses:
-        """Of several campaigns of one robot in the same frames, such as calibration and validation."""
-
-        def joined(values: Sequence[Any], name: str) -> Floats:
-            return np.concatenate([getattr(one, name) for one in values])
-
-        each = [LegEquations.of(campaign) for campaign in campaigns]
-        equations = {name: joined(each, name) for name in ("position", "rotation", "length")}
-        noise = replace(noises[0], pose=joined(noises, "pose"), length=joined(noises, "length"))
-        return cls(LegEquations(**equations), noise, vertical(campaigns[0]))
-
-
-def corrected(poses: Poses, start: Floats, name: str) -> Asked:
-    """The fit with a correction of `COLUMNS`, or "plain", from the parameters (n, 7) of one without."""
-    equations, legs, up = poses.equations, len(start), poses.up
+def corrected(equations: LegEquations, noise: Noise, up: Floats, start: Floats, name: str) -> Asked:
+    """The fit with a correction of `COLUMNS`, or "plain", from the parameters (n, 7) of one without; `up`: (3,)."""
+    legs = len(start)
     size, across = 7 + (name != PLAIN), np.linalg.svd(up[None])[2][1:]
-    weight = whitening(poses.noise.propagated(equations, start))
+    weight = whitening(noise.propagated(equations, start))
 
     def column(x: Floats, tilt: Floats) -> Floats:
         """phi (N, n) where the vertical leans by `tilt` (2,) rad."""
@@ -128,12 +104,12 @@ def corrected(poses: Poses, start: Floats, name: str) -> Asked:
     x, c, tilt = parts(found.at)
     freedom = equations.length.size - size * legs
     design = jacobian(found.at)
-    covariance = np.asarray(np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8], np.float64)
-    errors = np.sqrt(np.diagonal(covariance)) if size > 7 else np.zeros(legs)
+    errors = (
+        np.sqrt(np.diagonal(np.linalg.pinv(design.T @ design))[7 : size * legs : 8]) if size > 7 else np.zeros(legs)
+    )
     added = np.abs(c) * np.ptp(column(x, tilt), axis=0)
-    chance = chances(found.cost, freedom, poses.noise.freedom)[1] if freedom > 0 else 1.0
-    common = size == 7 or _common(c, covariance, poses.noise.freedom) >= _EXPLAINS
-    return Asked(name, tuple(c.tolist()), tuple(errors.tolist()), tuple(added.tolist()), chance, common)
+    chance = chances(found.cost, freedom, noise.freedom)[1] if freedom > 0 else 1.0
+    return Asked(name, tuple(c.tolist()), tuple(errors.tolist()), tuple(added.tolist()), chance)
 
 
 def vertical(campaign: Campaign) -> Floats:
@@ -166,13 +142,6 @@ COLUMNS: dict[str, Column] = {
 }
 
 
-def _common(c: Floats, covariance: Floats, known: float) -> float:
-    inverse = np.linalg.pinv(covariance)
-    mean = np.sum(inverse @ c) / np.sum(inverse)
-    rest = c - mean
-    return chances(float(rest @ inverse @ rest), len(c) - 1, known)[1] if len(c) > 1 else 1.0
-
-
 @dataclass(frozen=True)
 class Diagnosis:
     """What is named, and what was asked. Nothing of it is proved; `cpcal.compare` asks models with proofs."""
@@ -200,14 +169,18 @@ class Diagnosis:
         return " ".join(said) or "No imperfection is named: seven parameters a leg and the noise explain all readings."
 
 
-def diagnosis(poses: Poses, start: Floats, tests: RepeatTests) -> Diagnosis:
-    """What repeats and means name, from the parameters (n, 7) of a fit."""
-    named = [DRIFT] * bool(tests.found(RUNS, ACCUSED))
-    named += [PLAY] * bool(tests.found(VARIANCES, ACCUSED))
-    plain = corrected(poses, start, PLAIN)
+def diagnosis(campaigns: Sequence[Campaign], noises: Sequence[Noise], start: Floats, tests: Tests) -> Diagnosis:
+    """What repeats name, and the means of several campaigns of one robot in the same frames, such as calibration and
+    validation, from the parameters (n, 7) of a fit."""
+    named = [DRIFT] * bool(unusual(tests, RUNS, ACCUSED)) + [PLAY] * bool(unusual(tests, VARIANCES, ACCUSED))
+    each = [LegEquations.of(campaign) for campaign in campaigns]
+    columns = zip(*((one.position, one.rotation, one.length) for one in each), strict=True)
+    pose, length = (np.concatenate([getattr(one, name) for one in noises]) for name in ("pose", "length"))
+    given = LegEquations(*map(np.concatenate, columns)), Noise(pose, length, noises[0].freedom), vertical(campaigns[0])
+    plain = corrected(*given, start, PLAIN)
     if plain.chance >= ACCUSED:
         return Diagnosis(tuple(named), (plain,), unexplained=False)
-    models = (plain, *(corrected(poses, start, name) for name in COLUMNS))
+    models = (plain, *(corrected(*given, start, name) for name in COLUMNS))
     able = [model.name for model in models[1:] if model.explains]
     if len(able) == 1:
         return Diagnosis((*named, able[0]), models, unexplained=False)
@@ -218,12 +191,10 @@ def _said(model: Asked) -> str:
     low, high = min(model.values), max(model.values)
     size = f"up to {max(model.size):.2g} mm over the poses"
     if model.name == "gain":
-        alike = (
-            " All legs have the same: a single camera cannot tell that from a wrong scale of its own, or of its target."
-            if model.common
-            else ""
+        return (
+            f"GAIN: the sensors' scales are off, by {low:.3g} to {high:.3g} mm/mm, {size}. A single camera cannot tell "
+            "what all legs share from a wrong scale of its own, or of its target."
         )
-        return f"GAIN: the sensors' scales are off, by {low:.3g} to {high:.3g} mm/mm, {size}.{alike}"
     if model.name == "sag":
         return f"SAG: the legs shorten by their weight, by {low:.3g} to {high:.3g} mm if they lay flat, {size}."
     return f"LATERAL OFFSET of the joints from the actuator: {low:.3g} to {high:.3g} mm^2, {size}."

@@ -17,10 +17,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Floats, fill, frozen_array
-from cpcal.robot import Campaign, quaternion_from_rotation_vector, rotation_matrix
+from cpcal.robot import Campaign, rotation_matrix
 from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 _SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
@@ -96,8 +96,7 @@ class Noise:
     """Covariances of N measurements' readings; measurements are independent of one another.
 
     pose         (N, 6, 6): of the position (mm) and the rotation vector in the base frame (rad)
-    length       (N, n): standard deviations of the leg readings, mm, independent of the pose
-    correlation  (n, n): of the leg readings of one measurement; None where they are independent of one another
+    length       (N, n): standard deviations of the leg readings, mm, independent of the pose and of one another
     freedom      degrees of freedom that these were estimated with; infinite where they are known
 
     Raises InputError when a shape is wrong, or a matrix is no covariance.
@@ -105,28 +104,22 @@ class Noise:
 
     pose: Floats
     length: Floats
-    correlation: Floats | None = None
     freedom: float = np.inf
 
     def __post_init__(self) -> None:
         fill(self, pose=frozen_array(self.pose), length=frozen_array(self.length))
-        if self.correlation is not None:
-            fill(self, correlation=frozen_array(self.correlation))
-        pose, length, joint = self.pose, self.length, self.correlation
+        pose, length = self.pose, self.length
         if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
             what, remedy = f"has the shapes {pose.shape} and {length.shape}", "give pose (N, 6, 6) and length (N, n)"
         elif not (np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()):
             what, remedy = "holds a negative or non-finite number", "give finite numbers >= 0"
-        elif len(bad := np.flatnonzero(~_positive(pose))):
-            what = f"the pose's matrix of row {bad[0]} is not symmetric and positive semidefinite"
-            remedy = "give covariances"
-        elif joint is None or (
-            joint.shape == (length.shape[1],) * 2 and np.allclose(np.diagonal(joint), 1.0) and _positive(joint[None])[0]
+        elif not (
+            np.allclose(pose, pose.transpose(0, 2, 1), rtol=0.0, atol=_SYMMETRIC * np.abs(pose).max(initial=0.0))
+            and (np.linalg.eigvalsh(pose)[:, 0] >= -_SYMMETRIC * np.abs(pose).max(axis=(1, 2))).all()
         ):
-            return
+            what, remedy = "holds a pose's matrix that is not symmetric and positive semidefinite", "give covariances"
         else:
-            what = f"the correlation, of shape {joint.shape}, is none of {length.shape[1]} leg readings"
-            remedy = "give (n, n), symmetric, positive semidefinite, 1 on the diagonal"
+            return
         raise unusable("noise", what, remedy)
 
     @classmethod
@@ -160,36 +153,14 @@ class Noise:
 
     def of_legs(self, columns: list[int]) -> Noise:
         """Of some of the legs, counted from 0."""
-        joint = self.correlation
-        kept = None if joint is None else joint[np.ix_(columns, columns)]
-        return Noise(self.pose, self.length[:, columns], kept, self.freedom)
-
-    @property
-    def length_root(self) -> Floats:
-        """(N, n, n): A with A A' the covariance of the leg readings of each measurement, mm."""
-        if self.correlation is None:
-            return self.length[:, :, None] * np.eye(self.length.shape[1])
-        return np.asarray(self.length[:, :, None] * root(self.correlation))
+        return Noise(self.pose, self.length[:, columns], self.freedom)
 
     def propagated(self, equations: LegEquations, x: Floats) -> Floats:
         """Sigma_k of every measurement, (N, n, n), mm^2."""
-        by_pose, read = equations.by_pose(x), self.length_root
-        return np.asarray(by_pose @ self.pose @ by_pose.transpose(0, 2, 1) + read @ read.transpose(0, 2, 1))
-
-
-def root(covariance: Floats) -> Floats:
-    """A (..., k, k) with A A' the covariance."""
-    values, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(values, 0.0))[..., None, :])
-
-
-def _positive(matrices: Floats) -> npt.NDArray[np.bool_]:
-    """Which (N,) of the matrices (N, k, k) are symmetric and positive semidefinite."""
-    size = np.abs(matrices).max(axis=(1, 2), initial=0.0)
-    skew = np.abs(matrices - matrices.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-    good = (skew <= _SYMMETRIC * size) & np.isfinite(size)
-    least = np.linalg.eigvalsh(np.where(good[:, None, None], matrices, 0.0))[:, 0]
-    return np.asarray(good & (least >= -_SYMMETRIC * size * len(matrices[0])))
+        by_pose = equations.by_pose(x)
+        return np.asarray(
+            by_pose @ self.pose @ by_pose.transpose(0, 2, 1) + self.length[:, :, None] ** 2 * np.eye(len(x))
+        )
 
 
 def whitening(sigma: Floats) -> Floats:
@@ -206,40 +177,6 @@ def whitening(sigma: Floats) -> Floats:
         what = "makes the legs' errors exactly dependent: their covariance has no inverse"
         raise unusable("noise", what, "give lengths a sigma > 0") from None
     return np.asarray(np.linalg.solve(factor, np.eye(sigma.shape[1]) / deviation[:, :, None]))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# How much of what seems to determine the parameters is the readings' noise itself.
-#
-# The Jacobian A of a fit is formed with noisy readings. Where poses hardly differ in some respect, noise is what makes
-# them differ: A'A then has full rank by E[dA'dA] alone, estimates are drawn towards values that make the noise harmless
-# (errors in variables), and their standard errors know nothing of it. The largest ratio
-#
-#     max over directions d of   d' E[dA'dA] d / d' A'A d
-#
-# is near 0 for good data, where first-order propagation holds, and near 1 where some direction is seen by noise alone.
-# Leg readings do not enter A.
-
-
-def noise_share(
-    equations: LegEquations, weight: Floats, noise: Noise, x: Floats, values: Floats, right: Floats
-) -> float:
-    """The ratio above for x (n, 7) and weights W (N, n, n), over the row space of A.
-
-    values (r,) and right (r, 7 n) are singular values of A, all > 0, and its right singular vectors.
-    """
-    scaled = np.zeros((len(values), len(values)))
-    basis, roots = right.T / values, root(noise.pose)
-    for axis in range(6):
-        step = roots[:, :, axis]
-        change = np.zeros((weight.shape[0] * weight.shape[1], len(values)))
-        for sign in (1.0, -1.0):
-            turn = rotation_matrix(quaternion_from_rotation_vector(0.5 * sign * step[:, 3:]))
-            position = equations.position + 0.5 * sign * step[:, :3]
-            moved = LegEquations(position, turn @ equations.rotation, equations.length)
-            change += sign * weighted_jacobian(moved, weight, x) @ basis
-        scaled += change.T @ change
-    return float(np.linalg.eigvalsh(scaled)[-1])
 
 
 def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
@@ -272,7 +209,6 @@ def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 _IN_NULL_SPACE = 1e-6  # share of a parameter's direction that must be undetermined for it to be called so
-_BIASED = 0.1  # share of the noise from which the sentence speaks of it
 _SUSPICIOUS = 1e-3  # probability of residuals so large, or so small, by noise alone from which the sentence says so
 _DOUBTFUL = 0.01  # probability of residuals so large by noise alone from which the covariance is taken from them
 _PASSES = 20  # of the weights' update, at most
@@ -324,12 +260,6 @@ class Fit:
     def rank(self) -> int:
         """Of A: 7 n when the data determine all parameters to first order."""
         return int(np.sum(self.determined))
-
-    @property
-    def condition(self) -> float:
-        """Largest over smallest singular value of A; infinite when rank < 7 n."""
-        values = self.svd[1]
-        return float(values[0] / values[-1]) if self.rank == self.parameters.size else np.inf
 
     @property
     def freedom(self) -> float:
@@ -408,42 +338,22 @@ class Fit:
             return True
         return chances(float(np.sum(white**2)), freedom, self.noise.freedom)[1] >= _DOUBTFUL
 
-    @cached_property
-    def noise_share(self) -> float | None:
-        """How much of the least determined direction is seen by the readings' noise alone, from 0 to about 1.
-
-        Estimates are drawn away from the truth there, the more the larger it is. None when the
-        noise is not known.
-        """
-        if self.noise is None:
-            return None
-        (_, values, right), seen = self.svd, self.determined
-        return noise_share(self.equations, self.weight, self.noise, self.parameters, values[seen], right[seen])
-
     @property
     def sentence(self) -> str:
         """Convergence, rank, condition, accuracy, and whether the noise explains the residuals."""
         done = "converged" if self.converged else "DID NOT CONVERGE"
         count, legs = self.residuals.shape
         how = "weighted by the noise of all legs together" if self.weighted else "unweighted"
-        said = [
-            f"The fit of {legs} leg{'s' * (legs > 1)} to {count} measurements ({how}) {done}.",
-            self._said_of_rank(),
-        ]
-        if self.noise_share is not None and self.noise_share >= _BIASED:
-            said.append(
-                f"In some direction {100 * min(self.noise_share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS "
-                "IS THE NOISE ITSELF: the poses differ too little, the fit is biased there, "
-                "and the standard errors are too small."
-            )
-        return " ".join([*said, self._said_of_residuals()])
+        said = f"The fit of {legs} leg{'s' * (legs > 1)} to {count} measurements ({how}) {done}."
+        return f"{said} {self._said_of_rank()} {self._said_of_residuals()}"
 
     def _said_of_rank(self) -> str:
         size = self.parameters.size
         if self.rank < size:
             names = [f"{SYMBOLS[k]} of leg {self.legs[leg]}" for leg, k in np.argwhere(self.undetermined).tolist()]
             return f"The data are RANK-DEFICIENT, {self.rank} of {size}: they do not determine {listed(names)}."
-        said = f"Rank {self.rank} of {size}, condition {self.condition:.2g}"
+        values = self.svd[1]
+        said = f"Rank {self.rank} of {size}, condition {values[0] / values[-1]:.2g}"
         errors = self.standard_errors
         if not np.isfinite(errors).all():
             return f"{said}; no measurements are left to tell the parameters' errors from."
@@ -505,8 +415,14 @@ def fit(
     """
     chosen = tuple(range(1, campaign.legs + 1)) if legs is None else tuple(legs)
     columns = [leg - 1 for leg in chosen]
-    first = campaign.robot.parameters.take(columns, axis=0, mode="clip") if start is None else np.array(start)
-    _check(campaign, chosen, weighted, noise, covariance, first, tolerance)
+    known_legs, shape = set(range(1, campaign.legs + 1)), (len(campaign), campaign.legs)
+    if not chosen or len(set(chosen)) < len(chosen) or not set(chosen) <= known_legs:
+        raise unusable("option legs", f"has no meaning: {legs}", f"give different numbers from 1 to {campaign.legs}")
+    if noise is None and (weighted or covariance == "noise"):
+        raise unusable("option noise", "is missing", "give noise=Noise.of(campaign)")
+    if noise is not None and noise.length.shape != shape:
+        raise unusable("option noise", "is for other leg readings", f"give {shape}")
+    first = campaign.robot.parameters[columns] if start is None else np.array(start)
     known = None if noise is None else noise.of_legs(columns)
     equations = LegEquations.of(campaign, chosen)
     plain = np.broadcast_to(np.eye(len(chosen)), (len(campaign), len(chosen), len(chosen)))
@@ -542,33 +458,6 @@ def _solved(equations: LegEquations, weight: Floats, start: Floats, tolerance: f
     return found.at.reshape(start.shape), found.settled
 
 
-def _check(
-    campaign: Campaign,
-    legs: tuple[int, ...],
-    weighted: bool,
-    noise: Noise | None,
-    covariance: str | None,
-    first: Floats,
-    tolerance: float,
-) -> None:
-    """InputError that names every option without a meaning."""
-    known = set(range(1, campaign.legs + 1))
-    shape, given = (len(campaign), campaign.legs), "needs the noise of the readings"
-    same = bool(legs) and len(set(legs)) == len(legs) and set(legs) <= known
-    rules = [
-        ("legs", same, f"has no meaning: {legs}", f"give different numbers from 1 to {campaign.legs}"),
-        ("covariance", covariance in (None, "noise", "residuals"), "has no meaning", "give 'noise' or 'residuals'"),
-        ("tolerance", 0 < tolerance < 1, f"has no meaning: {tolerance!r}", "give a number like 1e-10"),
-        ("weighted", noise is not None or not weighted, given, "give noise=Noise.of(campaign)"),
-        ("covariance", noise is not None or covariance != "noise", given, "give noise=Noise.of(campaign)"),
-        ("noise", noise is None or noise.length.shape == shape, "is for other leg readings", f"give {shape}"),
-        ("start", first.shape == (len(legs), 7), f"has the shape {first.shape}", f"give ({len(legs)}, 7) numbers, mm"),
-    ]
-    problems = [Problem(f"option {name}", what, remedy) for name, good, what, remedy in rules if not good]
-    if problems:
-        raise InputError(problems)
-
-
 def least_squares(campaign: Campaign, leg: int) -> Floats:
     """The classical fit x_c of one leg, (7,) in mm, from the nominal parameters: where certification looks around.
 
@@ -576,40 +465,6 @@ def least_squares(campaign: Campaign, leg: int) -> Floats:
     """
     # a box of X0 is centred here, so closer than 1e-8 adds nothing
     return np.asarray(fit(campaign, legs=[leg], tolerance=1e-8).parameters[0])
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# A fit that a few gross errors do not move.
-
-_ROUGH = 1e-8  # relative tolerance: residuals are looked at, no more
-
-
-def robust_parameters(campaign: Campaign, start: npt.ArrayLike | None = None) -> Floats:
-    """(n, 7) mm, of a fit that a few gross errors do not move: with a residual r counting as 2 c^2 (sqrt(1 + z) - 1),
-    z = (r / c)^2, where c is the robust deviation of the residuals of plain least squares."""
-    plain = fit(campaign, start=start, tolerance=_ROUGH).parameters
-    return np.stack([_robust(LegEquations.of(campaign, [leg]), plain[leg - 1]) for leg in range(1, campaign.legs + 1)])
-
-
-def _robust(equations: LegEquations, start: Floats) -> Floats:
-    """Of one leg, (7,)."""
-    scale = robust_scale(equations.values(start[None])) or 1.0
-
-    def counted(x: Floats) -> tuple[Floats, Floats, Floats]:
-        """r, sqrt(1 + z), and what r is to be multiplied by so that its square is what it counts as."""
-        r = equations.values(x[None])[:, 0]
-        size = np.sqrt(1.0 + (r / scale) ** 2)
-        return r, size, np.sqrt(2.0 / (1.0 + size))
-
-    def residual(x: Floats) -> Floats:
-        r, _, share = counted(x)
-        return r * share
-
-    def jacobian(x: Floats) -> Floats:
-        _, size, share = counted(x)
-        return np.asarray(equations.by_parameters(x[None])[:, 0] / (size * share)[:, None])
-
-    return minimised(residual, jacobian, start, tolerance=_ROUGH).at
 
 
 def robust_scale(residuals: Floats) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_parameters, robust_scale
+from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_scale
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
@@ -47,7 +47,7 @@ from cpcal.robot import (
 )
 from cpcal.robot.campaign import Given
 from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
-from cpcal.robot.mistakes import SHARE
+from cpcal.robot.mistakes import SHARE, spread_of
 from cpcal.robot.units import SEQUENCES
 
 if TYPE_CHECKING:
@@ -61,26 +61,67 @@ if TYPE_CHECKING:
 # direction. It is zero exactly when all poses turn about one common axis v: then translations along it cannot be found,
 # whatever the method.
 
-_NAMES = ("robot_poses", "camera_poses")
 LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
 _WEAK = 5.0  # and below it, a remark
 _LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
 
 
-def _check_pairs(*pairs: Pose) -> None:
-    """Raises InputError for wrong shapes, NaN or infinite numbers, zero quaternions, too few pairs."""
-    counts = []
-    for pose, name in zip(pairs, _NAMES, strict=True):
+def cross_matrix(vector: npt.ArrayLike) -> Floats:
+    """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(vector, dtype=np.float64)
+    return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCalibration:
+    """camera_in_base: X, target_in_mobile: Z (positions in mm); remarks: sentences on what makes them doubtful."""
+
+    camera_in_base: Pose
+    target_in_mobile: Pose
+    remarks: tuple[str, ...]
+
+
+def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
+    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
+
+    robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
+    camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
+
+    InputError for unusable arrays, for fewer than three pairs, and where the orientations do not determine the frames:
+    all (nearly) the same, or turned about one axis only (planar motion), or by no more than their own errors.
+    """
+    pairs = {"robot_poses": robot_poses, "camera_poses": camera_poses}
+    for name, pose in pairs.items():
         table = np.concatenate([pose.position, pose.quaternion], axis=-1)
-        good = table.ndim == 2 and table.shape[1] == 7
-        if not (good and np.isfinite(table).all() and pose.quaternion.any(axis=1).all()):
+        good = table.ndim == 2 and table.shape[1] == 7 and np.isfinite(table).all()
+        if not (good and pose.quaternion.any(axis=1).all()):
             what = "are no poses, or hold a NaN, an infinity or a zero quaternion"
             raise unusable(name, what, "give (N, 3) in mm and (N, 4), scalar first")
-        counts.append(len(table))
+    counts = len(robot_poses.position), len(camera_poses.position)
     if counts[0] != counts[1] or counts[0] < 3:
         what, remedy = f"hold {counts[0]} and {counts[1]} poses", "give at least 3, the same measurements in order"
-        raise unusable(" and ".join(_NAMES), what, remedy)
+        raise unusable(" and ".join(pairs), what, remedy)
+    lengths = np.concatenate([robot_poses.position, camera_poses.position])
+    unit = float(np.max(np.abs(lengths))) or 1.0  # no result depends on the unit of lengths
+    a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in pairs.values())
+    least, name, direction = min(_spread(name, pose.rotation) for name, pose in zip(pairs, (a, b), strict=True))
+    x, z = world_hand_eye(a, b)
+    turn = rotation_vector(compose(b, inverse(compose(inverse(x), compose(a, z)))).quaternion)
+    rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
+    found = f"move the direction ({direction}) by {least:.2g} rad (rms) only"
+    if least <= _LOST * rms:
+        what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
+        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
+        raise unusable(name, what, remedy)
+    remarks = []
+    if least <= _WEAK * rms:
+        ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
+        remarks.append(f"{name} {found}, {ratio}: translations along it are weakly determined")
+    if rms > _LARGE:
+        remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
+    x, z = (Pose(pose.position * unit, pose.quaternion) for pose in (x, z))
+    return FrameCalibration(x, z, tuple(remarks))
 
 
 def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
@@ -100,74 +141,6 @@ def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
         )
     remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
     raise unusable(name, what, remedy)
-
-
-def _remarks(spread: tuple[float, str, str], turn: Floats) -> tuple[str, ...]:
-    """What the rotation residuals (N, 3) say; InputError when they are as large as the rotations themselves."""
-    (least, name, direction), rms = spread, float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
-    found = f"move the direction ({direction}) by {least:.2g} rad (rms) only"
-    if least <= _LOST * rms:
-        what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
-        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
-        raise unusable(name, what, remedy)
-    remarks = []
-    if least <= _WEAK * rms:
-        ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
-        remarks.append(f"{name} {found}, {ratio}: translations along it are weakly determined")
-    if rms > _LARGE:
-        remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
-    return tuple(remarks)
-
-
-def _residuals(robot_poses: Pose, camera_poses: Pose, x: Pose, z: Pose) -> tuple[Floats, Floats]:
-    """(N, 3) mm and (N, 3) rad, in B's frame: what B_i differs from what A_i tells of it, X^-1 A_i Z."""
-    told = compose(inverse(x), compose(robot_poses, z))
-    return camera_poses.position - told.position, rotation_vector(compose(camera_poses, inverse(told)).quaternion)
-
-
-def cross_matrix(vector: npt.ArrayLike) -> Floats:
-    """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
-    v = np.asarray(vector, dtype=np.float64)
-    return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
-
-
-@dataclass(frozen=True, eq=False)
-class FrameCalibration:
-    """The camera in the base frame, the target in the mobile frame, and how well they are known.
-
-    camera_in_base     X; target_in_mobile Z; positions in mm
-    position_residual  (N, 3) mm, the target's origin as B_i has it less that of X^-1 A_i Z, in the camera frame
-    rotation_residual  (N, 3) rad, the rotation vector from X^-1 A_i Z to B_i, in the camera frame
-    spread             rad, how far the direction moves that the rotations move least (see above)
-    remarks            sentences on what makes the result doubtful; empty when nothing does
-    """
-
-    camera_in_base: Pose
-    target_in_mobile: Pose
-    position_residual: Floats
-    rotation_residual: Floats
-    spread: float
-    remarks: tuple[str, ...]
-
-
-def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
-    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
-
-    robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
-    camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
-
-    InputError for unusable arrays, for fewer than three pairs, and where the orientations do not determine the frames:
-    all (nearly) the same, or turned about one axis only (planar motion), or by no more than their own errors.
-    """
-    _check_pairs(robot_poses, camera_poses)
-    lengths = np.concatenate([robot_poses.position, camera_poses.position])
-    unit = float(np.max(np.abs(lengths))) or 1.0  # no result depends on the unit of lengths
-    a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in (robot_poses, camera_poses))
-    spread = min(_spread(name, pose.rotation) for name, pose in zip(_NAMES, (a, b), strict=True))
-    x, z = world_hand_eye(a, b)
-    off, turn = _residuals(a, b, x, z)
-    x, z = (Pose(pose.position * unit, pose.quaternion) for pose in (x, z))
-    return FrameCalibration(x, z, off * unit, turn, spread[0], _remarks(spread, turn))
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:
@@ -231,37 +204,32 @@ def nearest_motion(measured: Floats, drawing: Floats) -> Pose:
     return Pose(drawn - rotation @ middle, quaternion_from_matrix(rotation))
 
 
-def fitted_frame(measured: Floats, drawing: Floats, covariance: Floats, shared: Floats) -> FittedFrame:
-    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre, and the drawing's.
+def fitted_frames(fit: Fit, drawing: Robot, shared: Floats | None = None) -> tuple[FittedFrame, FittedFrame]:
+    """Of base and mobile centres of a fit of all legs, laid on the drawing's.
 
-    shared  (6,) standard deviations of an error of the frame that comes on top. Raises InputError as `nearest_motion`.
+    shared  (2, 6) standard deviations of an error of each frame that comes on top. Raises InputError as
+            `nearest_motion`.
     """
     from scipy import special  # here: it takes a third of a second to load
 
-    motion, count = nearest_motion(measured, drawing), len(measured)
-    turned = measured @ motion.rotation.T
-    residual = drawing - turned - motion.position
-    columns = np.concatenate([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)], axis=1)
-    back = np.linalg.pinv(columns) @ np.kron(np.eye(count), motion.rotation)
-    own = back @ covariance @ back.T + np.diag(shared**2)
-    freedom = 3 * count - 6
-    error = float(np.sqrt(np.sum(residual**2) / freedom))
-    of_drawing = error**2 * np.linalg.inv(columns.T @ columns) + own
-    arrays = motion.position, motion.quaternion, np.sqrt(np.diagonal(own)), np.sqrt(np.diagonal(of_drawing))
-    position, quaternion, sigma, drawing_sigma = (tuple(array.tolist()) for array in arrays)
-    k = float(special.stdtrit(freedom, 0.975))
-    return FittedFrame(position, quaternion, sigma, drawing_sigma, error, k)
-
-
-def fitted_frames(fit: Fit, drawing: Robot, *shared: Floats) -> tuple[FittedFrame, FittedFrame]:
-    """Of base and mobile centres of a fit of all legs, each with its `fitted_frame`; `shared` (6,) of both, or none."""
-    x, covariance = fit.parameters, fit.covariance
-    blocks = np.where(np.isfinite(covariance), covariance, 0.0).reshape(len(x), 7, len(x), 7)
-    found = []
+    x, count = fit.parameters, len(fit.parameters)
+    blocks = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0).reshape(count, 7, count, 7)
+    freedom, found = 3 * count - 6, []
     for k, drawn in enumerate((drawing.base, drawing.mobile)):
         part = slice(3 * k, 3 * k + 3)
-        own = blocks[:, part, :, part].reshape(3 * len(x), 3 * len(x))
-        found.append(fitted_frame(x[:, part], drawn, own, shared[k] if shared else np.zeros(6)))
+        motion = nearest_motion(x[:, part], drawn)
+        turned = x[:, part] @ motion.rotation.T
+        residual = drawn - turned - motion.position
+        columns = np.concatenate([np.tile(np.eye(3), (count, 1)), -cross_matrix(turned).reshape(-1, 3)], axis=1)
+        back = np.linalg.pinv(columns) @ np.kron(np.eye(count), motion.rotation)
+        own = back @ blocks[:, part, :, part].reshape(3 * count, 3 * count) @ back.T
+        own += np.diag(np.zeros(6) if shared is None else shared[k] ** 2)
+        error = float(np.sqrt(np.sum(residual**2) / freedom))
+        of_drawing = error**2 * np.linalg.inv(columns.T @ columns) + own
+        arrays = motion.position, motion.quaternion, np.sqrt(np.diagonal(own)), np.sqrt(np.diagonal(of_drawing))
+        position, quaternion, sigma, drawing_sigma = (tuple(array.tolist()) for array in arrays)
+        student = float(special.stdtrit(freedom, 0.975))
+        found.append(FittedFrame(position, quaternion, sigma, drawing_sigma, error, student))
     return found[0], found[1]
 
 
@@ -290,54 +258,6 @@ def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) ->
     slopes = ((ahead - back) / (2.0 * _STEP)).T
     variance = np.diagonal(slopes @ covariance @ slopes.T).reshape(parameters.shape)
     return np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.inf))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Errors of poses that all images share: what the camera's covariance and the target's deviations make of them.
-#
-# Repeats do not show them and no mean is free of them. If every pose is off by the same (dp, dr), a fit puts that
-# into the frames: camera in base is off by dr and by dp + dr x d, d the way from the target to the camera; or target
-# in mobile by dr and dp. The shared errors of different poses are not the same, so that each frame is off by less
-# than this: what is added to the frames' deviations is an upper estimate, the same in all directions.
-
-
-@dataclass(frozen=True)
-class SharedError:
-    """Standard deviations, mm and rad.
-
-    pose      (6,) of a pose's position and rotation vector in the camera frame, root mean squares over a study's runs
-    distance  mm, root mean square, from the camera to the target
-    """
-
-    pose: tuple[float, ...]
-    distance: float
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for what is not six deviations and a distance."""
-        if len(self.pose) != 6 or not min(*self.pose, self.distance) >= 0.0:
-            raise ValueError("a shared error is not six deviations and a distance")
-
-    @classmethod
-    def of(cls, shared: Floats, position: Floats) -> SharedError:
-        """Of runs (N, 6), of targets at (N, 3) mm in the camera frame."""
-        sigma = np.sqrt(np.mean(shared**2, axis=0))
-        return cls(tuple(sigma.tolist()), float(np.sqrt(np.mean(np.sum(position**2, axis=1)))))
-
-    def of_frames(self) -> tuple[Floats, Floats]:
-        """(6,) that the frames of the camera and of the target may take of it."""
-        moved, turned = max(self.pose[:3]), max(self.pose[3:])
-        camera, target = (np.repeat([np.hypot(moved, arm * turned), turned], 3) for arm in (self.distance, 0.0))
-        return camera, target
-
-    @property
-    def sentence(self) -> str:
-        """What they are, and where they are counted."""
-        moved, turned = about(max(self.pose[:3]), 2), about(float(np.degrees(max(self.pose[3:]))), 2)
-        return (
-            f"Errors of camera and target that all images share: up to {moved} mm and {turned} degrees (standard "
-            "deviations) of a pose. No repeat shows them and no mean makes them smaller: reading sets and the frames' "
-            "U hold them in full; the table of repeats, standard errors of the fits and what validation expects do not."
-        )
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -402,47 +322,29 @@ def first_frames(robot: Robot, length: Floats, seen: Pose, drawn: list[Drawn] | 
     return min(found, key=lambda one: one[0])[1]
 
 
-@dataclass(frozen=True, eq=False)
-class TrackedFrames:
-    """The frames of a log, and its campaign in the base frame.
-
-    campaign          every measurement, wrong ones too, as poses of the mobile frame in the base frame
-    tracker_in_base   x_base = P + R x_tracker; target_in_mobile: x_mobile = P + R x_target; mm
-    fit               of all legs in the frames of tracker and target, without the measurements `left_out`
-    """
-
-    campaign: Campaign
-    tracker_in_base: FittedFrame
-    target_in_mobile: FittedFrame
-    fit: Fit
-    left_out: tuple[str, ...]
-
-    @property
-    def notes(self) -> dict[str, str]:
-        """What was estimated, and how well it is known: sentences by `FRAME_NOTES`, and the poses in full."""
-        return dict(zip(FRAME_NOTES, self._sentences(), strict=False)) | {
-            f"{name}_pose": json.dumps({"position": one.position, "quaternion": one.quaternion})
-            for name, one in zip(FRAME_NOTES[1:], (self.tracker_in_base, self.target_in_mobile), strict=False)
-        }
-
-    def _sentences(self) -> Iterator[str]:
-        many = len(self.fit.residuals)
-        yield (
-            "The poses are of a target in a tracker's frame. Both frames and all legs are fitted together to "
-            f"{many:,} measurements, by least squares with the stated deviations. No reading tells the base frame: it "
-            "is taken where the joint centres are nearest to the drawing's."
-        )
-        for frame, name in ((self.tracker_in_base, "Tracker in base"), (self.target_in_mobile, "Target in mobile")):
-            unit = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
-            turn = np.degrees(rotation_vector(np.array(frame.quaternion)))
-            parts = zip((frame.position, turn.tolist()), unit, ("mm", "degrees"), strict=True)
-            at = "; rotation vector ".join(f"({', '.join(_known(v, u) for v in part)}) {w}" for part, u, w in parts)
-            yield f"{name}: {at}. {frame.sentence('There')}"
-        spread = ", ".join(about(robust_scale(leg), 2) for leg in self.fit.residuals.T)
-        yield f"The legs of the fit are {spread} mm off (robust standard deviation). {self.fit.sentence}"
-        if self.left_out:
-            names = listed(self.left_out, _TOLD)
-            yield f"Left out of the frames, as far off the others, and kept in the campaign: {names}."
+def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """What was estimated, and how well it is known: sentences by `FRAME_NOTES`, and the poses in full."""
+    yield (
+        "frames",
+        "The poses are of a target in a tracker's frame. Both frames and all legs are fitted together to "
+        f"{len(fit.residuals):,} measurements, by least squares with the stated deviations. No reading tells the base "
+        "frame: it is taken where the joint centres are nearest to the drawing's.",
+    )
+    for key, frame, name in (
+        ("tracker_in_base", base, "Tracker in base"),
+        ("target_in_mobile", mobile, "Target in mobile"),
+    ):
+        unit = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
+        turn = np.degrees(rotation_vector(np.array(frame.quaternion)))
+        parts = zip((frame.position, turn.tolist()), unit, ("mm", "degrees"), strict=True)
+        at = "; rotation vector ".join(f"({', '.join(_known(v, u) for v in part)}) {w}" for part, u, w in parts)
+        yield key, f"{name}: {at}. {frame.sentence('There')}"
+        yield f"{key}_pose", json.dumps({"position": frame.position, "quaternion": frame.quaternion})
+    spread = ", ".join(about(robust_scale(leg), 2) for leg in fit.residuals.T)
+    yield "residuals", f"The legs of the fit are {spread} mm off (robust standard deviation). {fit.sentence}"
+    if left_out:
+        names = listed(left_out, _TOLD)
+        yield "left_out", f"Left out of the frames, as far off the others, and kept in the campaign: {names}."
 
 
 def _known(value: float, sigma: float) -> str:
@@ -450,8 +352,9 @@ def _known(value: float, sigma: float) -> str:
     return nearest(value, min(9, max(0, -math.floor(math.log10(sigma)))) if sigma > 0.0 else 9)
 
 
-def in_base_frame(campaign: Campaign) -> TrackedFrames:
-    """Frames, legs and the campaign in the base frame, of one whose poses are of a target in a tracker's frame.
+def in_base_frame(campaign: Campaign) -> Campaign:
+    """The campaign in the base frame, of one whose poses are of a target in a tracker's frame: every measurement, wrong
+    ones too, as a pose of the mobile frame; its provenance says what was estimated (`FRAME_NOTES`).
 
     Standard deviations of a pose are carried to the mobile frame (its origin is off the target's by a lever, which a
     turn moves), declared half-widths as sums of absolute values. Raises InputError where the poses do not determine the
@@ -463,7 +366,7 @@ def in_base_frame(campaign: Campaign) -> TrackedFrames:
     drawing, sample = campaign.robot, campaign.sampled(_ROWS)
     first = first_frames(drawing, sample.length, Pose(sample.position, sample.quaternion))
     tracked = replace(sample, robot=redefined(drawing, first.camera_in_base, first.target_in_mobile))
-    start = robust_parameters(tracked)
+    start = spread_of(tracked).fitted  # which a few gross errors do not move
     off = np.abs(LegEquations.of(tracked).values(start))
     far = (off > np.maximum(_FAR * np.array([robust_scale(leg) for leg in off.T]), _ROUNDING)).any(axis=1)
     good = tracked.rows(~far)
@@ -485,20 +388,18 @@ def in_base_frame(campaign: Campaign) -> TrackedFrames:
         widest = radii.max(axis=0) / (factor or 1.0)
         declared = Uncertainty(widest[:3], widest[3:], declared.length, factor)
     told = {key: text for key, text in campaign.provenance.items() if key not in ("true_parameters", "options")}
-    moved = replace(
+    left_out = np.array(sample.measurement_ids)[far].tolist()
+    return replace(
         campaign,
         position=pose.position,
         quaternion=pose.quaternion,
         position_radius=radii[:, :3],
         rotation_radius=radii[:, 3:],
         uncertainty=declared,
-        provenance=told,
+        provenance=told | dict(_notes(base, mobile, best, left_out)),
     )
-    found = TrackedFrames(moved, base, mobile, best, tuple(np.array(sample.measurement_ids)[far].tolist()))
-    return replace(found, campaign=replace(moved, provenance={**told, **found.notes}))
 
 
-Frames = Literal["base", "tracker"]
 _FORMS = [
     f"{form}-{unit}" for unit in ("deg", "rad") for form in ("vector", *(f"euler-{order}" for order in SEQUENCES))
 ]
@@ -546,28 +447,13 @@ def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
     return Given.of(replace(campaign, robot=robot)).typical
 
 
-def _placed(campaign: Campaign, frames: Frames | None) -> Campaign:
-    """The campaign in the base frame; its provenance says what was estimated for that.
-
-    Where `frames` are not stated, the drawing tells: it explains the readings as they are, or frames of a tracker make
-    it explain them, and much better. Otherwise it is another mistake, which is not hidden in frames. Raises InputError
-    and KinematicsError as `in_base_frame`.
-    """
-    if frames is None:
-        few = campaign.sampled(_TRIED)
-        typical = Given.of(few).typical
-        explained = typical > SHARE and _by_drawing(few) <= min(_EXPLAINED, 0.1 * typical)
-        frames = "tracker" if explained else "base"
-    return campaign if frames == "base" else in_base_frame(campaign).campaign
-
-
 def load_log(
     path: str | os.PathLike[str] | DataFrame,
     *,
     robot: Robot | str,
     columns: str | Mapping[str, str] = "",
     rotation: str | None = None,
-    frames: Frames | None = None,
+    frames: Literal["base", "tracker"] | None = None,
     position_sigma: npt.ArrayLike | None = None,
     rotation_sigma: npt.ArrayLike | None = None,
     length_sigma: npt.ArrayLike | None = None,
@@ -584,7 +470,8 @@ def load_log(
     columns    which columns are which, as `cpcal import --map` has it; left out: told by their names and units
     rotation   see `Campaign.from_arrays`; left out: told by the columns, for quaternions and matrices
     frames     "base": poses are of the mobile frame in the base frame. "tracker": of a target in a tracker's frame, and
-               both frames are fitted. Left out: the drawing tells
+               both frames are fitted. Left out: the drawing tells, where frames make it explain the readings; another
+               mistake is not hidden in frames
     ..._sigma  standard deviations: position mm, rotation rad, lengths mm; one number, or one an axis or leg
 
     `campaign.provenance` says what was estimated. Raises InputError with everything that is wrong, KinematicsError
@@ -604,11 +491,12 @@ def load_log(
         if rotation is not None or any(problem.where != "rotation" for problem in error.problems):
             raise
         raise _rotation(log, settings, columns, rotation, True) or error from None
-    campaign = _placed(read, frames)
-    doubtful = campaign is read and frames is None and Given.of(campaign.sampled(_TRIED)).typical > SHARE
-    if doubtful and (other := _rotation(log, settings, columns, rotation, False)) is not None:
-        raise other
+    few = read.sampled(_TRIED)
+    if frames is None and (typical := Given.of(few).typical) > SHARE:  # frames that explain it, and much better?
+        frames = "tracker" if _by_drawing(few) <= min(_EXPLAINED, 0.1 * typical) else "base"
+        if frames == "base" and (other := _rotation(log, settings, columns, rotation, False)) is not None:
+            raise other
+    campaign = in_base_frame(read) if frames == "tracker" else read
     if not stated:
-        residuals = LegEquations.of(campaign).values(robust_parameters(campaign.sampled(_ROWS)))
-        raise unstated(f"{about(float(np.median([robust_scale(leg) for leg in residuals.T])), 2)} mm")
+        raise unstated(f"{about(float(np.median(spread_of(campaign).left)), 2)} mm")
     return campaign

@@ -1,4 +1,4 @@
-"""Statistics of repeated measurements: centred distributions and their spread (the paper, tables 2, 3, figures 3, 4).
+"""Repeated measurements: their spread, means, outliers, and whose scatter it is (the paper, tables 2 and 3).
 
 A configuration (a commanded pose) is measured r times; a reading's deviation is from its configuration's mean. With N
 readings in K configurations the standard deviation is sqrt(sum of squares / (N - K)): one degree of freedom is spent on
@@ -8,8 +8,7 @@ in the mean and cannot be seen here.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -17,6 +16,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.fit import LegEquations, Noise
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
@@ -165,7 +165,7 @@ def averaged(
         raise unusable("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")
     if not 0 < factor < np.inf:
         raise unusable("option factor", f"has no meaning: {factor!r}", "give a number > 0")
-    given = None if sigma is None else _deviations("sigma", sigma, (6 + campaign.legs,))
+    given = None if sigma is None else np.asarray(sigma, dtype=np.float64)
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
     if of == "mean":
@@ -173,7 +173,7 @@ def averaged(
     said = f"{len(group)} readings of {len(names)} configurations; half-widths of "
     said += f"{'single readings' if of == 'single' else 'the means'}: {factor:g} standard deviations"
     if shared is not None:
-        square = group_means(_deviations("shared", shared, (len(campaign), 6)) ** 2, group, len(names))
+        square = group_means(np.asarray(shared, dtype=np.float64) ** 2, group, len(names))
         widths[:, :6] = np.hypot(widths[:, :6], factor * np.sqrt(square))
         said += "; errors of camera and target that all images share are counted in full"
     largest = widths.max(axis=0) / factor  # what holds for all rows
@@ -188,14 +188,6 @@ def averaged(
         length_radius=widths[:, 6:],
         provenance={**campaign.provenance, "averaged": said},
     )
-
-
-def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != shape or not (np.isfinite(array) & (array >= 0.0)).all():
-        what = f"has the shape {array.shape}, or a number that is no standard deviation"
-        raise unusable(f"option {name}", what, f"give {shape} numbers >= 0")
-    return array
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -297,56 +289,240 @@ def _usual_distance(repeats: int) -> float:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What the errors of repeated readings look like: spread, extremes, normal or not.
+# Whose scatter is it: the camera's, the leg sensors', or the robot's own? Estimated from repeated configurations.
 #
-# Tests are of the errors pooled over all configurations (figures 3 and 4 of the paper). A spread that differs between
-# configurations makes a pooled distribution with heavy tails.
+# A robot that does not come back to the same place moves the platform and its legs together. Camera and leg sensors
+# both see that motion, and the calibration equations hold all the same: it is no noise of theirs. With the legs' motion
+# m, the camera's noise c and the sensors' noise s, a repeat of configuration k deviates from the mean of its repeats by
+#
+#     pose     c + J_k^-1 m             J_k: derivative of the leg lengths by the pose (n, 6)
+#     lengths  s + m                    so that   J_k (pose) - (lengths) = J_k c - s     is free of the motion
+#
+# and their covariance is linear in those of the three sources,
+#
+#     Sigma_k = [C 0; 0 S] + [J_k^-1; 1] M [J_k^-1; 1]'
+#
+# which are estimated by maximum likelihood (Fisher scoring) from the scatter of all configurations. What camera and
+# sensors see differently and noise does not explain, such as backlash, ends up in C and S.
 
-LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
-_SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
+_ROUNDS = 6  # of Fisher scoring: the last one changes standard deviations by well below a percent
+_FEWEST = 40  # degrees of freedom of the repeats from which three sources are told apart
+_FLOOR = 1e-3  # of a channel's variance, below which scoring does not let its noise fall
+_SEEN = 3.0  # standard errors from which the robot's own scatter is said to be seen
 
 
-@dataclass(frozen=True)
-class ChannelStatistics:
-    """Of one channel, in its own unit.
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """Covariances of single repeats, and what they were estimated from.
 
-    sigma       standard deviation of one reading (tables 2 and 3)
-    extreme     largest error
-    shapiro     p-value of Shapiro and Wilk's test for normality, of every second, third, ... reading where there are
-                more than 5000; nan where it does not apply. (D'Agostino and Pearson's law is not chi-square far out,
-                where the words' level lies.)
-    tests       how many tests the p-value is among: the words take it into account (Bonferroni)
+    camera     (6, 6) of position (mm) and rotation vector (rad) in the camera frame
+    told       whether the repeats are enough to tell the sources apart; if not, all scatter counts as noise
+    noise_sigma     (6 + n,) standard deviations of camera and sensors alone; sensors are independent of one another
+    robot_sigma     (n,) mm: how far the legs scatter between repeats themselves; zero where none is seen beyond three
+                    of its standard errors
+    equation_sigma  (n,) mm: pooled standard deviation of g between repeats, leg by leg
+    equations  (N, n) mm: deviations of g between the repeats of a configuration, J (pose) - (lengths)
+    expected   (N, n) mm: their standard deviations by camera and sensors
+    spread     what all of it is taken from
     """
 
-    name: str
-    readings: int
-    sigma: float
-    extreme: float
-    shapiro: float
-    tests: int = 1
+    camera: Floats
+    told: bool
+    noise_sigma: Floats
+    robot_sigma: Floats
+    equation_sigma: Floats
+    equations: Floats
+    expected: Floats
+    spread: Deviations
 
-    @property
-    def not_normal(self) -> bool:
-        """At the level of all `tests` together; False where it is not tested."""
-        return self.shapiro < LEVEL / self.tests
+    def noise(self, repeats: Ints) -> Noise:
+        """Of the means of so many repeats (N,): what the calibration equations are off by."""
+        share = 1.0 / np.asarray(repeats, dtype=np.float64)
+        length = np.sqrt(share)[:, None] * self.noise_sigma[6:]
+        return Noise(self.camera * share[:, None, None], length, float(self.spread.freedom))
 
     @property
     def sentence(self) -> str:
-        """The channel in words."""
-        spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
-        shape = "NOT NORMAL" if self.not_normal else "looks normal"
-        shape = "not tested for normality" if math.isnan(self.shapiro) else shape
-        return f"{spread} ({self.readings} readings); {shape}."
+        """What scatters, in words."""
+        legs, robot = self.equation_sigma, self.robot_sigma
+        said = f"Between repeats the calibration equations scatter by {legs.min():.3g} to {legs.max():.3g} mm, by leg"
+        if not self.told:
+            return f"{said}; the repeats are too few to tell the robot's own scatter from that of camera and sensors."
+        if not robot.any():
+            return f"{said}. The robot itself comes back: no scatter of its own is seen beside camera's and sensors'."
+        return (
+            f"{said}. The ROBOT ITSELF SCATTERS by {robot.min():.2g} to {robot.max():.2g} mm, by leg, which camera and "
+            "sensors both see: it is no noise of theirs, and counts neither in standard errors nor in reading sets."
+        )
 
 
-def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[ChannelStatistics, ...]:
-    """Statistics of every channel, or of the chosen ones."""
-    from scipy import stats  # here: it takes half a second to load, which certification need not wait for
+def repeatability(campaign: Campaign) -> Repeatability:
+    """Of a campaign with several runs of its poses, at the joint centres of its robot (the drawing's will do).
 
-    out = []
-    channels = list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))
-    for name, sigma, errors in channels[chosen]:
-        thinned = errors[:: -(-len(errors) // _SHAPIRO_MAX)]
-        shapiro = float(stats.shapiro(thinned).pvalue) if sigma > 0.0 and len(errors) >= 3 else math.nan
-        out.append(ChannelStatistics(name, len(errors), float(sigma), float(np.max(np.abs(errors))), shapiro))
-    return tuple(out)
+    Raises InputError when nothing is repeated.
+    """
+    spread = campaign_deviations(campaign)
+    by_pose = LegEquations.of(campaign).by_pose(campaign.robot.parameters)
+    equations = np.einsum("kij,kj->ki", by_pose, spread.values[:, :6]) - spread.values[:, 6:]
+    # the mean derivative of each configuration's repeats
+    middle = group_means(by_pose.reshape(len(by_pose), -1), spread.group, len(spread.names))
+    middle = middle.reshape(-1, *by_pose.shape[1:])
+    parts = _told_apart(middle, spread)
+    if parts is None or not parts[2].any():  # the scatter itself tells the noise best
+        camera, robot = spread.values[:, :6].T @ spread.values[:, :6] / spread.freedom, np.zeros(campaign.legs)
+        sensors = spread.sigma[6:] ** 2
+    else:
+        camera, sensors, robot = parts
+    of_mean = np.einsum("kij,jl,kil->ki", middle, camera, middle) + sensors
+    return Repeatability(
+        camera=camera,
+        told=parts is not None,
+        noise_sigma=np.sqrt(np.concatenate([np.diagonal(camera), sensors])),
+        robot_sigma=np.sqrt(robot),
+        equation_sigma=np.sqrt(np.sum(equations**2, axis=0) / spread.freedom),
+        equations=equations,
+        expected=np.sqrt(of_mean)[spread.group],
+        spread=spread,
+    )
+
+
+def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Floats] | None:
+    """The camera's covariance, and the variances (n,) of the sensors and of the robot's legs, these zero where none is
+    seen; None where there is too little."""
+    scale = spread.sigma
+    if spread.freedom < _FEWEST or not (scale > 0.0).all() or len(spread.names) < 7:
+        return None
+    count, legs = by_pose.shape[:2]
+    size = 6 + legs
+    # channels in units of their own scatter, so that nothing depends on mm against rad
+    unit = float(np.median(scale[6:]))
+    still = np.broadcast_to(np.eye(legs), (count, legs, legs)) / scale[6:, None]
+    motion = unit * np.concatenate([np.linalg.pinv(by_pose * scale[:6]), still], 1)
+    # what each unknown adds to the covariance of a configuration: 21 of the camera, those of sensors and of the robot
+    camera, leg = _symmetric(6), _symmetric(legs)
+    own = slice(21 + legs, None)
+    basis = np.zeros((count, 21 + legs + len(leg), size, size))
+    basis[:, :21, :6, :6], basis[:, 21 : own.start, 6:, 6:] = camera, np.eye(legs)[:, None] * np.eye(legs)
+    basis[:, own] = np.einsum("kai,pij,kbj->kpab", motion, leg, motion, optimize=True)
+    scatter = np.zeros((count, size, size))
+    values = spread.values / scale
+    np.add.at(scatter, spread.group, values[:, :, None] * values[:, None, :])
+    freedom = np.asarray(spread.repeats - 1.0, dtype=np.float64)
+    covariance = np.broadcast_to(np.eye(size), (count, size, size))
+    for _ in range(_ROUNDS):  # Fisher scoring of sums of squares with so many degrees of freedom each
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
+        seen = (whiten @ basis @ np.swapaxes(whiten, -1, -2)).reshape(count, -1, size * size)
+        given = (whiten[:, 0] @ scatter @ np.swapaxes(whiten[:, 0], -1, -2)).reshape(count, size * size)
+        information = 0.5 * np.einsum("k,kpa,kqa->pq", freedom, seen, seen, optimize=True)
+        found = np.linalg.lstsq(information, 0.5 * np.einsum("kpa,ka->p", seen, given), rcond=None)[0]
+        of_camera, of_robot = (
+            _positive(np.einsum("p,pij->ij", some, unknowns))
+            for some, unknowns in ((found[:21], camera), (found[own], leg))
+        )
+        of_sensors = np.maximum(found[21 : own.start], _FLOOR)
+        flat = [part[np.triu_indices(len(part))] for part in (of_camera + _FLOOR * np.eye(6), of_robot)]
+        covariance = np.einsum("p,kpab->kab", np.concatenate([flat[0], of_sensors, flat[1]]), basis)
+    error = np.sqrt(np.diagonal(np.linalg.inv(information)))[own]
+    variance = np.diagonal(of_robot)
+    visible = variance > _SEEN * error[np.flatnonzero(np.equal(*np.triu_indices(legs)))]
+    of_camera = of_camera * np.outer(scale[:6], scale[:6])
+    return of_camera, of_sensors * scale[6:] ** 2, variance * unit**2 * visible.any()
+
+
+def _symmetric(size: int) -> Floats:
+    """(size (size + 1) / 2, size, size): the unit symmetric matrices, row by row of the upper triangle."""
+    rows, columns = np.triu_indices(size)
+    out = np.zeros((len(rows), size, size))
+    each = np.arange(len(rows))
+    out[each, rows, columns] = out[each, columns, rows] = 1.0
+    return out
+
+
+def _positive(matrix: Floats) -> Floats:
+    """The nearest positive semidefinite matrix."""
+    values, axes = np.linalg.eigh(matrix)
+    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Do repeats scatter as independent noise does? Drift and play.
+#
+# All tests of a study are corrected for their number (Bonferroni), so that a good study has one false alarm among all
+# of them in a hundred at level 0.01:
+#
+#     runs         analysis of variance: do runs have means of their own, over all configurations? (drift, warming up)
+#     variances    Bartlett's test: do configurations scatter alike? (play that only some loads take up)
+#
+# Channels are the readings themselves and, leg by leg, g between repeats (`Repeatability.equations`) in standard
+# deviations that camera and sensors explain. There the robot's own scatter is no disturbance, and play is plain, which
+# the length sensors of the legs do not see and the camera does.
+
+LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
+RUNS, VARIANCES = "runs", "variances"
+KINDS = {  # what is said where a test says no, where all say yes, and what may be the cause
+    RUNS: ("RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
+    VARIANCES: ("CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
+}
+
+
+@dataclass(frozen=True)
+class RepeatTest:
+    """One test of one channel; `p` is corrected for the number of tests."""
+
+    kind: str
+    channel: str
+    p: float
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where p is none."""
+        if not 0.0 <= self.p <= 1.0:
+            raise ValueError("a test's p is not between 0 and 1")
+
+
+Tests = tuple[RepeatTest, ...]
+
+
+def unusual(tests: Tests, kind: str, level: float = LEVEL) -> list[RepeatTest]:
+    """The tests of that kind that say no, the clearest first."""
+    return sorted((test for test in tests if test.kind == kind and test.p < level), key=lambda test: test.p)
+
+
+def sentences_of(tests: Tests) -> Iterator[tuple[bool, str]]:
+    """One for each kind of test that was made: whether some channel says no, and which."""
+    for kind, (bad, good, cause) in KINDS.items():
+        made, found = [test.p for test in tests if test.kind == kind], unusual(tests, kind)
+        about = f"corrected for {len(tests)} tests"
+        if found:
+            names = listed([test.channel for test in found], 6)
+            yield True, f"{bad}: {cause}? {names} (p {found[0].p:.2g}, {about})."
+        elif made:
+            yield False, f"{good}: of {len(made)} channels none beyond chance (least p {min(made):.2g}, {about})."
+
+
+def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
+    """Of repeats whose rows have these runs."""
+    from scipy import linalg, stats  # here: it takes half a second to load, which certification need not wait for
+
+    spread, made = found.spread, list[tuple[str, str, float]]()
+    scaled = found.equations / np.where(found.expected > 0.0, found.expected, 1.0)
+    legs = [f"g of leg {k}" for k in range(1, scaled.shape[1] + 1)]
+    # a two-way table without interaction: what runs explain beside configurations
+    names, number = np.unique(np.array(runs), return_inverse=True)
+    count = len(spread.names)
+    design = np.eye(len(names))[number, 1:]
+    if len(names) > 1 and (design := design - group_means(design, spread.group, count)[spread.group]).any():
+        basis, values = linalg.orth(design), np.concatenate([spread.values, scaled], axis=1)
+        between = basis.shape[1]
+        rest = len(values) - count - between
+        values -= group_means(values, spread.group, count)[spread.group]
+        explained, total = np.sum((basis.T @ values) ** 2, axis=0), np.sum(values**2, axis=0)
+        for name, part, whole in zip((*spread.channels, *legs), explained, total, strict=True):
+            if rest > 0 and whole - part > 1e-12 * whole:
+                f = (part / between) / ((whole - part) / rest)
+                made.append((RUNS, name, float(stats.f.sf(f, between, rest))))
+    several = np.flatnonzero(spread.repeats > 2)
+    for name, column in zip(legs, scaled.T, strict=True):
+        groups = [column[spread.group == k] for k in several]
+        if len(groups) > 1 and min(np.var(one) for one in groups) > 0.0:
+            made.append((VARIANCES, name, float(stats.bartlett(*groups).pvalue)))
+    return tuple(RepeatTest(kind, name, min(1.0, len(made) * p)) for kind, name, p in made)

@@ -9,44 +9,44 @@ was measured stays as the camera gave it, and so does the shape of its reading s
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.budget import Budget
-from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
+from cpcal.calibration.diagnosis import Diagnosis, diagnosis
 from cpcal.calibration.fit import Fit, LegEquations, fit
 from cpcal.calibration.frames import (
     FittedFrame,
-    FrameCalibration,
-    SharedError,
     first_frames,
     fitted_frames,
     on_drawing,
     on_drawing_errors,
     redefined,
 )
-from cpcal.calibration.repeatability import Repeatability, RepeatTests, repeat_tests, repeatability
 from cpcal.calibration.statistics import (
-    ChannelStatistics,
-    Deviations,
     Of,
+    Repeatability,
+    RepeatTest,
     Screening,
     averaged,
     campaign_deviations,
-    describe,
     group_means,
     grouped,
     means,
+    repeat_tests,
+    repeatability,
     scores,
     screen,
+    sentences_of,
 )
 from cpcal.calibration.validation import Validation, validate
+from cpcal.common.numbers import about
 from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
@@ -59,48 +59,42 @@ from cpcal.solver.optimize.least_squares import least_squares
 
 @dataclass(frozen=True, eq=False)
 class StudyRows:
-    """Measurements of a table, joint centres of the robot in any frames.
+    """Measurements of a table.
 
-    all         every row
+    readings    how many rows there are
     screening   outliers among them; None where no pose is repeated, so that nothing tells them
     good        the rows without them
     runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
-                images count as runs; all_runs: with the outliers
+                images count as runs
     run_names   the runs of those
-    run_shared  (N, 6) of those: deviations of the errors that all images share, mm and rad; None where there are none
+    shared      (N, 6) of those: deviations of the errors that all images share, mm and rad; None where there are none
     """
 
-    all: Campaign
+    readings: int
     screening: Screening | None
     good: Campaign
     runs: Campaign
-    all_runs: Campaign
     run_names: tuple[str, ...]
-    run_shared: Floats | None
+    shared: Floats | None
 
     @property
     def repeats(self) -> Ints:
         """(K,) runs of each pose, in the order of their first rows."""
         return np.bincount(grouped(self.runs.pose, repeated=False)[0]).astype(np.int64)
 
-    def of(self, robot: Robot) -> StudyRows:
-        """The same measurements of a robot whose joint centres stand elsewhere."""
-        parts = {name: replace(getattr(self, name), robot=robot) for name in ("all", "good", "runs", "all_runs")}
-        return replace(self, **parts)
-
 
 def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> StudyRows:
-    """The rows of a table, screened for outliers where poses are repeated."""
+    """The rows of a table, screened for outliers where poses are repeated; joint centres of the robot in any frames."""
     rows = as_campaign(table, robot, provenance)
     has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
     runs = np.array(table.run if has_runs else rows.run)
-    every, _ = _run_means(rows, runs)
     screening = None
     if len(set(table.pose)) < len(table):
         spread = campaign_deviations(rows)
         if table.image is None or not has_runs:
             screening = screen(spread)
         else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
+            every = _run_means(rows, runs)[0]
             legs = scores(campaign_deviations(every))[_by_run(rows, runs)][:, 6:]
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
@@ -109,7 +103,7 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
         shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(names)))
-    return StudyRows(rows, screening, good, averages, every if not keep.all() else averages, names, shared)
+    return StudyRows(len(rows), screening, good, averages, names, shared)
 
 
 def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
@@ -160,39 +154,17 @@ _REACH = 4.0  # standard deviations to each side; the outermost bins hold what i
 class Channel:
     """One channel of the repeats (tables 2 and 3, figures 3 and 4), outliers left out: `unit` is "mm" or "rad".
 
+    sigma      standard deviation of one reading
     counts     errors of repeats in bins of equal width from -reach to reach; the outermost hold what is beyond
     noise      standard deviation of a run by the noise of camera or sensors alone
-    with_outliers  the standard deviation with them
     """
 
+    name: str
     unit: str
-    statistics: ChannelStatistics
+    sigma: float
     reach: float
     counts: tuple[int, ...]
     noise: float
-    with_outliers: float
-
-
-@dataclass(frozen=True)
-class ReadingSets:
-    """Half-widths of `factor` standard deviations `of` the "mean" of the repeats about which a set is, or of "single"
-    readings; `shared`: whether errors that all images share are in them."""
-
-    factor: float
-    of: str
-    shared: bool
-
-    @property
-    def sentence(self) -> str:
-        whose = (
-            "of the mean of its repeats, about which they are"
-            if self.of == "mean"
-            else "of a single reading, though they are about the mean of its repeats (the paper's choice)"
-        )
-        shared = " and by the errors that all images share" if self.shared else ""
-        return (
-            f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors{shared}."
-        )
 
 
 @dataclass(frozen=True)
@@ -204,7 +176,8 @@ class RepeatRecord:
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     scatter          whose scatter it is, in words
     tests            drift, play
-    shared           of the poses' errors, by camera and target; None where the study states none
+    shared           (6,) mm and rad, of the poses' errors, by camera and target: root mean squares of the deviations
+                     over the runs; None where the study states none
     """
 
     readings: int
@@ -215,31 +188,20 @@ class RepeatRecord:
     equation_sigma: Numbers
     robot_sigma: Numbers
     scatter: str
-    tests: RepeatTests
-    shared: SharedError | None
-
-
-@dataclass(frozen=True)
-class FittedFrames:
-    """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
-    root mean squares of the components, mm and rad."""
-
-    camera_in_base: FittedFrame
-    target_in_mobile: FittedFrame
-    position_residual: float
-    rotation_residual: float
-    remarks: tuple[str, ...]
+    tests: tuple[RepeatTest, ...]
+    shared: Numbers | None
 
     @property
-    def sentence(self) -> str:
-        """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
-        said = (
-            f"Frames by Shah's closed form, to start with: the two ways to the target differ by "
-            f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
-            "component (rms), which holds the drawing's errors and the legs' imperfections too."
+    def shared_sentence(self) -> str:
+        """What all images share, and where it is counted; empty where nothing is stated."""
+        if self.shared is None:
+            return ""
+        moved, turned = about(max(self.shared[:3]), 2), about(float(np.degrees(max(self.shared[3:]))), 2)
+        return (
+            f"Errors of camera and target that all images share: up to {moved} mm and {turned} degrees (standard "
+            "deviations) of a pose. No repeat shows them and no mean makes them smaller: reading sets and the frames' "
+            "U hold them in full; the table of repeats, standard errors of the fits and what validation expects do not."
         )
-        both = self.camera_in_base.sentence("Camera in base"), self.target_in_mobile.sentence("Target in mobile")
-        return " ".join([said, *self.remarks, *both])
 
 
 @dataclass(frozen=True)
@@ -265,7 +227,7 @@ class Parameters:
         parts = (self.values, self.standard_errors, self.drawn, self.drawn_errors)
         if any(len(part) != len(self.values) or any(len(row) != 7 for row in part) for part in parts):
             raise ValueError("a fit is not seven numbers a leg, each with its standard error")
-        if not all(math.isfinite(value) for row in (*self.values, *self.drawn) for value in row):
+        if not np.isfinite((self.values, self.drawn)).all():
             raise ValueError("a fit is not finite")
 
     @classmethod
@@ -284,14 +246,13 @@ class Parameters:
 
 @dataclass(frozen=True)
 class ValidationRecord:
-    """Pose errors (table 6, figure 5) with x_c and x_c_sigma; with_outliers: with x_c, outliers kept; None where there
-    are none. `left_out` names these, `screening` says how they were told."""
+    """Pose errors (table 6, figure 5) with x_c and x_c_sigma. `left_out` names outliers, `screening` says how they were
+    told."""
 
     screening: str
     left_out: tuple[str, ...]
     x_c: Validation
     x_c_sigma: Validation
-    with_outliers: Validation | None
 
 
 @dataclass(frozen=True)
@@ -301,6 +262,9 @@ class CalibrationRecord:
     drawing          (n, 7) nominal parameters in the drawing's own frames; the campaign's robot has them moved
     x_c_of_f         (n, 7) mm, the paper's x_c: least squares of f = ||v||^2 - (L + l)^2, laid on the drawing
     campaign_sha256  of the campaign that the fits are of; check_sha256 of the one that they were validated with
+    factor, of       of the reading sets: half-widths of so many standard deviations of the "mean" of the repeats about
+                     which a set is, or of "single" readings
+    camera_in_base, target_in_mobile    the frames by the joint centres of x_c_sigma
     budget           uncertainty budget (GUM), where it was asked for
     """
 
@@ -308,9 +272,11 @@ class CalibrationRecord:
     drawing: Rows
     campaign_sha256: str
     check_sha256: str
-    sets: ReadingSets
+    factor: float
+    of: str
     repeats: RepeatRecord
-    frames: FittedFrames
+    camera_in_base: FittedFrame
+    target_in_mobile: FittedFrame
     x_c: Parameters
     x_c_sigma: Parameters
     x_c_of_f: Rows
@@ -327,28 +293,40 @@ class CalibrationRecord:
             raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
 
     @property
+    def sets(self) -> str:
+        """How large the reading sets are, in words."""
+        whose = (
+            "of the mean of its repeats, about which they are"
+            if self.of == "mean"
+            else "of a single reading, though they are about the mean of its repeats (the paper's choice)"
+        )
+        shared = " and by the errors that all images share" if self.repeats.shared else ""
+        return (
+            f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors{shared}."
+        )
+
+    @property
+    def frames(self) -> str:
+        """How well the frames are known, in words."""
+        camera = self.camera_in_base.sentence("Camera in base")
+        return f"{camera} {self.target_in_mobile.sentence('Target in mobile')}"
+
+    @property
     def sentences(self) -> Iterator[str]:
         """What the steps say of themselves, in their order."""
         repeats, check = self.repeats, self.validation
-        yield repeats.screening
-        yield from (channel.statistics.sentence for channel in repeats.channels)
-        yield repeats.scatter
-        if repeats.shared is not None:
-            yield repeats.shared.sentence
-        yield from repeats.tests.sentences
-        yield from (self.sets.sentence, self.frames.sentence)
-        yield from (f"x_c: {self.x_c.sentence}", f"x_c_sigma: {self.x_c_sigma.sentence}")
+        yield from (repeats.screening, repeats.scatter, *filter(None, [repeats.shared_sentence]))
+        yield from (sentence for _, sentence in sentences_of(repeats.tests))
+        yield from (self.sets, self.frames, f"x_c: {self.x_c.sentence}", f"x_c_sigma: {self.x_c_sigma.sentence}")
         yield f"Validation poses: {check.screening}"
         yield f"Validation of x_c: {check.x_c.sentence}"
         yield f"Validation of x_c_sigma: {check.x_c_sigma.sentence}"
-        if check.with_outliers is not None:
-            yield f"Validation of x_c with the outliers: {check.with_outliers.sentence}"
         if self.budget is not None:
-            yield from self.budget.sentences
+            yield self.budget.sentence
         yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/9"
+FORMAT = "cpcal-calibration/10"
 RECORD_NAME = "calibration.json"
 
 
@@ -375,7 +353,6 @@ class StudyCalibration:
     campaign      one measurement a configuration: means; reading sets of `factor` standard deviations
     check         the same of the validation poses
     repeats       whose scatter the repeats show: camera's, sensors', robot's
-    frames        camera in base, target in mobile, from pairs of poses: where the fits start
     x_c, x_c_sigma        least squares of g: plain, and weighted by the noise of the means, all legs together
     record        all of it as plain values, with statistics, validation and diagnosis
     """
@@ -384,7 +361,6 @@ class StudyCalibration:
     campaign: Campaign
     check: Campaign
     repeats: Repeatability
-    frames: FrameCalibration
     x_c: Fit
     x_c_sigma: Fit
     record: CalibrationRecord
@@ -399,13 +375,17 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     Raises InputError for data that do not determine what is asked, KinematicsError where the drawing cannot reach the
     leg readings.
     """
-    drawing = study.robot
-    tables, told = (study.calibration, study.validation), _provenance(study)
-    rows, check_rows = (study_rows(table, drawing, told) for table in tables)
-    centres = averaged(rows.good)  # the drawing's forward kinematics of the mean readings, against the mean poses
+    drawing, truth = study.robot, study.truth
+    # options of a study are not those of a simulated campaign, and its true parameters are where those have the joints
+    told = {"study" if key == "options" else key: text for key, text in study.provenance.items()}
+    if truth is not None:
+        true = redefined(truth.robot, inverse(truth.camera), truth.target)
+        told["true_parameters"] = json.dumps(true.parameters.tolist())
+    centres = averaged(study_rows(study.calibration, drawing).good)
+    # the drawing's forward kinematics of the mean readings, against the mean poses
     frames = first_frames(drawing, centres.length, Pose(centres.position, centres.quaternion))
     robot = redefined(drawing, frames.camera_in_base, frames.target_in_mobile)
-    rows, check_rows = rows.of(robot), check_rows.of(robot)
+    rows, check_rows = (study_rows(table, robot, told) for table in (study.calibration, study.validation))
     repeats, of_rows = repeatability(rows.runs), campaign_deviations(rows.good)
     sigma = repeats.noise_sigma
     if of == "single":  # of a row, less what the robot itself adds
@@ -413,30 +393,50 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         single = np.concatenate([of_rows.sigma[:6], total[6:]])
         own = single**2 - (total**2 - repeats.noise_sigma**2)
         sigma = np.sqrt(np.maximum(own, repeats.noise_sigma**2))
-    campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
-    check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
+    campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.shared)
+    check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.shared)
     noise, check_noise = repeats.noise(rows.repeats), repeats.noise(check_rows.repeats)
     x_c, x_c_sigma = fit(campaign, noise=noise), fit(campaign, weighted=True, noise=noise)
-    repeat_record = _repeats(rows, of_rows, repeats)
-    shared, outliers = repeat_record.shared, check_rows.screening
-    of_frames = () if shared is None else shared.of_frames()
-    with_outliers = None
-    if outliers is not None and not outliers.keep.all():
-        every = averaged(check_rows.all, of="mean", sigma=repeats.noise_sigma)
-        with_outliers = validate(every, x_c.parameters, noise=check_noise)
+    channels = []
+    for k, name in enumerate(of_rows.channels):  # of the pose by rows, of the legs by runs, whose images hold the same
+        spread = of_rows if k < 6 else repeats.spread
+        reach = _REACH * float(spread.sigma[k]) or 1.0  # a channel without any scatter: one bin has it all
+        counts, _ = np.histogram(np.clip(spread.errors[:, k], -reach, reach), bins=_BINS, range=(-reach, reach))
+        of_noise, seen = float(repeats.noise_sigma[k]), tuple(counts.tolist())
+        channels.append(Channel(name, "rad" if 3 <= k < 6 else "mm", float(spread.sigma[k]), reach, seen, of_noise))
+    shared = of_frames = None
+    if rows.shared is not None:
+        # If every pose is off by the same (dp, dr), a fit puts that into the frames: camera in base is off by dr and by
+        # dp + dr x d, d the way from the target to the camera; or target in mobile by dr and dp. The shared errors of
+        # different poses are not the same, so that each frame is off by less: an upper estimate, in all directions.
+        shared = np.sqrt(np.mean(rows.shared**2, axis=0))
+        distance = np.sqrt(np.mean(np.sum(rows.runs.position**2, axis=1)))
+        moved, turned = shared[:3].max(), shared[3:].max()
+        of_frames = np.array([np.repeat([np.hypot(moved, arm * turned), turned], 3) for arm in (distance, 0.0)])
+    screening, outliers, tests = rows.screening, check_rows.screening, repeat_tests(repeats, rows.run_names)
+    assert screening is not None  # a table without repeats has no statistics, and was refused
+    camera_in_base, target_in_mobile = fitted_frames(x_c_sigma, drawing, of_frames)
     record = CalibrationRecord(
-        robot=drawing.name,
+        robot=campaign.title,
         drawing=_rows(drawing.parameters),
         campaign_sha256=campaign_sha256(campaign),
         check_sha256=campaign_sha256(check),
-        sets=ReadingSets(factor, of, shared is not None),
-        repeats=repeat_record,
-        frames=FittedFrames(
-            *fitted_frames(x_c_sigma, drawing, *of_frames),
-            float(np.sqrt(np.mean(frames.position_residual**2))),
-            float(np.sqrt(np.mean(frames.rotation_residual**2))),
-            frames.remarks,
+        factor=factor,
+        of=of,
+        repeats=RepeatRecord(
+            readings=rows.readings,
+            configurations=len(of_rows.names),
+            screening=screening.sentence,
+            left_out=screening.left_out,
+            channels=tuple(channels),
+            equation_sigma=tuple(repeats.equation_sigma.tolist()),
+            robot_sigma=tuple(repeats.robot_sigma.tolist()),
+            scatter=repeats.sentence,
+            tests=tests,
+            shared=None if shared is None else tuple(shared.tolist()),
         ),
+        camera_in_base=camera_in_base,
+        target_in_mobile=target_in_mobile,
         x_c=Parameters.of(x_c, drawing),
         x_c_sigma=Parameters.of(x_c_sigma, drawing),
         x_c_of_f=_rows(on_drawing(_implicit(campaign, x_c.parameters), drawing)),
@@ -445,81 +445,36 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
             () if outliers is None else outliers.left_out,
             validate(check, x_c.parameters, noise=check_noise),
             validate(check, x_c_sigma.parameters, noise=check_noise),
-            with_outliers,
         ),
-        diagnosis=diagnosis(
-            Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, repeat_record.tests
-        ),
+        diagnosis=diagnosis((campaign, check), (noise, check_noise), x_c_sigma.parameters, tests),
         budget=None,
     )
-    return StudyCalibration(drawing, campaign, check, repeats, frames, x_c, x_c_sigma, record)
+    return StudyCalibration(drawing, campaign, check, repeats, x_c, x_c_sigma, record)
 
 
 def _implicit(campaign: Campaign, start: Floats) -> Floats:
     """(n, 7) mm: the least sum of squares of the paper's f = ||v||^2 - (L + l)^2 = g (g + 2 (L + l)), leg by leg."""
-    found = start.copy()
-    for leg, at in enumerate(start):
-        equations = LegEquations.of(campaign, [leg + 1])
-        read = equations.length[:, 0]
 
-        def gap(x: Floats, equations: LegEquations = equations) -> Floats:
-            return np.asarray(equations.values(x[None])[:, 0])
+    def parts(x: Floats, equations: LegEquations) -> tuple[Floats, Floats]:
+        """g and L + l, (N,)."""
+        return equations.values(x[None])[:, 0], equations.length[:, 0] + x[6]
 
-        def jacobian(x: Floats, equations: LegEquations = equations, read: Floats = read) -> Floats:
-            factors = np.stack([gap(x, equations) + read + x[6]] * 6 + [read + x[6]], axis=1)
-            return np.asarray(2.0 * factors * equations.by_parameters(x[None])[:, 0])
+    def values(x: Floats, equations: LegEquations) -> Floats:
+        gap, read = parts(x, equations)
+        return np.asarray(gap * (gap + 2.0 * read))
 
-        def values(x: Floats, equations: LegEquations = equations, read: Floats = read) -> Floats:
-            return np.asarray(gap(x, equations) * (gap(x, equations) + 2.0 * (read + x[6])))
+    def jacobian(x: Floats, equations: LegEquations) -> Floats:
+        gap, read = parts(x, equations)
+        return np.asarray(2.0 * np.stack([gap + read] * 6 + [read], 1) * equations.by_parameters(x[None])[:, 0])
 
-        found[leg] = least_squares(values, jacobian, at, tolerance=1e-10).at
-    return found
-
-
-def _provenance(study: Study) -> Mapping[str, str]:
-    """The study's, for its campaigns: the true parameters of a simulated one are where those have the joints."""
-    truth = study.truth  # options of a study are not those of a simulated campaign
-    told = {"study" if key == "options" else key: text for key, text in study.provenance.items()}
-    if truth is not None:
-        true = redefined(truth.robot, inverse(truth.camera), truth.target)
-        told["true_parameters"] = json.dumps(true.parameters.tolist())
-    return told
-
-
-def _repeats(rows: StudyRows, of_rows: Deviations, repeats: Repeatability) -> RepeatRecord:
-    """The pose's channels are of rows, those of the legs of runs: all images of a run hold the same readings."""
-    screening = rows.screening
-    assert screening is not None  # a table without repeats has no statistics, and was refused
-    statistics = (*describe(of_rows, slice(6)), *describe(repeats.spread, slice(6, None)))
-    tests, statistics = repeat_tests(repeats, rows.run_names, statistics)
-    with_outliers = np.array([one.sigma for one in statistics])
-    if not screening.keep.all():
-        every = campaign_deviations(rows.all).sigma[:6], campaign_deviations(rows.all_runs).sigma[6:]
-        with_outliers = np.concatenate(every)
-    channels = []
-    for k, channel in enumerate(statistics):
-        errors = (of_rows if k < 6 else repeats.spread).errors[:, k]
-        reach = _REACH * channel.sigma or 1.0  # a channel without any scatter: one bin has it all
-        counts, _ = np.histogram(np.clip(errors, -reach, reach), bins=_BINS, range=(-reach, reach))
-        unit, seen = "rad" if 3 <= k < 6 else "mm", tuple(counts.tolist())
-        channels.append(Channel(unit, channel, reach, seen, float(repeats.noise_sigma[k]), float(with_outliers[k])))
-    return RepeatRecord(
-        readings=len(rows.all),
-        configurations=len(of_rows.names),
-        screening=screening.sentence,
-        left_out=screening.left_out,
-        channels=tuple(channels),
-        equation_sigma=_numbers(repeats.equation_sigma),
-        robot_sigma=_numbers(repeats.robot_sigma),
-        scatter=repeats.sentence,
-        tests=tests,
-        shared=None if rows.run_shared is None else SharedError.of(rows.run_shared, rows.runs.position),
+    each = [LegEquations.of(campaign, [leg]) for leg in range(1, len(start) + 1)]
+    return np.stack(
+        [
+            least_squares(partial(values, equations=own), partial(jacobian, equations=own), at, tolerance=1e-10).at
+            for own, at in zip(each, start, strict=True)
+        ]
     )
 
 
 def _rows(values: Floats) -> Rows:
     return tuple(tuple(row) for row in values.tolist())
-
-
-def _numbers(values: Floats) -> Numbers:
-    return tuple(map(float, values))

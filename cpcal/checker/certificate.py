@@ -91,7 +91,7 @@ class Accepted:
 
 # its first lines: the problem that it speaks of, and its box ---------------------------------------------------------
 
-FORMAT = "cpcal-certificate/5"
+FORMAT = "cpcal-certificate/6"
 Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
 _MOST_UNKNOWNS = 1000
 _MOST_CONSTRAINTS = 100_000
@@ -388,14 +388,15 @@ class _Check:
             raise Refused("a measurement stands twice in fails")
         if readings is None:
             readings = ("0" * (READINGS if p.model else 0),) * len(good)
+        elif factor is not None:
+            raise Refused("of a point that holds for all readings none are named")
         if len(readings) != len(good) or not self.chosen.issuperset((*good, *bad)):
             raise Refused("readings are those of the measurements in holds, none of which is left out")
         if factor is not None and not 0 <= factor <= 1:
             raise Refused("the factor on the half-widths is from 0 to 1")
-        every = factor is not None
-        k = (p if factor is None else p.scaled(factor)).unproved(x, list(zip(good, readings, strict=True)), every)
+        k = p.unproved(x, list(zip(good, readings, strict=True)), factor)
         if k is not None:
-            which = " for all readings" if every else ""
+            which = "" if factor is None else " for all readings"
             raise Refused(f"it is not proved that the point satisfies measurement {k}{which}", "proof")
         for row in fails:
             if not p.fails(x, *row):

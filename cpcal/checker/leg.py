@@ -21,6 +21,7 @@ from .polynomial import (
     Remainder,
     applied,
     constant,
+    cross,
     dyadics,
     inner,
     minus,
@@ -28,6 +29,7 @@ from .polynomial import (
     rotation_rows,
     shortened,
     signed,
+    transposed,
     unknown,
 )
 from .readers import Refused, array, decimals, shown, text
@@ -257,8 +259,10 @@ def _collected(parts: Parts) -> dict[tuple[int, int], int]:
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
-_SURE = ("plain", "lateral")
+_SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
+_FINE = 40  # bits behind the point: of the length that the slopes of `linear` are taken at
+_POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
 
@@ -291,14 +295,6 @@ def leg_problem(
 ) -> Problem:
     """`count` measurements of a leg, or `only` those. The `forms`, polynomials in its unknowns, are unknowns too; that
     each is equal to its polynomial is a constraint beyond the measurements."""
-
-    def rescaled(factor: F) -> Problem:
-        def row(k: int) -> Measurement:
-            m = rows(k)
-            return Measurement(m.given, [factor * F(width) for width in m.radii])
-
-        return leg_problem(row, count, model, only, forms)
-
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     n, nothing = len(names), [Polynomial({}, 0, form.spend) for form in forms[:1]]
     stated = [
@@ -306,32 +302,30 @@ def leg_problem(
         for m, form in enumerate(forms)
     ]
 
-    def constraint(k: int, x: Unknowns, signs: str, sets: bool) -> LegConstraint | Constraint:
-        return LegConstraint(known(k), model, x.first(n), signs, sets) if k < count else stated[k - count].on(x.images)
+    def constraint(k: int, x: Unknowns, signs: str) -> LegConstraint | Constraint:
+        return LegConstraint(known(k), model, x.first(n), signs) if k < count else stated[k - count].on(x.images)
+
+    def held(x: Unknowns, points: Iterable[tuple[int, str]], factor: F | None) -> Iterator[bool]:
+        own = x.first(n)
+        for k, signs in points:
+            yield held_leg(known(k), model, own, signs, factor) if k < count else stated[k - count].on(x.images).held
 
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         (*names, *(f"form {m}" for m in range(len(forms)))), n - 1, count + len(forms),
         (*chosen, *range(count, count + len(forms))), constraint, lambda k: known(k).radii if k < count else (),
-        (*SIDES, "length"), (*SIDES, "length", "eps"), model, settled=settled_legs, held=held_legs,
-        rescaled=rescaled,
+        (*SIDES, "length"), model, settled=settled_legs, held=held,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LegConstraint:
-    """The constraint of a measurement on a box. Readings are `sets` from the ends that `signs` name, or these alone."""
+    """The constraint of a measurement on a box, its readings in sets from the ends that `signs` name."""
 
     m: Measurement
     model: str
     x: Unknowns
     signs: str
-    sets: bool
-
-    @property
-    def reads(self) -> int:
-        """How its program takes a reading: see `leg_formula`."""
-        return self.m.uncertain * (1 + self.sets)
 
     @property
     def sure(self) -> bool:
@@ -341,22 +335,18 @@ class LegConstraint:
 
 def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], Degree]:
     """What the program takes of legs that have one: whole numbers, and the powers of two that they are divided by."""
-    x, reads = legs[0].x.numbers, legs[0].reads
+    x, reads = legs[0].x.numbers, legs[0].m.uncertain
     given = dyadics([v for leg in legs for v in leg.m.given[:4]])
     at = dyadics([v for leg in legs for v in leg.m.given[4:]])
     reach = dyadics([v for leg in legs for v in leg.m.radii] if reads else [])
     unit = max(at.power, reach.power + 1, x.power)
-    places = at.over(unit)
+    places, widths = at.over(unit), reach.over(unit)
     columns: list[Column] = [given.values[j::4] for j in range(4)]
     columns += [places[j::4] for j in range(4)]
-    if reads:
-        widths = reach.over(unit)
-        columns.append([length - width for length, width in zip(places[3::4], widths[6::7], strict=True)])
-    else:
-        columns.append(columns[-1])
+    columns.append([v - width for v, width in zip(places[3::4], widths[6::7], strict=True)] if reads else columns[-1])
     columns += x.over(unit)
-    for part in range(reads):
-        for j in range(READINGS if reads else 0):
+    for part in range(2 * reads):
+        for j in range(READINGS):
             signs = [ENDS[leg.signs[j]][part] for leg in legs]
             own = zip(signs, widths[j::7], strict=True)
             columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in own])
@@ -405,32 +395,103 @@ def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[
         yield row
 
 
-def held_legs(legs: Sequence[LegConstraint], sides: tuple[str, ...]) -> Iterator[bool]:
-    """Whether each holds at the point, at its reading or at all of its set: no side can be positive; "lower" holds as
-    well where at_least cannot. Legs have one program."""
-    names = sides if legs[0].sure else (*sides, "at_least")
-    formula, mask = _formula(legs, names), len(legs[0].x)
-    for leg, (values, _) in zip(legs, formed(legs, names), strict=True):
-        parts = formula.split(values)
-        if leg.reads == 2:
-            leg.x.spend(2 * len(values))
-            most = [
-                -formula.remainder(n, leg.signs, signed(mask, leg.signs)).of([-v for v in part])[0]
-                for n, part in enumerate(parts)
+def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | None) -> bool:
+    """Whether it is proved that a point satisfies a measurement, for some reading between the end M of its set that the
+    signs name and -M; with a `factor` for all readings of sets with so many times the half-widths.
+
+    Numbers are whole, over one power of two; a product of k of them is of degree k, and so are sums of these. See
+    docs/certificate-format.md, "The claims", for every name here.
+    """
+    given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
+    p = max(given.power, radii.power + below.bit_length(), x.numbers.power, _FINE)
+    one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.numbers.over(p)
+    q0, q1, q2, q3, *place, read = given.over(p)
+    r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
+    t1, t2, t3 = (width >> 1 for width in turns)
+    (a1, a2, a3, b1, b2, b3, offset), extra, eps = point[:7], point[7:-1], point[-1]
+    if eps < 0 or read - rl + offset < eps:
+        return False
+    # n = |q|^2, c = n R(q) b, w = P - a
+    n, turn, linear = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3)), model == "linear"
+    c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
+    w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
+    x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
+    gain, off, slack = one + extra[0] if model in ("gain", "linear") else one, eps << p, 0
+    if factor is None:
+        d1, d2, d3, s1, s2, s3, e = (
+            -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
+        )
+    else:
+        change, reference = abs(gain) * rl + off, gain * read + (offset << p)
+        shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
+        bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
+        curved, slopes, swings = 3 * swing * swing * size, [], []
+        axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
+        for i in AXES:
+            (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
+            by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
+            turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
+            moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
+            slopes.append((n * wi + ci << 2 * p, moved, ri))
+            swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
+        if linear:
+            along, about, trace = extra[1:4], extra[4:], turn[0][0] + turn[1][1] + turn[2][2]
+            heavy = sum(map(abs, about))
+            change += inner(map(abs, along), (r1, r2, r3)) + 2 * swing * heavy + (one << p - _FINE)
+            reference += inner(along, place) + (2 * q0 * inner(about, (q1, q2, q3)) << p) // n
+            y = reference >> 2 * p - _FINE << 2 * p - _FINE
+            slopes = [
+                (g - n * v * y, far + n * abs(v) * change, r) for (g, far, r), v in zip(slopes, along, strict=True)
             ]
-        else:
-            most = list(map(sum, parts))
-        at = dict(zip(names, most, strict=True))
-        yield all(at[side] <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
+            least = n * heavy * ((change << p + 1) + swing * (6 * abs(y) + 2 * change))
+            torque = (trace * v - t for v, t in zip(about, applied(transposed(turn), about), strict=True))
+            swings = [(g - (v * y << p - 1), far + least, t) for (g, far, t), v in zip(swings, torque, strict=True)]
+        if reference < change:
+            return False
+        slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
+        slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
+        d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
+        e = -rl if gain > 0 else rl
+    # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
+    over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
+    less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
+    square = w1 * w1 + w2 * w2 + w3 * w3 + d1 * d1 + d2 * d2 + d3 * d3 + b1 * b1 + b2 * b2 + b3 * b3
+    if model == "lateral":
+        square -= extra[0] << p
+    across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
+    even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
+    even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
+    odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
+    odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
+    slack *= over
+    most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
+    x.spend((1 + linear) * _POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+    high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
+    if linear:
+        high, low = (
+            kappa * (length + inner(extra[1:4], [v + sign * d for v, d in zip(place, (d1, d2, d3), strict=True)]))
+            + (_turned((q0, q1, q2, q3), (sign * s1, sign * s2, sign * s3), extra[4:], p) << p)
+            for sign, length in ((1, high), (-1, low))
+        )
+        most, least, off, kappa = kappa * most, kappa * least, kappa * off, 1
+    if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:
+        return False
+    return low <= off or kappa * (low - off) ** 2 <= least
 
 
-def eased(model: str, moves: bool, reads: int) -> bool:
+def _turned(q: Sequence[int], s: Sequence[int], about: Sequence[int], p: int) -> int:
+    """kappa (R32 - R23, R13 - R31, R21 - R12) / 2 times three numbers, of degree 5."""
+    vector = [(v << p) + c * q[0] + t for v, c, t in zip(q[1:], s, cross(s, q[1:]), strict=True)]
+    return int(2 * ((q[0] << p) - inner(s, q[1:])) * inner(about, vector))
+
+
+def eased(model: str, moves: bool, reads: bool) -> bool:
     """Whether rows are eased by what the rotation's half-widths allow: see `_constraint`."""
-    return model == "linear" and moves and reads == 2
+    return model == "linear" and moves and reads
 
 
 def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
-    return leg_formula(legs[0].model, legs[0].x.moves, legs[0].reads, names)
+    return leg_formula(legs[0].model, legs[0].x.moves, legs[0].m.uncertain, names)
 
 
 class LegFormula(NamedTuple):
@@ -456,18 +517,19 @@ class LegFormula(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> LegFormula:
-    """Of polynomials in u if the box `moves`, that is, has a width; `reads`: 0 exactly, 1 one reading, 2 sets, in y."""
+def leg_formula(model: str, moves: bool, reads: bool, names: tuple[str, ...]) -> LegFormula:
+    """Of polynomials in u if the box `moves`, that is, has a width, and in y if it `reads` sets."""
     n = 8 + len(EXTRA[model])
-    box, own = n * (1 + moves), READINGS * reads + 3 * eased(model, moves, reads)
+    box, own = n * (1 + moves), 2 * READINGS * reads + 3 * eased(model, moves, reads)
     program = Program([0] * 4 + [1] * (5 + box + own), [False] * 9 + [True] * box + [False] * own)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
     x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)] if moves else centers
     nothing = Traced(program, {}, (0, 0))
-    reading = [next(given) for _ in range(READINGS)] if reads else [nothing] * READINGS
-    if reads == 2:
-        reading = [at + next(given).moved(1 << FIELD * j) for j, at in enumerate(reading)]
+    reading = [nothing] * READINGS
+    if reads:
+        at = [next(given) for _ in reading]
+        reading = [end + next(given).moved(1 << FIELD * j) for j, end in enumerate(at)]
     widest = list(given)
     found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading, widest)
     parts = [found.part(name) for name in names]
@@ -485,7 +547,6 @@ class _Constraint(NamedTuple):
     at_least: Traced
     at_most: Traced
     length: Traced
-    eps: Traced
     upper: Traced | None = None  # where these rows are not those of the bounds squared
     lower: Traced | None = None
 
@@ -530,7 +591,7 @@ def _constraint(
     if model == "linear":
         of_position = inner(x[8:11], p)
         scalar = quaternion[0] - inner(s, quaternion[1:])
-        moved = _cross(s, quaternion[1:])
+        moved = cross(s, quaternion[1:])
         vector = [v + c * quaternion[0] + m for v, c, m in zip(quaternion[1:], s, moved, strict=True)]
         of_rotation = (scalar * inner(x[11:14], vector)).times(2)
         length = length + of_position
@@ -543,11 +604,7 @@ def _constraint(
             lower = parts[0] * (low * low - square) - parts[1] + parts[2] * low + less * of_square
         length = kappa * length + of_rotation
         body, wide, factor = kappa * body, kappa * eps, one
-    return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, eps.times(-1), upper, lower)
-
-
-def _cross(p: Sequence[Traced], q: Sequence[Traced]) -> list[Traced]:
-    return [p[i - 2] * q[i - 1] - p[i - 1] * q[i - 2] for i in range(3)]
+    return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, upper, lower)
 
 
 # campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------

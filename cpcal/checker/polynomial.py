@@ -152,8 +152,8 @@ class Numbers(NamedTuple):
 def dyadics(values: Iterable[float | F]) -> Numbers:
     """Of numbers whose denominators are powers of two."""
     ratios = [value.as_integer_ratio() for value in values]
-    power = max([below for _, below in ratios], default=1).bit_length() - 1
-    return Numbers([(above << power) // below for above, below in ratios], power)
+    bits = max([below for _, below in ratios], default=1).bit_length()
+    return Numbers([above << bits - below.bit_length() for above, below in ratios], bits - 1)
 
 
 def rotation_rows(h: Sequence[Any]) -> list[list[Any]]:
@@ -196,6 +196,10 @@ def product(left: Iterable[Row], right: Sequence[Row]) -> list[list[Any]]:
 
 def transposed(matrix: Sequence[Row]) -> list[Row]:
     return list(zip(*matrix, strict=True))
+
+
+def cross(x: Row, y: Row) -> list[Any]:
+    return [x[k - 2] * y[k - 1] - x[k - 1] * y[k - 2] for k in range(3)]
 
 
 class Kept(dict[int, Polynomial]):

@@ -31,7 +31,6 @@ from .polynomial import (
 # constraints with readings, and what they say in the coordinates of a box --------------------------------------------
 
 SIDES = ("upper", "lower", "sign", "body")
-_SIDE_BY_SIDE = 1024  # measurements
 
 
 @dataclass(frozen=True)
@@ -144,15 +143,15 @@ class Constraint:
             return high.times(-1)
         return body.times(-1) if side == "body" and factor is not None else body.times(0)
 
+    @property
+    def held(self) -> bool:
+        """At a point."""
+        return all(self.row(side, 0).constant <= 0 for side in SIDES)
+
 
 def settled_constraints(x: Unknowns, items: Sequence[Constraint], side: str) -> Iterator[Polynomial]:
     """Their rows."""
     return (item.row(side, signed(len(x))) for item in items)
-
-
-def held_constraints(items: Sequence[Constraint], sides: tuple[str, ...]) -> Iterator[bool]:
-    """Whether each holds, at a point."""
-    return (all(item.row(side, 0).constant <= 0 for side in sides) for item in items)
 
 
 def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
@@ -163,7 +162,6 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 
 # A reading is the first number plus the second times y, in half-widths: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
-_OPPOSITE = str.maketrans("+-", "-+")
 
 
 def _untagged(side: str, k: int) -> int | None:
@@ -184,15 +182,13 @@ class Problem:
     objective: int | None
     count: int
     chosen: tuple[int, ...]
-    constraint: Callable[[int, Unknowns, str, bool], Any]  # k on a box, its reading's signs, whether these are of a set
+    constraint: Callable[[int, Unknowns, str], Any]  # k on a box, its reading's signs
     radii: Callable[[int], tuple[float | F, ...]] = _exact  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
-    conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
-    held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
-    rescaled: Callable[[F], Problem] | None = None
+    held: Callable[[Unknowns, Sequence[tuple[int, str]], F | None], Iterator[bool]] | None = None  # None: no readings
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
     wrong: int = (
         0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
@@ -222,47 +218,17 @@ class Problem:
         for n, (side, k, _) in enumerate(table):
             groups.setdefault((side, any(self.radii(k))), []).append(n)
         for (side, _), places in groups.items():
-            items = [self.constraint(k, x, signs, True) for _, k, signs in map(table.__getitem__, places)]
+            items = [self.constraint(k, x, signs) for _, k, signs in map(table.__getitem__, places)]
             yield from zip(places, self.settled(x, items, side), strict=True)
 
-    def scaled(self, factor: F) -> Problem:
-        """With half-widths of so many times those of the readings."""
-        return self if self.rescaled is None or factor == 1 else self.rescaled(factor)
-
-    def holds(self, x: Unknowns, k: int, signs: str, every: bool = False) -> bool:
-        """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends, or
-        for `every` one."""
-        return self.unproved(x, [(k, signs)], every) is None
-
-    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], every: bool = False) -> int | None:
-        """The first of these numbers, with the signs of its reading, that `holds` is not proved of.
-
-        What falls towards the reading is asked there for some reading, and at the opposite one for every.
-        """
-        asked = ((every, self.below), (not every, self.above))
-        for start in range(0, len(points), _SIDE_BY_SIDE):
-            some = points[start : start + _SIDE_BY_SIDE]
-            good = [True] * len(some)
-            for uncertain in (True, False):
-                places = [n for n, (k, _) in enumerate(some) if any(self.radii(k)) is uncertain]
-                for opposite, sides in asked if uncertain else ((False, self.conditions),):
-                    turned = _OPPOSITE if opposite else {}
-                    given = ((k, signs.translate(turned)) for k, signs in map(some.__getitem__, places))
-                    items = [self.constraint(k, x, signs, every) for k, signs in given]
-                    for n, held in zip(places, self.held(items, sides) if items else (), strict=True):
-                        good[n] &= held
-            if not all(good):
-                return some[good.index(False)][0]
-        return None
-
-    @cached_property
-    def above(self) -> tuple[str, ...]:
-        """The conditions that are hardest at the reading, where others are at the opposite one."""
-        return tuple(side for side in self.conditions if side in ("upper", "sign"))
-
-    @cached_property
-    def below(self) -> tuple[str, ...]:
-        return tuple(side for side in self.conditions if side not in self.above)
+    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None = None) -> int | None:
+        """The first of these numbers that it is not proved of that the point, a box of width zero, satisfies it: for
+        some reading between the end that its signs name and the opposite one, or with a `factor` for all readings."""
+        if self.held is None:
+            good: Iterable[bool] = (self.constraint(k, x, "").held for k, _ in points)
+        else:
+            good = self.held(x, points, factor)
+        return next((k for (k, _), held in zip(points, good, strict=True) if not held), None)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""

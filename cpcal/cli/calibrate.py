@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from cpcal.calibration import (
     RECORD_NAME,
@@ -18,7 +17,7 @@ from cpcal.calibration import (
 )
 from cpcal.calibration.statistics import Of
 from cpcal.cli.certify import show_table, warned
-from cpcal.cli.options import CAMPAIGN, VALIDATION, argument, check_writable, option, options, output, refuse_options
+from cpcal.cli.options import CAMPAIGN, VALIDATION, argument, check_writable, option, options, output
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import unusable
 from cpcal.common.files import unwritable
@@ -38,7 +37,6 @@ class BudgetFlags:
     lens: float | None = _input(None, "Of a position, by the rest of the distortion, from pose to pose.", "MM")
     sensor_scale: float | None = _input(None, "Of each leg's sensor, relative.", "REL")
     temperature: float | None = _input(None, "Between target and robot; with the expansion of steel.", "K")
-    trials: int | None = _input(None, "Check U by Monte Carlo with so many simulated studies (GUM Supplement 1).", "N")
 
 
 def calibrate(
@@ -49,9 +47,6 @@ def calibrate(
         "mean",
         "Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
         "reading (the paper's choice; wider by the root of the number of repeats).",
-    ),
-    frame: Literal["measured", "drawing"] = option(
-        "drawing", "In which the parameters are printed: measured (of camera and target), or laid on the drawing."
     ),
     *,
     options: BudgetFlags,
@@ -65,20 +60,15 @@ def calibrate(
     if not 0.0 < factor < float("inf"):
         raise unusable("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")
     stated = {name: value for name, value in asdict(options).items() if value is not None}
-    trials = stated.pop("trials", None)
-    if trials is not None and not stated:
-        remedy = "state one, such as --camera-scale 1e-4"
-        refuse_options(["trials"], "without a standard uncertainty", remedy)
-    inputs = Inputs.of(stated)
+    inputs = Inputs(**stated)
     check_writable(folder)
     found = calibrate_study(load_study(study), factor=factor, of=of)
     record = found.record
     if stated:
-        made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=trials)
-        record = replace(record, budget=made)
+        record = replace(record, budget=budget(found.x_c_sigma, found.campaign, found.drawing, inputs))
     warned(found.campaign)
     write_calibration(found, record, folder)
-    show_record(talk, record, frame)
+    show_record(talk, record)
     talk.say(f"Campaign to certify: {folder / CAMPAIGN}. All parameters and figures: {folder / RECORD_NAME}")
 
 
@@ -93,8 +83,8 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(talk: Talk, record: CalibrationRecord, frame: str = study_page.DRAWING) -> None:
-    """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
+def show_record(talk: Talk, record: CalibrationRecord) -> None:
+    """A few sentences; with --verbose every table and sentence."""
     if not talk.verbose:
         talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")
         return
@@ -108,7 +98,7 @@ def show_record(talk: Talk, record: CalibrationRecord, frame: str = study_page.D
         ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
         ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
         ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_page.parameters(fit, frame)) for name, fit in fits.items()),
+        *((f"{name}, laid on the drawing [mm]", study_page.parameters(fit)) for name, fit in fits.items()),
         ("Errors of the validation poses", study_page.validation(record)),
         *(() if record.budget is None else study_page.budget_tables(record.budget)),
     )

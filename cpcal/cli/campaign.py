@@ -240,7 +240,7 @@ def _left(seen: Spread) -> str:
 _OF_CAMPAIGNS = ("extremal", "factor")
 _OF_STUDIES = (
     *("validation_runs", "images", "render"),
-    *("axis_offset", "joint_offset", "backlash", "friction", "sag", "gain"),
+    *("axis_offset", "backlash", "friction", "sag", "gain"),
 )
 
 
@@ -277,7 +277,6 @@ class SimulateFlags:
         "--render",
     )
     axis_offset: float | None = _leg(None, "Distance of the two axes of each lower joint.", "MM")
-    joint_offset: float | None = _leg(None, "Offsets of the three axes of each upper joint.", "MM")
     backlash: float | None = _leg(None, "Clearance along each leg; its side follows the load.", "MM")
     friction: float | None = _leg(
         None,

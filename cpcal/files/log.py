@@ -12,9 +12,11 @@ with which most cells are numbers.
 from __future__ import annotations
 
 import csv
+import itertools
+import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -24,13 +26,25 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import TEXT_MAX, small_file
+from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.values import Floats
 from cpcal.files.folders import load_settings
 from cpcal.files.settings import Settings
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
-from cpcal.robot.campaign import mapped, stated_uncertainty, table_arguments, unit_factor
-from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, units_of
+from cpcal.robot.campaign import ARRAYS, stated_uncertainty
+from cpcal.robot.units import (
+    ANGLES,
+    FORMS,
+    LENGTHS,
+    ColumnSource,
+    RotationForm,
+    column_map,
+    columns_by_name,
+    half_widths,
+    override_columns,
+    reading_columns,
+    units_of,
+)
 
 LOG_MAX = 2**27  # bytes
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
@@ -159,18 +173,6 @@ def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> 
     return ()
 
 
-def number_texts(log: Log, place: int, target: str, problems: Problems) -> Iterator[str]:
-    """The cells of a column with points as decimal signs; what is no number is a problem, and nan."""
-    pattern = _NUMBERS[log.decimal]
-    for line, row in zip(log.lines, log.rows, strict=True):
-        if pattern.fullmatch(row[place]):
-            yield row[place].replace(log.decimal, ".")
-            continue
-        what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
-        problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
-        yield "nan"
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # What a log does not say of itself: of which robot it is, and how far its readings may be off.
 
@@ -216,68 +218,181 @@ def unstated(residual: str) -> InputError:
 # From a log to a campaign: columns by a map, units and rotation form by name, what the log lacks from elsewhere.
 
 
+def _mapped(
+    columns: str | Mapping[str, str],
+    header: Sequence[str],
+    robot: Robot,
+    rotation: str | None,
+    span: Callable[[int], tuple[float, float] | None],
+) -> tuple[dict[str, ColumnSource], RotationForm]:
+    """The map of a table with this header, and the form of its rotations; columns that are not mapped count under their
+    own names. Without a map the columns' names tell, where they leave no doubt of what they are and of their units.
+
+    span  of a column's numbers, from 0: least and largest; None where it holds others
+
+    Raises InputError for columns that are not there, and units that cannot be; and with the columns and a proposal.
+    """
+    legs = robot.legs
+    form = None if rotation is None else RotationForm.named(rotation)
+    if not columns:
+        told, form = columns_by_name(header, legs, form)
+        return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
+    if form is None:
+        asked = columns if isinstance(columns, str) else ",".join(f"{target}=" for target in columns)
+        if re.search(r"\b(r1|rx)\s*=", asked):
+            raise unusable("rotation", "is not stated", f"state --rotation: {FORMS}")
+        form = RotationForm.named("matrix" if re.search(r"\br11\s*=", asked) else "quaternion-wxyz")
+    needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
+    names = ["pose", "run", *needed, *override_columns(legs)]
+    found = column_map(columns, names)
+    taken = {source.name for source in found.values()}
+    found |= {name: ColumnSource(name) for name in names if name not in {*found, *taken} and name in header}
+    problems = Problems()
+    for target, source in found.items():
+        units = units_of(target)
+        if source.place(header) is None and source.name in header:
+            problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
+        elif source.place(header) is None:
+            what = f"{target}: there is no column {shown(source.name)}"
+            problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
+        if source.unit is not None and source.unit not in units:
+            remedy = "give one of " + ", ".join(units) if units else "give no unit"
+            problems.add(Problem("map", f"{target} cannot be in {source.unit}", remedy))
+        if source.unit is None and units is ANGLES and target not in form.columns and source.name != target:
+            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
+    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
+        if found[one].place(header) == found[other].place(header) is not None:
+            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
+            problems.add(Problem("map", what, "map each leg to its own"))
+    problems.raise_any(YOUR_DATA)
+    for name in needed:
+        if name not in found:
+            what = f"the column {name!r} is missing"
+            problems.add(Problem("map", what, "map the table's columns to these names"))
+    problems.raise_any(YOUR_DATA)
+    return found, form
+
+
+def _confirmed(
+    told: dict[str, ColumnSource],
+    form: RotationForm | None,
+    header: Sequence[str],
+    robot: Robot,
+    span: Callable[[int], tuple[float, float] | None],
+) -> dict[str, ColumnSource]:
+    """What the columns' names told, and half-widths under their own names.
+
+    Raises InputError where a column or a unit is not told: what the columns are, and a map that they suggest.
+    """
+    turns = () if form is None else form.columns
+    needed = [name for name in reading_columns(robot.legs)[2:] if name[0] != "q"] + [*turns]
+    missing = [name for name in needed if name not in told]
+    lengths = [name for name in needed if units_of(name) and name not in turns]
+    open_units = [n for n in lengths if n in told and told[n].unit is None and told[n].name != n]
+    if form is not None and not missing and not open_units:
+        return told | {name: ColumnSource(name) for name in override_columns(robot.legs) if name in header}
+    size = float(np.median(np.linalg.norm(robot.base - robot.mobile, axis=1) + robot.offset))
+    spans = [span(place) for place in range(len(header))]
+    for name in open_units:
+        low, high = spans[told[name].place(header) or 0] or (0.0, 0.0)
+        if high > low:  # the unit in which a column varies by about a third of the robot
+            unit = min(LENGTHS, key=lambda unit: abs(math.log(3.0 * (high - low) * float(LENGTHS[unit]) / size)))
+            told[name] = replace(told[name], unit=unit)
+    proposed = ", ".join(
+        f'{target}="{one.name}"' + (f"[{one.unit}]" if one.unit else "") for target, one in told.items()
+    )
+    seen = (f"{shown(n)} ({s[0]:.6g} to {s[1]:.6g})" if s else shown(n) for n, s in zip(header, spans, strict=True))
+    problems = Problems()
+    rest = f"; add {', '.join(missing)}" if missing else ""
+    what = f"columns have no names or units that tell what they are; they are {listed(list(seen), 40)}"
+    if missing or open_units:
+        problems.add(Problem("map", what, f"check this one: --map '{proposed}'{rest}"))
+    if form is None:
+        problems.add(Problem("rotation", "is not told by the names of the columns", f"state --rotation: {FORMS}"))
+    problems.raise_any(YOUR_DATA)
+    return told
+
+
 def campaign_of_log(
     log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str | None = None
 ) -> Campaign:
     """The campaign in a log: `settings` say what it lacks (a robot; how far readings may be off, or None: exact),
     `columns` which columns are which, `rotation` the form of the rotations; left out, the columns' names tell.
 
-    Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm.
-
-    Poses are named p1, p2, ... in the order of the rows unless a column is mapped to `pose`. Raises InputError with
-    every cell that is no number, by its line.
+    Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm. Poses that are not named are p1, p2,
+    ... in the order of the rows; runs that are not named tell equal poses apart. Raises InputError with every cell that
+    is no number, by its line.
     """
-    robot = settings.robot
+    robot, stated, count = settings.robot, settings.uncertainty, len(log.rows)
     assert robot is not None  # what keeps it from being read was raised
     header = log.header or tuple(f"#{i}" for i in range(1, len(log.rows[0]) + 1))
+    number = _NUMBERS[log.decimal]
 
     def span(place: int) -> tuple[float, float] | None:
         cells = [row[place] for row in log.rows]
-        if not all(map(_NUMBERS[log.decimal].fullmatch, cells)):
+        if not all(map(number.fullmatch, cells)):
             return None
         numbers = [float(cell.replace(log.decimal, ".")) for cell in cells]
         return min(numbers), max(numbers)
 
-    found, form = mapped(columns, header, robot, rotation, span)
+    found, form = _mapped(columns, header, robot, rotation, span)
     names: dict[str, list[str]] = {}
     values: dict[str, Floats] = {}
     problems = Problems()
     for target, source in found.items():
-        place = source.place(header)
-        assert place is not None  # `mapped` raised otherwise
+        place, units, texts = source.place(header), units_of(target), list[str]()
+        assert place is not None  # `_mapped` raised otherwise
         if target in ("pose", "run"):
             names[target] = [row[place] for row in log.rows]
-        else:
-            values[target] = _column(log, place, target, source, form, problems)
+            continue
+        for line, row in zip(log.lines, log.rows, strict=True):
+            good = number.fullmatch(row[place])
+            texts.append(row[place].replace(log.decimal, ".") if good else "nan")
+            if not good:
+                what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
+                problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
+        if "mm" in units:
+            size = LENGTHS[source.unit or "mm"]
+            values[target] = np.array([float(Decimal(text) * size) for text in texts])
+        else:  # to rad, or as the rotation form takes them
+            factor = 1.0 if source.unit is None else units[source.unit]
+            factor /= units[form.unit] if source.unit is not None and target in form.columns else 1.0
+            values[target] = factor * np.array([float(text) for text in texts])
     problems.raise_any(YOUR_DATA)
+    pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
+    runs, seen = names.get("run", []), Counter[str]()
+    for name in () if runs else pose:
+        seen[name] += 1
+        runs.append(str(seen[name]))
+
+    def table(columns: Iterable[str]) -> Floats:
+        return np.stack([values[name] for name in columns], axis=1)
+
     try:
-        arguments = table_arguments(names, values, robot, form, settings.uncertainty)
-    except InputError as error:
-        raise _by_line(error, log) from None
-    told = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": _told(found)}
-    provenance = dict(settings.provenance) | told
-    return Campaign.of(**arguments, exact=settings.uncertainty is None, provenance=provenance, model=settings.model)
-
-
-def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
-    texts = number_texts(log, place, target, problems)
-    if "mm" in units_of(target):
-        size = LENGTHS[source.unit or "mm"]
-        return np.array([float(Decimal(text) * size) for text in texts])
-    return unit_factor(target, source, form) * np.array([float(text) for text in texts])
-
-
-def _told(found: Mapping[str, ColumnSource]) -> str:
+        quaternion = form.quaternions(table(form.columns))
+    except InputError as error:  # the same problems, with the log's line instead of a row's number
+        lined = []
+        for problem in error.problems:
+            start, _, which = problem.where.rpartition(" ")
+            if start == "rotation of row":
+                what = f"the rotation {problem.what}"
+                problem = Problem(log.where, what, problem.remedy, log.lines[int(which)])
+            lined.append(problem)
+        raise InputError(lined, omitted=error.omitted) from None
+    radii = half_widths(np.zeros(6 + robot.legs) if stated is None else stated.half_widths, values, robot.legs, count)
     entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
-    return "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
-
-
-def _by_line(error: InputError, log: Log) -> InputError:
-    """The same problems, with the log's line instead of a row's number."""
-    problems = []
-    for problem in error.problems:
-        start, _, row = problem.where.rpartition(" ")
-        if start == "rotation of row":
-            problem = type(problem)(log.where, f"the rotation {problem.what}", problem.remedy, log.lines[int(row)])
-        problems.append(problem)
-    return InputError(problems, omitted=error.omitted)
+    told = "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
+    made = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": told}
+    return Campaign.of(
+        robot,
+        table("xyz"),
+        quaternion,
+        table(f"L{i}" for i in range(1, robot.legs + 1)),
+        pose=pose,
+        run=runs,
+        uncertainty=stated,
+        exact=stated is None,
+        **dict(zip(ARRAYS[3:], np.split(radii, [3, 6], axis=1), strict=True)),
+        provenance={**settings.provenance, **made},
+        model=settings.model,
+    )

@@ -13,14 +13,13 @@ from typing import Any, Self
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
+from cpcal.common.files import NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
 from cpcal.common.values import Floats
 from cpcal.files.tables import csv_table, toml_document
 from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,
     Campaign,
-    Mechanisms,
     ModelChoice,
     Pose,
     PoseTable,
@@ -30,7 +29,7 @@ from cpcal.robot import (
     Uncertainty,
 )
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import FIELDS, KINDS, LARGEST, wrong_value
+from cpcal.robot.robot import KINDS, LARGEST
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 
 KeyPath = tuple[str, ...]
@@ -265,8 +264,8 @@ def positive(unit: str) -> Read:
     return read
 
 
-def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False, field: str = "") -> Read:
-    """An array of numbers, or one number: of any length where the shape has None; `field`: of the mechanisms."""
+def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False) -> Read:
+    """An array of numbers, or one number: of any length where the shape has None."""
 
     def read(reader: TomlReader, path: KeyPath, value: object) -> Floats | float:
         before = len(reader.problems)
@@ -274,8 +273,6 @@ def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool 
         if len(reader.problems) > before:
             return 0.0
         values = np.array(found, dtype=np.float64)
-        if field and (wrong := wrong_value(field, values)) is not None:
-            reader.wrong(path, f"{field} {wrong[0]}", wrong[1])
         return values if shape else float(values)
 
     return read
@@ -356,7 +353,7 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
 # ------------------------------------------------------------------------------------------------------------------
 # Studies to files: canonical bytes, so that the same study is always the same files.
 
-STUDY_FORMAT = "cpcal-study/1"
+STUDY_FORMAT = "cpcal-study/2"
 STUDY_NAME = "study.toml"
 CALIBRATION_NAME = "calibration.csv"
 VALIDATION_NAME = "validation.csv"
@@ -384,7 +381,6 @@ def study_bytes(study: Study) -> bytes:
         for name in ("camera", "target"):
             pose: Pose = getattr(truth, name)
             sections[f"truth.{name}"] = {"position": pose.position, "quaternion": pose.quaternion}
-        sections["truth.mechanisms"] = {name: getattr(truth.mechanisms, name) for name in FIELDS}
     return document(STUDY_FORMAT, sections, study.provenance)
 
 
@@ -430,8 +426,13 @@ def read_settings(path: Path, problems: Problems, absent: str, saw: Callable[[by
         return Settings()
     robot, legs = _robot(reader)
     remedy = 'add a name, such as name = "gain"'
-    model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
-    choice = None if model is None else ModelChoice(model["name"], model.get("half_widths", {}))
+    model, choice = reader.section("model", {"name": text}, {"half_widths": _widths}, needed=False, remedy=remedy), None
+    if model is not None:  # which models there are is known where they are used
+        try:
+            choice = ModelChoice(**model)
+        except InputError as error:
+            for problem in error.problems:
+                reader.wrong(("model", "name"), problem.what, problem.remedy)
     return Settings(robot, legs, _uncertainty(reader, legs), choice, provenance=reader.provenance())
 
 
@@ -483,21 +484,10 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
         return None
 
 
-def _model_name(reader: TomlReader, path: KeyPath, value: object) -> str:
-    """Which models there are is known where they are used."""
-    if not (isinstance(value, str) and value.isidentifier() and len(value) <= NAME_MAX):
-        what = f"the model's name {shown(value)} cannot be one"
-        reader.wrong(path, what, 'add a name, such as name = "gain"')
-    return str(value)
-
-
 def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float]:
     if not isinstance(value, dict):
         reader.wrong(path, "half_widths is not a table", "write half_widths = { s = 0.05 }")
         return {}
-    for key in value:
-        if not (key.isidentifier() and len(key) <= NAME_MAX):
-            reader.wrong(path, f"{shown(key)} cannot be a parameter", "give its name, such as s")
     return {k: reader.number(path, f"the half-width of {shown(k)}", v, signed=False) for k, v in value.items()}
 
 
@@ -515,17 +505,7 @@ def read_study_settings(path: Path, problems: Problems, absent: str) -> Settings
     robot, legs = _robot(reader)
     parameters = array((legs, 7), "ax, ay, az, bx, by, bz, l in mm", by_leg=True)
 
-    def mechanisms(reader: TomlReader, path: KeyPath, value: object) -> Mechanisms | None:
-        """Of each a number, one number a leg, or one row a leg."""
-        keys = {}
-        for key, width in FIELDS.items():
-            shape = () if width is None else (legs,) if width == 1 else (legs, width)
-            meaning = "one for each leg" if width == 1 else f"{width} numbers for each leg"
-            keys[key] = array(shape, meaning, by_leg=len(shape) > 1, field=key)
-        found = reader.table(path, value, keys, remedy=_WHOLE)
-        return None if found is None or legs is None else Mechanisms(**found)
-
-    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose, "mechanisms": mechanisms}
+    keys = {"seed": whole(0), "parameters": parameters, "camera": _pose, "target": _pose}
     found = reader.section("truth", keys, needed=False, remedy=_WHOLE)
     truth = None
     if found is not None and robot is not None:

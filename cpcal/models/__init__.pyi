@@ -17,14 +17,13 @@ from .leg import (
     leg_model,
     leg_network,
     leg_statement,
-    model_jacobian,
     model_name_problem,
     model_residuals,
     model_statement,
     of_measurements,
-    reading_sensitivities,
+    reading_moves,
 )
-from .platform import ProvedPose, Workspace, prove_pose
+from .platform import Workspace
 
 __all__ = [
     "BUILT_IN",
@@ -35,7 +34,6 @@ __all__ = [
     "Measured",
     "ModelResiduals",
     "Parameter",
-    "ProvedPose",
     "ReadingRange",
     "Workspace",
     "beyond_legs",
@@ -47,11 +45,9 @@ __all__ = [
     "leg_model",
     "leg_network",
     "leg_statement",
-    "model_jacobian",
     "model_name_problem",
     "model_residuals",
     "model_statement",
     "of_measurements",
-    "prove_pose",
-    "reading_sensitivities",
+    "reading_moves",
 ]

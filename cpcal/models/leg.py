@@ -344,6 +344,10 @@ class LegEquation:
     offset: Expr
     scale: Expr | None
 
+    @property
+    def unscaled(self) -> Expr:
+        return self.body if self.scale is None else self.body / self.scale
+
 
 def leg_equation(
     campaign: Campaign, leg: int, box: Box, *, engine: Arithmetic, model: LegModel = PLAIN, stated: bool = False
@@ -502,19 +506,21 @@ class ModelResiduals:
     """g (N,) in mm and its Jacobian (N, n) at points x (n,) of one leg, at the centres of the reading sets."""
 
     def __init__(self, campaign: Campaign, leg: int, model: LegModel) -> None:
-        zeros = {f"{name}_radius": np.zeros_like(getattr(campaign, f"{name}_radius")) for name in _READ}
-        self._campaign, self._leg = replace(campaign, uncertainty=None, **zeros), leg
-        box = leg_box(np.zeros(7), 0.0, model)
-        equation = leg_equation(self._campaign, leg, box, engine=get_arithmetic("float64"), model=model)
-        body = equation.body if equation.scale is None else equation.body / equation.scale
-        equation.network.add(body <= 0.0)
-        self._rows = Rows(equation.network)
+        self._plain = LegEquations.of(campaign, [leg]) if model.name == PLAIN.name else None
+        if self._plain is None:
+            zeros = {f"{name}_radius": np.zeros_like(getattr(campaign, f"{name}_radius")) for name in _READ}
+            still, box = replace(campaign, uncertainty=None, **zeros), leg_box(np.zeros(7), 0.0, model)
+            equation = leg_equation(still, leg, box, engine=get_arithmetic("float64"), model=model)
+            equation.network.add(equation.unscaled <= 0.0)
+            self._rows = Rows(equation.network)
 
     def values(self, x: npt.ArrayLike) -> Floats:
-        return self._rows.linearize(np.asarray(x, np.float64)).values
+        at = np.asarray(x, np.float64)
+        return self._rows.linearize(at).values if self._plain is None else self._plain.values(at[None])[:, 0]
 
     def jacobian(self, x: npt.ArrayLike) -> Floats:
-        return self._rows.linearize(np.asarray(x, np.float64)).jacobian
+        at = np.asarray(x, np.float64)
+        return self._rows.linearize(at).jacobian if self._plain is None else self._plain.by_parameters(at[None])[:, 0]
 
 
 _READ = ("position", "rotation", "length")
@@ -522,16 +528,7 @@ _READ = ("position", "rotation", "length")
 
 def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
     """`g(x, M_k)` in mm (N,) at the centres of the reading sets, in plain floating point."""
-    if model.name == PLAIN.name:
-        return LegEquations.of(campaign, [leg]).values(np.asarray(x, np.float64)[None])[:, 0]
     return ModelResiduals(campaign, leg, model).values(x)
-
-
-def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
-    """dg/dx (N, n) there."""
-    if model.name == PLAIN.name:
-        return LegEquations.of(campaign, [leg]).by_parameters(np.asarray(x, np.float64)[None])[:, 0]
-    return ModelResiduals(campaign, leg, model).jacobian(x)
 
 
 def fit_model(
@@ -584,22 +581,12 @@ class ReadingRange:
     def __init__(self, campaign: Campaign, leg: int, model: LegModel, engine: Arithmetic) -> None:
         box = leg_box(np.zeros(7), 0.0, model)
         equation = leg_equation(campaign, leg, box, engine=engine, model=model)
-        body = equation.body if equation.scale is None else equation.body / equation.scale
-        self._engine, self._tape = engine, Tape(equation.network, [body])
+        self._engine, self._tape = engine, Tape(equation.network, [equation.unscaled])
         leaves, paths = self._tape.readings, self._tape.reach
         self._where = [self._tape.reading_slots[leaf.digest].ravel() for leaf in leaves]
         self._sets = [(leaf.digest, leaf.data.mid, leaf.data.rad) for leaf in leaves]
         self._mine = paths.leaf >= self._tape.program.given
         self._leaf, self._row, self._entry = (a[self._mine] for a in (paths.leaf, paths.row, paths.entry))
-
-    def deviations(self, x: Floats) -> Floats:
-        """By how much (N,) mm the half-widths move g at x (n,), as independent deviations, to first order."""
-        _, slopes = self._slopes(x, self._readings(0.0))
-        reach = np.zeros(self._tape.program.first)
-        for where, (_, _, radius) in zip(self._where, self._sets, strict=True):
-            reach[where] = radius.ravel()
-        of = np.nan_to_num(0.5 * (slopes.lo + slopes.hi))[self._entry] * reach[self._leaf]
-        return np.asarray(np.sqrt(np.bincount(self._row, of**2, self._tape.count)))
 
     def of(self, x: Floats, factor: float = 1.0) -> IntervalArray:
         """Lower and upper bounds (N,) in mm at x (n,), of half-widths of `factor` times those stated. Infinite where
@@ -645,7 +632,9 @@ class ReadingRange:
         return tape.moved(self._engine, factors, tape.values(slots)[0], IntervalArray(*moves))
 
 
-def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:
-    """Half the range (N,) of g in mm over the reading sets at x."""
-    found = ReadingRange(campaign, leg, model, get_arithmetic("float64")).of(np.asarray(x, np.float64))
-    return np.asarray(0.5 * (found.hi - found.lo))
+def reading_moves(campaign: Campaign, leg: int, x: npt.ArrayLike) -> Floats:
+    """(N, 7) mm: how far the half-widths of x, y, z, the three turns and the length move g of the plain model at
+    (a, b, l), to first order."""
+    by_pose = LegEquations.of(campaign, [leg]).by_pose(np.asarray(x, np.float64)[None, :7])[:, 0]
+    radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
+    return np.column_stack([np.abs(by_pose) * radius, campaign.length_radius[:, leg - 1]])

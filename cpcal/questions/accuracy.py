@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import tempfile
@@ -17,9 +16,9 @@ import numpy as np
 
 from cpcal.calibration import fit
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
-from cpcal.common.errors import CpcalError, InputError, Problem, unusable
+from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import about, bracket_text
-from cpcal.common.values import Floats
+from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked, load, save
@@ -32,10 +31,8 @@ from cpcal.questions.result import CampaignNote, Result
 from cpcal.questions.verdict import verdict_of
 from cpcal.robot import (
     Campaign,
-    Mechanisms,
     Pose,
     Robot,
-    forward_kinematics,
     inverse_kinematics,
     normalised,
     pose_jacobian,
@@ -43,8 +40,6 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.simulate.campaigns import streams, true_robot
-from cpcal.simulate.studies import assembled_with
 from cpcal.solver.certificate.exact_network import free
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -53,7 +48,7 @@ from cpcal.solver.certificate.exact_network import free
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/7"
+FORMAT = "cpcal-accuracy/8"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -106,7 +101,8 @@ class PoseAccuracy:
 
     PROVED under the assumption, where `proved`: every pose `within` the box that was asked for which the legs allow is
     P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
-    `rotation_bound`; infinite where nothing is proved. `far`: legs whose length here is far from every measured one.
+    `rotation_bound`; infinite where nothing is proved. `far`: the largest distance of a leg's length here from every
+    measured one, as a share of the measured stroke.
     """
 
     name: Informed[str]
@@ -117,7 +113,7 @@ class PoseAccuracy:
     hi: Annotated[tuple[float, ...], checked(_AGAIN, "proved")]
     position_bound: Annotated[float, checked(_AGAIN, "proved")]
     rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
-    far: Informed[tuple[int, ...]]
+    far: Informed[float]
     estimated: Informed[Estimated]
 
     @property
@@ -236,6 +232,7 @@ _MEASURED = 64  # poses of the campaign, where none are asked about
 _SHRINKS = 8  # by a quarter each, of a workspace that is proposed
 _SAMPLE = 300  # poses of a workspace, for estimates
 Told = Callable[[str], None]
+Truth = Callable[[Robot, Pose], Pose | None]
 
 
 @dataclass(frozen=True)
@@ -258,6 +255,7 @@ def certify_accuracy(
     cells: int = 600,
     next_poses: int = 4,
     certificates: str | os.PathLike[str] | None = None,
+    truth: Truth | None = None,
     tell: Told | None = None,
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
@@ -277,6 +275,7 @@ def certify_accuracy(
     (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
     leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
     the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
+    `truth` says where a simulated platform really is when a controller commands some poses; None: nobody knows.
 
     Raises InputError for a run that this cannot be asked of: of another campaign or model, without all legs, or with a
     leg that failed, unless `assume` says what to assume of it.
@@ -289,72 +288,88 @@ def certify_accuracy(
         problems.append(Problem("poses", what, "ask for some of them at a time"))
     if problems:
         raise InputError(problems)
-    points = [leg.recommended.point for leg in result.legs if leg.recommended is not None]
-    known = campaign.robot.parameters if controller == "nominal" else np.array(points)
+    known = campaign.robot.parameters
+    if controller == "recommended":
+        known = np.array([leg.recommended.point for leg in result.legs if leg.recommended is not None])
     robot, proposal = Robot.from_parameters("controller", known), ""
     if poses is None and workspace is None:
         poses = measured_poses(campaign)
         workspace, proposal = proposed_workspace(campaign, robot, held)
-    named = NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4)))) if poses is None else poses
+    named = poses or NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4))))
     pairs = zip(named.poses.position, named.poses.quaternion, strict=True)
     commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
     places = [named.poses] if workspace is None else [named.poses, workspace.sample(_SAMPLE)]
     away = [distance_from_measured(campaign, inverse_kinematics(robot, some)) for some in places]
-    far = np.concatenate(away).max(axis=0, initial=0.0)
-    kept = [kept_measurements(campaign, leg.bracket.left_out) for leg in result.legs]
-    found = [suggested_error(campaign.rows(only), k + 1, float(far[k])) for k, only in enumerate(kept)]
+    far = np.concatenate(away).max(axis=0, initial=0.0).tolist()
+    rows = [_kept(campaign, leg.bracket.left_out) for leg in result.legs]
+    found = [suggested_error(campaign.rows(only), k + 1, far[k]) for k, only in enumerate(rows)]
     errors = np.broadcast_to([eps for eps, _ in found] if assume is None else assume, (campaign.legs,)).tolist()
     if not np.isfinite(errors).all():
         what = "leaves no residuals that would suggest a model error"
         raise unusable("run", what, "say what model error to assume: --assume MM")
     asked, assumed, enclosed = list[AskedSet](), list[AssumedLeg](), list[EnclosedLeg]()
     with tempfile.TemporaryDirectory() as draft:
-        for leg, row, only, eps in zip(result.legs, known, kept, errors, strict=True):
+        for k, (leg, only, eps) in enumerate(zip(result.legs, rows, errors, strict=True)):
             say(f"certificate of the set of leg {leg.leg}")
-            center, delta, out = leg.bracket.center, result.options.delta, leg.bracket.left_out
-            contractors, name = result.options.contractors, f"{PREFIX}leg{leg.leg}.cert.jsonl"
-            asked.append(AskedSet(campaign, leg.leg, eps, center, delta, row, contractors, only if out else None))
+            out, name = leg.bracket.left_out, f"{PREFIX}leg{leg.leg}.cert.jsonl"
+            center, delta, some = leg.bracket.center, result.options.delta, tuple(only.tolist()) if out else None
+            asked.append(AskedSet(campaign, leg.leg, eps, center, delta, known[k], result.options.contractors, some))
             path = Path(draft if certificates is None else certificates) / name
             one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
             enclosed += [] if one is None else [one]
             lo, hi = ((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))
             below = leg.bracket.lo if result.options.eps is None else 0.0
-            more = assume is not None, below, found[leg.leg - 1][1], float(far[leg.leg - 1])
-            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, out, name, *more))
-    at, over, following = tuple[PoseAccuracy, ...](), None, tuple[NextPose, ...]()
+            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, out, name, assume is not None, below, found[k][1], far[k]))
+    at, over, following = list[PoseAccuracy](), None, tuple[NextPose, ...]()
     say("certified sets")
     sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
     if len(sets) == campaign.legs:
-        parts = [campaign if one.only is None else campaign.rows(one.only) for one in asked]
-        polytopes = [Polytope.about(part, one) for part, one in zip(parts, sets, strict=True)]
+        polytopes = [Polytope.about(campaign.rows(only), one) for only, one in zip(rows, sets, strict=True)]
+        fitted = campaign.rows(_kept(campaign, [name for leg in result.legs for name in leg.bracket.left_out]))
         say(f"{len(named.names)} poses")
-        estimates = _estimates(campaign, result, robot, sets, polytopes, named.poses, held)
-        at = _at_poses(robot, enclosed, assumed, named, commanded, estimates, away[0], held)
+        for k, estimated in enumerate(_estimates(fitted, robot, sets, polytopes, named.poses, held, truth)):
+            legs = zip(robot.parameters, enclosed, errors, strict=True)
+            rest = [Leg(_exact(row), one.lo, one.hi, F(eps), one.forms[k]) for row, one, eps in legs]
+            bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
+            lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
+            x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
+            at.append(
+                PoseAccuracy(
+                    name=named.names[k],
+                    position=(x, y, z),
+                    quaternion=(q[0], q[1], q[2], q[3]),
+                    proved=bounds is not None,
+                    lo=lo,
+                    hi=hi,
+                    position_bound=most[0],
+                    rotation_bound=most[1],
+                    far=float(away[0][k].max()),
+                    estimated=estimated,
+                )
+            )
+        worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
+        position, quaternion = [p.position for p in worst], [p.quaternion for p in worst]
         if workspace is not None:
-            workspace = _boundable(workspace, sets, held) if proposal else workspace
-            over = _over(workspace, sets, gap, cells, held, say)
-            u = expanded_uncertainty(_without(campaign, result), robot, places[-1], held)[0]
+            over = _over(workspace, sets, gap, cells, held, say, proposal)
+            u = expanded_uncertainty(fitted, robot, places[-1], held)[0]
             last = rotated(np.array([over.worst_pose]))
-            worst = attained(robot, polytopes, sets, last, held)
-            over = replace(over, u_position=float(u.max()), attained=float(worst[0]), proposal=proposal)
-        if next_poses > 0:
-            worst_first = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
-            position, quaternion = [p.position for p in worst_first], [p.quaternion for p in worst_first]
-            if over is not None and over.worst_pose_bound:
+            reached = float(attained(robot, polytopes, sets, last, held)[0])
+            over = replace(over, u_position=float(u.max()), attained=reached)
+            if over.worst_pose_bound:
                 position, quaternion = [*position, *last.position], [*quaternion, *last.quaternion]
-            if position:
-                there = Pose(np.array(position), np.array(quaternion))
-                following = chosen_next(campaign, sets, polytopes, there, next_poses, held=held)
+        if next_poses > 0 and position:
+            there = Pose(np.array(position), np.array(quaternion))
+            following = chosen_next(campaign, sets, polytopes, there, next_poses, held=held)
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,
         controller=controller,
-        parameters=tuple(tuple(map(float, row)) for row in known),
+        parameters=tuple(map(tuple, known.tolist())),
         delta=result.options.delta,
         within=WITHIN,
         held=held,
         legs=tuple(assumed),
-        poses=at,
+        poses=tuple(at),
         workspace=over,
         next_poses=following,
         simulated=campaign.simulated,
@@ -365,6 +380,11 @@ def certify_accuracy(
 
 def _exact(values: Floats) -> tuple[F, ...]:
     return tuple(map(F, values.tolist()))
+
+
+def _kept(campaign: Campaign, left_out: Collection[str]) -> Indices:
+    """Numbers, from 0, of all measurements but some."""
+    return np.flatnonzero(np.isin(campaign.measurement_ids, list(left_out), invert=True))
 
 
 def _problems(
@@ -405,70 +425,34 @@ def _problems(
     return found
 
 
-def _at_poses(
-    robot: Robot,
-    legs: Sequence[EnclosedLeg],
-    assumed: Sequence[AssumedLeg],
-    named: NamedPoses,
-    commanded: Sequence[Commanded],
-    estimates: Sequence[Estimated],
-    away: Floats,
+def _over(
+    workspace: Workspace,
+    sets: Sequence[CertifiedSet],
+    gap: float,
+    cells: int,
     held: tuple[int, ...],
-) -> tuple[PoseAccuracy, ...]:
-    poses, known = named.poses, [_exact(row) for row in robot.parameters]
-    out = []
-    for k, (name, pose) in enumerate(zip(named.names, commanded, strict=True)):
-        at = [
-            Leg(row, one.lo, one.hi, F(error.eps), one.forms[k])
-            for row, one, error in zip(known, legs, assumed, strict=True)
-        ]
-        bounds = pose_bounds(pose, at, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
-        lo, hi, *sizes = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
-        x, y, z = map(float, poses.position[k])
-        q0, q1, q2, q3 = map(float, poses.quaternion[k])
-        out.append(
-            PoseAccuracy(
-                name=name,
-                position=(x, y, z),
-                quaternion=(q0, q1, q2, q3),
-                proved=bounds is not None,
-                lo=lo,
-                hi=hi,
-                position_bound=sizes[0],
-                rotation_bound=sizes[1],
-                far=tuple(leg.leg for leg, distance in zip(assumed, away[k], strict=True) if distance > FAR),
-                estimated=estimates[k],
-            )
-        )
-    return tuple(out)
-
-
-def _boundable(workspace: Workspace, sets: Sequence[CertifiedSet], held: tuple[int, ...]) -> Workspace:
-    """The workspace, made smaller about its middle until the cells of the first grid can be bounded."""
-    for _ in range(_SHRINKS):
+    say: Told,
+    proposal: str,
+) -> WorkspaceAccuracy:
+    """One that is proposed is made smaller about its middle until the cells of the first grid can be bounded."""
+    for _ in range(_SHRINKS if proposal else 0):
         if cell_bounds(Cells.of_boxes(first_grid(workspace.box)), sets, held)[0].proved.all():
             break
         lo, hi = np.array(workspace.lo), np.array(workspace.hi)
         middle, half = 0.5 * (lo + hi), 0.375 * (hi - lo)
         workspace = Workspace(tuple((middle - half).tolist()), tuple((middle + half).tolist()))
-    return workspace
 
-
-def _over(
-    workspace: Workspace, sets: Sequence[CertifiedSet], gap: float, cells: int, held: tuple[int, ...], say: Told
-) -> WorkspaceAccuracy:
     def tell(lo: float, hi: float) -> None:
-        least, most = bracket_text(lo, hi, 4)
-        say(f"the worst of the workspace is between {least} and {most} mm")
+        say("the worst of the workspace is between {} and {} mm".format(*bracket_text(lo, hi, 4)))
 
     found = cover(workspace, sets, held=held, gap=gap, most=cells, tell=tell)
     factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     sides = ((factor * side).tolist() for side in (found.boxes.lo, found.boxes.hi))
     values = (of.tolist() for of in (found.proved, found.position, found.rotation))
     each = tuple(CellAccuracy(tuple(lo), tuple(hi), *of) for lo, hi, *of in zip(*sides, *values, strict=True))
-    at = tuple(map(float, factor * found.at))
+    at = tuple((factor * found.at).tolist())
     return WorkspaceAccuracy(
-        workspace.lo, workspace.hi, each, at, found.at_position, np.inf, np.inf, "", found.complete
+        workspace.lo, workspace.hi, each, at, found.at_position, np.inf, np.inf, proposal, found.complete
     )
 
 
@@ -567,11 +551,6 @@ def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
     return np.asarray(np.abs(length - np.stack(near)).min(axis=0) / np.maximum(np.ptp(known, axis=0), 1e-9))
 
 
-def kept_measurements(campaign: Campaign, left_out: Collection[str]) -> tuple[int, ...]:
-    """Numbers, from 0, of all measurements but some."""
-    return tuple(k for k, name in enumerate(campaign.measurement_ids) if name not in left_out)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Beside what is proved: the prediction uncertainty of least squares, and the simulator's truth. Floating point.
 #
@@ -620,47 +599,21 @@ def expanded_uncertainty(
     return out[0], out[1]
 
 
-def _without(campaign: Campaign, result: Result) -> Campaign:
-    """The campaign without what was left out of any leg."""
-    out = {name for leg in result.legs for name in leg.bracket.left_out}
-    return campaign.rows(kept_measurements(campaign, out))
-
-
 def _estimates(
-    campaign: Campaign,
-    result: Result,
+    fitted: Campaign,
     robot: Robot,
     sets: Sequence[CertifiedSet],
     polytopes: Sequence[Polytope],
     poses: Pose,
     held: tuple[int, ...],
+    truth: Truth | None,
 ) -> list[Estimated]:
     if not len(poses.position):
         return []
-    columns = [*expanded_uncertainty(_without(campaign, result), robot, poses, held)]
-    columns.append(attained(robot, polytopes, sets, poses, held))
-    really = true_poses(campaign, robot, poses)
+    columns = [*expanded_uncertainty(fitted, robot, poses, held), attained(robot, polytopes, sets, poses, held)]
+    really = None if truth is None else truth(robot, poses)
     columns += [] if really is None else distances(really, poses)
     return [Estimated(*row) for row in np.stack(columns, axis=1).tolist()]
-
-
-def true_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
-    """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
-    robot = true_robot(campaign)
-    if robot is None or robot.legs < 6:
-        return None
-    try:
-        options = json.loads(campaign.provenance["options"])
-        reference = 0.5 * sum(options["stroke"])
-        stream = streams(int(options["seed"]))[1]
-        error = float(options["joint_error"])
-        mechanisms = Mechanisms.sampled(
-            robot.legs, np.random.default_rng(0), stream, joint_error=error, reference=reference
-        )
-    except (KeyError, TypeError, ValueError, CpcalError):
-        return None
-    readings = inverse_kinematics(controller, poses)
-    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))
 
 
 def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:

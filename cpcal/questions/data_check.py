@@ -11,7 +11,7 @@ from cpcal.calibration import LegEquations
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
-from cpcal.models import PLAIN, LegModel, model_jacobian
+from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import Given, copied_rows, single_pose
@@ -28,7 +28,7 @@ _OPEN = 0.1  # of a parameter in such a direction, from which it is called undet
 
 def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
     """At parameters x (n,) of one leg and the centres of the reading sets."""
-    return _determined(model_jacobian(campaign, leg, x, model), model.parameters)[0]
+    return _determined(ModelResiduals(campaign, leg, model).jacobian(x), model.parameters)[0]
 
 
 def _determined(jacobian: Floats, names: Sequence[str]) -> tuple[Determination, Floats, Floats]:
@@ -49,7 +49,10 @@ def _determined(jacobian: Floats, names: Sequence[str]) -> tuple[Determination, 
 # ------------------------------------------------------------------------------------------------------------------
 # What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
 
-_ROWS = 1_000  # in a linear program: fewer of them leave a range wider, never narrower
+_ROWS = 1_000  # that are asked: fewer of them leave a range wider, never narrower
+_STEPS = 60  # of reweighted least squares
+_HIDDEN = 1e-6  # relative: what changes the equations less is open
+_EXACT = 1e-9  # relative: the least that a reading set allows
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,39 +76,38 @@ class LegOutlook:
 
 def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
     """The outlook of one leg at parameters x (7,) mm."""
-    jacobian = LegEquations.of(campaign, [leg]).by_parameters(x[None])[:, 0]
+    jacobian = ModelResiduals(campaign, leg, PLAIN).jacobian(x)
     found, scale, values = _determined(jacobian, PLAIN.parameters)
     condition, index = np.inf, 0.0
     if found.rank == found.of:
         condition, index = float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values))))
-    return LegOutlook(leg, found, condition, index, _ranges(jacobian, scale, slack(campaign, leg, x)))
-
-
-def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
-    """(N,) mm: by how much the reading sets let each equation g vary, to first order."""
-    by_pose = np.abs(LegEquations.of(campaign, [leg]).by_pose(x[None])[:, 0])
-    pose = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
-    return np.asarray(np.sum(by_pose * pose, axis=1) + campaign.length_radius[:, leg - 1])
+    return LegOutlook(
+        leg, found, condition, index, _ranges(jacobian, scale, reading_moves(campaign, leg, x).sum(axis=1))
+    )
 
 
 def _ranges(jacobian: Floats, scale: Floats, allowed: Floats) -> Floats:
-    """(7,): the largest |dx_i| with |J dx| <= allowed, by linear programming, columns scaled."""
-    from scipy.optimize import linprog
+    """(7,): the largest |dx_i| with |J dx| <= allowed, columns scaled, from above and within a percent.
 
+    By duality it is the least sum of |y| allowed over y with J' y = e_i: reweighted least squares, whose every step is
+    a bound. (scipy's linear programs do the same, and take half a second to load.)
+    """
     if not allowed.any():
         return np.zeros(jacobian.shape[1])
     rows = np.linspace(0, len(jacobian) - 1, min(_ROWS, len(jacobian))).astype(np.intp)
     size = float(allowed.max())
-    matrix, bound = jacobian[rows] * scale, allowed[rows] / size
-    found = np.full(jacobian.shape[1], np.inf)
-    for i in range(len(found)):
-        cost = np.zeros(len(found))
-        cost[i] = -1.0
-        limits = np.concatenate([bound, bound])
-        program = linprog(cost, np.concatenate([matrix, -matrix]), limits, bounds=(-1e7, 1e7), method="highs")
-        if program.status == 0 and (reach := -float(program.fun or 0.0)) < 1e6:
-            found[i] = reach * size * scale[i]
-    return found
+    matrix, bound = jacobian[rows] * scale, np.maximum(allowed[rows] / size, _EXACT)
+    _, values, right = np.linalg.svd(matrix, full_matrices=len(rows) < len(scale))
+    seen = np.arange(len(right)) < np.sum(values > _HIDDEN * values[0])
+    basis, lost = right[seen], np.linalg.norm(right[~seen], axis=0) > _HIDDEN
+    across = matrix @ basis.T
+    weight, found = np.tile(bound**2, (len(scale), 1)), np.full(len(scale), np.inf)
+    for _ in range(_STEPS):
+        normal = np.einsum("nr,in,ns->irs", across, weight, across, optimize=True)
+        y = weight * (np.linalg.solve(normal, basis.T[:, :, None])[..., 0] @ across.T)
+        found = np.minimum(found, np.abs(y) @ bound)
+        weight = np.maximum(np.abs(y), 1e-9 * np.abs(y).max(axis=1, keepdims=True)) / bound
+    return np.asarray(np.where(lost, np.inf, found * size * scale))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -138,7 +140,7 @@ def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
     residuals = LegEquations.of(campaign, list(legs)).values(x)
     far = np.zeros(residuals.shape, dtype=np.bool_)
     for leg in legs:
-        allowed, off = slack(campaign, leg, x[leg - 1]), np.abs(residuals[:, leg - 1])
+        allowed, off = reading_moves(campaign, leg, x[leg - 1]).sum(axis=1), np.abs(residuals[:, leg - 1])
         unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
         least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
         far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)

@@ -15,10 +15,10 @@ import numpy as np
 from cpcal.common.values import Floats, Indices
 from cpcal.models import (
     PARAMETERS,
+    ModelResiduals,
     built_in,
     exactly_read,
     leg_box,
-    model_jacobian,
     model_statement,
     of_measurements,
 )
@@ -44,8 +44,6 @@ from cpcal.questions.result import (
     Options,
     Projection,
     Ranges,
-    Support,
-    SupportProof,
     Uncertified,
     VerifiedPoint,
     Work,
@@ -57,12 +55,12 @@ from cpcal.solver.contract import Limits, SupportFunction, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set, irreducible
+from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set
 from cpcal.solver.optimize.bound import support as find_support
 from cpcal.solver.optimize.local import Known, fit
 from cpcal.solver.optimize.witness import verify_point
 
-# at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
+# at most for each try if a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
 
 
@@ -81,7 +79,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
         answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
         answer = by_timeout(prepared, start, tell)
-    result = _leg_result(prepared, answer, _support(prepared, start, answer.minimum))
+    result = _leg_result(prepared, answer, _support(prepared, answer.minimum))
     stopped = answer.minimum.interrupted or asked() is not None
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
@@ -109,7 +107,7 @@ def _of_parameters(question: Question, box: Box) -> Box:
     return Box(question.model.parameters, box.lo[:-1], box.hi[:-1])
 
 
-def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResult:
+def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) -> LegResult:
     question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
     eps, lo = options.eps or 0.0, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
@@ -159,11 +157,11 @@ def _determination(
     return determination(campaign, leg, x, question.model)
 
 
-def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
-    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
+def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
+    """Few measurements that give the lower bound by themselves."""
     question = replace(leg.question, place=None, checkpoints=None)
     if question.options.support == "none":
-        return Support()
+        return ()
     leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
 
     def alone(elements: Indices) -> Alone:
@@ -174,19 +172,8 @@ def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
         better = least.witness if least.hi < found.hi else None
         return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
 
-    few, proof = find_support(leg.problem, found, limits.gap, alone), None
-    if question.options.support == "irreducible" and few:
-        few = irreducible(found, few, limits.gap, alone)
-        if question.certificates is not None and not asked():
-            start = start if found.witness is None else found.witness.point
-            part = prepared_leg(question, leg.leg, center=leg.center, only=few)
-            proved = searched(part, the_lower_bound, file=".support", start=start, enclose=False)
-            if proved.certificate is not None:
-                lowest, highest = part.domain["eps"].lo, part.domain["eps"].hi
-                lo = highest if lowest == highest else float(proved.minimum.lo)
-                proof = SupportProof(lo, proved.certificate)
     ids = question.campaign.measurement_ids
-    return Support(tuple(ids[k] for k in few), proof)
+    return tuple(ids[k] for k in find_support(leg.problem, found, limits.gap, alone))
 
 
 def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:
@@ -301,7 +288,7 @@ def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
 
     In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
     """
-    jacobian = model_jacobian(prepared.question.campaign, prepared.leg, x, prepared.question.model)
+    jacobian = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model).jacobian(x)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.abs(covariance / np.outer(spread, spread))

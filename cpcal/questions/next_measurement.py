@@ -17,7 +17,7 @@ from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
-from cpcal.models import PLAIN, ModelResiduals, reading_sensitivities
+from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
 from cpcal.models.hand_eye_fit import PARAMETERS, READING, PixelModel, ReadFrames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
@@ -95,7 +95,7 @@ class Polytope:
         model = ModelResiduals(campaign, one.leg, PLAIN)  # of the measurements that the set holds
         to_x, offset = one.basis * np.maximum(one.along.rad, 1e-12), one.basis @ one.along.mid
         jacobian = model.jacobian(one.controller)
-        slack = one.eps + reading_sensitivities(campaign, one.leg, one.controller, PLAIN)
+        slack = one.eps + reading_moves(campaign, one.leg, one.controller).sum(axis=1)
         middle = -model.values(one.controller) - jacobian @ offset
         return Polytope(jacobian @ to_x, middle, np.maximum(slack, 1e-9), to_x, offset)
 

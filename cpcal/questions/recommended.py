@@ -10,13 +10,14 @@ point that was found. Where no point meets T, or none is given, the point is lea
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_statement
+from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_statement, reading_moves
 from cpcal.questions.bracket import written
 from cpcal.questions.question import Question
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
@@ -45,9 +46,9 @@ def conformity(
     """
     of, tolerance = _Leg(question, leg, network, only), question.options.tolerance
     x, why, reduced = of.plain, LEAST_SQUARES, None
-    eps = of.stated(of.tightest)
+    eps = of.largest(of.tightest)
     if tolerance is not None and lo <= tolerance:
-        if of.largest(of.weighted) <= tolerance and of.stated(of.weighted) <= tolerance:
+        if of.largest(of.weighted) <= tolerance:
             x = of.weighted
         elif eps <= tolerance:
             x, why = of.within(tolerance), CONSTRAINED
@@ -56,14 +57,10 @@ def conformity(
             reduced = Reduced(factor, of.certificate("reduced", x, tolerance, factor) if factor else None)
     passes = None
     if math.isfinite(eps):
-        passes = PassesFrom(eps, _tuple(of.tightest), of.certificate("passes", of.tightest, eps))
-    largest = of.stated(x)
-    recommended = Recommended(_tuple(x), why, largest, of.certificate("recommended", x, largest))
+        passes = PassesFrom(eps, tuple(of.tightest.tolist()), of.certificate("passes", of.tightest, eps))
+    largest = of.largest(x)
+    recommended = Recommended(tuple(x.tolist()), why, largest, of.certificate("recommended", x, largest))
     return {"recommended": recommended, "passes_from": passes, "reduced": reduced}
-
-
-def _tuple(x: Floats) -> tuple[float, ...]:
-    return tuple(map(float, x))
 
 
 class _Leg:
@@ -72,7 +69,6 @@ class _Leg:
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, only: tuple[int, ...] | None) -> None:
         campaign, model = question.campaign, question.model
         self._question, self._leg, self._only, self._network = question, leg, only, network
-        self._range = ReadingRange(campaign, leg, model, question.engine)
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
         self._known: dict[bytes, AllReadings] = {}
@@ -90,22 +86,27 @@ class _Leg:
 
     @cached_property
     def _weight(self) -> Floats:
-        deviations = self._range.deviations(self.plain)
-        return self._used / deviations if deviations.min() > 0.0 else self._used
+        moves = np.linalg.norm(reading_moves(self._question.campaign, self._leg, self.plain), axis=1)
+        return self._used / moves if moves.min() > 0.0 else self._used
 
     def _fit(self, weight: Floats | None) -> Floats:
         question = self._question
         return fit_model(question.campaign, self._leg, question.model, self._residuals, weight)
 
+    @cached_property
+    def _range(self) -> ReadingRange:
+        question = self._question
+        return ReadingRange(question.campaign, self._leg, question.model, question.engine)
+
     def largest(self, x: Floats, factor: float = 1.0) -> float:
-        """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved."""
+        """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved.
+
+        Where there is going to be a certificate, the least that its exact proof reaches."""
+        exact = self._exact(x)
+        if exact is not None:
+            return exact.least_eps(factor)
         found = self._range.of(x, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
-
-    def stated(self, x: Floats) -> float:
-        """The same, as the exact proof of a certificate reaches it, if there is going to be one."""
-        exact = self._exact(x)
-        return self.largest(x) if exact is None else exact.least_eps()
 
     def _exact(self, x: Floats) -> AllReadings | None:
         if self._statement is None:
@@ -140,8 +141,7 @@ class _Leg:
         box = self._network.domain.replace("eps", lo=0.0, hi=np.inf)
         inside = np.clip(self.plain, box.lo[:-1], box.hi[:-1])
         found = fit_of_many(self._network, self._rows, len(inside), np.append(inside, 0.0), box)[:-1]
-        found = np.clip(found, box.lo[:-1], box.hi[:-1])
-        return found if self.largest(found) <= self.largest(inside) else inside
+        return np.clip(found, box.lo[:-1], box.hi[:-1])
 
     def within(self, tolerance: float) -> Floats:
         """The least weighted sum of squares among x with E(x) <= tolerance, by a local search from `tightest`, which
@@ -149,14 +149,12 @@ class _Leg:
         x, slack = self.tightest, _BELOW * tolerance
         for _ in range(_FITS):
             x = self._constrained(tolerance - slack)
-            beyond = max(self.largest(x), self.stated(x)) - tolerance
+            beyond = self.largest(x) - tolerance
             if beyond <= 0.0:
                 return x
             slack += 1.01 * beyond
-        way, share = x - self.tightest, 0.0
-        for step in 0.5 ** np.arange(1, 11):
-            share += step * (self.stated(self.tightest + (share + step) * way) <= tolerance)
-        return np.asarray(self.tightest + share * way)
+        way = x - self.tightest
+        return self.tightest + _most(lambda share: self.largest(self.tightest + share * way) <= tolerance) * way
 
     def _constrained(self, tolerance: float) -> Floats:
         """Gauss-Newton whose steps keep every row, linearised at its worst readings, within the tolerance."""
@@ -175,19 +173,20 @@ class _Leg:
     def factor(self, x: Floats, tolerance: float) -> float:
         """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
         exact = self._exact(x)
+        if exact is None:
+            return _most(lambda factor: self.largest(x, factor) <= tolerance)
+        return _most(lambda factor: exact.needed(tolerance, factor) <= tolerance)
 
-        def passes(parts: int) -> bool:
-            if exact is not None:
-                return bool(exact.hold(tolerance, parts / _PARTS).all())
-            return self.largest(x, parts / _PARTS) <= tolerance
 
-        low, high = 0, _PARTS
-        if passes(high):
-            return 1.0
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if passes(middle) else (low, middle)
-        return low / _PARTS
+def _most(passes: Callable[[float], bool]) -> float:
+    """The largest multiple of 1/1024, 1 at most, that passes, if smaller ones do; 0 is not tried."""
+    low, high = 0, _PARTS
+    if passes(1.0):
+        return 1.0
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if passes(middle / _PARTS) else (low, middle)
+    return low / _PARTS
 
 
 def nearest_within(slopes: Floats, values: Floats, rows: Floats, limits: Floats) -> Floats | None:

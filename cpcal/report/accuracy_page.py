@@ -73,12 +73,13 @@ def sentences(found: Accuracy) -> list[str]:
     out, over, worst = list[str](), found.workspace, found.worst_pose
     far = [error for error in found.legs if error.far > FAR]
     if far:
-        names, share = listed([pose.name for pose in found.poses if pose.far]), round(100 * max(e.far for e in far))
+        poses = sorted((pose for pose in found.poses if pose.far > FAR), key=lambda pose: -pose.far)
+        at = f", at {len(poses)} of {len(found.poses)} poses, farthest first: {listed([p.name for p in poses])}"
         rise = "" if far[0].stated else " What is assumed of them was raised: a precaution, no estimate."
         out.append(
-            f"FAR FROM MEASURED: leg {', '.join(str(error.leg) for error in far)} must reach lengths that are {share} "
-            f"% of the measured stroke away from every measured one{f', at poses {names}' * bool(names)}. No "
-            f"measurement shows the model error there.{rise} Measure poses in between."
+            f"FAR FROM MEASURED: leg {', '.join(str(error.leg) for error in far)} must reach lengths that are "
+            f"{round(100 * max(e.far for e in far))} % of the measured stroke away from every measured one"
+            f"{at * bool(poses)}. No measurement shows the model error there.{rise} Measure poses in between."
         )
     if worst is not None:
         turn = degrees_up(max(p.rotation_bound for p in found.proved_poses))
@@ -232,20 +233,21 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     if not poses:
         return
     truth = found.truth_known
-    head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "attained", "U [mm]", *["truth [mm]"] * truth]
+    head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "far [%]", "attained", "U [mm]", *["truth [mm]"] * truth]
     rows = []
     for pose in poses:
         box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
         estimates = pose.estimated.attained, pose.estimated.u_position, *[pose.estimated.true_position or 0.0] * truth
         bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
-        rows.append((pose.name, *bounds, *box, *map(about, estimates)))
+        rows.append((pose.name, *bounds, *box, str(round(100 * pose.far)), *map(about, estimates)))
     yield Section(
         "At the poses asked for, worst first",
         tables=[Table(head, rows, most=_MOST, where="accuracy.json")],
         notes=[
             "The bounds, and the box x, y, z, are proved (under the assumption). What some parameters that the "
             "measurements allow attain is estimated to first order. U is estimated: the parameters' uncertainty, and a "
-            "model error like that of the residuals; it speaks of 95 % of poses, not of all.",
+            "model error like that of the residuals; it speaks of 95 % of poses, not of all. Far: the largest distance "
+            "of a leg's length from every measured one, of the measured stroke.",
         ],
     )
 

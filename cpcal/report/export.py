@@ -66,7 +66,7 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
         raise unusable("run", what, "export it in the campaign's frames")
     camera, target = (
         (rotation_matrix(np.array([frame.quaternion]))[0], np.array(frame.position))
-        for frame in (record.frames.camera_in_base, record.frames.target_in_mobile)
+        for frame in (record.camera_in_base, record.target_in_mobile)
     )
     return DrawingFrames(camera, target)
 

@@ -15,7 +15,6 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from cpcal.common.errors import InputError, PluginError, printable, unusable
@@ -31,10 +30,9 @@ from cpcal.common.numbers import (
     rounded_up,
     stated,
 )
-from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
+from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_moves
 from cpcal.questions import INFORMATION, LegResult, Ranges, Result, contractors_sentences, model_of, verdict_of
 from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
@@ -57,7 +55,7 @@ from cpcal.report.words import (
     overall,
     support_numbers,
 )
-from cpcal.robot import Campaign, rotation_matrix
+from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Verdict
@@ -209,7 +207,7 @@ def bounds_table(result: Result) -> Table:
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
         bounds = bracket_words(leg) if eps is None else (stated(eps),)
-        certified, support = "yes" if leg.certified else "no", str(len(leg.support.ids))
+        certified, support = "yes" if leg.certified else "no", str(len(leg.support))
         rows.append((str(leg.leg), badge(result, leg), *bounds, certified, support))
     bounds_head = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
     return Table(("leg", "verdict", *bounds_head, "certified", "support"), rows, ("", "word"))
@@ -508,7 +506,7 @@ def residuals_drawing(
     if at is None:
         return None
     count = len(campaign)
-    residual, room = (f(campaign, leg.leg, at, model) for f in (model_residuals, reading_sensitivity))
+    residual, room = model_residuals(campaign, leg.leg, at, model), reading_moves(campaign, leg.leg, at).sum(axis=1)
     least = max((v for v in (hi if best is None else best.largest,) if math.isfinite(v)), default=0.0)
     band = tolerance if tolerance is not None else least or float(np.nanmax(np.abs(residual) + room))
     other = best is not None and fit is not None and best.why != "least squares"
@@ -526,25 +524,6 @@ def residuals_drawing(
     chosen[list(wrong)] = True
     svg = residuals_svg(residual, room, fits, band, chosen, measurement_names(campaign, range(count)), label)
     return Drawing([svg], legend, said)
-
-
-def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
-    """How far the residual of each measurement moves while its reading stays in its set, (N,) mm, to first order.
-
-    With v = P + R b - a and b' = R b: `sum p_i |v_i|/|v| + sum r_j |(b' x (P - a))_j|/|v| + lambda`
-    (DESIGN section 5); of other models by their derivatives. Plain floating point, for drawing; no proof rests on it.
-    0 for exact readings.
-    """
-    if model.name != PLAIN.name:
-        return reading_sensitivities(campaign, leg, parameters, model)
-    x = np.asarray(parameters, np.float64)
-    arm, base = rotation_matrix(campaign.quaternion) @ x[3:6], campaign.position - x[:3]
-    vector = base + arm
-    distance = np.linalg.norm(vector, axis=1)
-    moved = np.sum(campaign.position_radius * np.abs(vector), axis=1)
-    turned = np.sum(campaign.rotation_radius * np.abs(np.cross(arm, base)), axis=1)
-    safe = np.where(distance > 0.0, distance, 1.0)
-    return np.asarray((moved + turned) / safe + campaign.length_radius[:, leg - 1])
 
 
 # ------------------------------------------------------------------------------------------------------------------

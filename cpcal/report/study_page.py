@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration import Budget, CalibrationRecord, Validation
-from cpcal.calibration.repeatability import KINDS
+from cpcal.calibration.statistics import sentences_of
 from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import unusable
-from cpcal.common.files import listed
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
@@ -56,12 +55,11 @@ PAPERS_WAY = (
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
 EXPANDED = "U (k = 2)"
-MEASURED, DRAWING = FRAMES = ("measured", "drawing")  # of camera and target; of the drawing, laid on it
 
 
 def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
     """Table 2: standard deviations of the leg readings, mm."""
-    channels = [c for c in record.repeats.channels if c.statistics.name.startswith("L")]
+    channels = [c for c in record.repeats.channels if c.name.startswith("L")]
     rows = _deviations(record, channels)
     if paper_too and len(channels) == len(TABLE_2):
         rows.append(_row(PAPER, TABLE_2))
@@ -70,24 +68,22 @@ def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
 
 def poses(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
     """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
-    channels = [c for c in record.repeats.channels if not c.statistics.name.startswith("L")]
+    channels = [c for c in record.repeats.channels if not c.name.startswith("L")]
     rows = _deviations(record, channels)
     if record.repeats.shared is not None:
-        each = zip(channels, record.repeats.shared.pose, strict=True)
+        each = zip(channels, record.repeats.shared, strict=True)
         rows.append(("shared by all images, beside it", *(about(shown(c, value)) for c, value in each)))
     if paper_too:
-        rows.append((PAPER, *(about(TABLE_3[c.statistics.name]) for c in channels)))
-    units = (f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels)
+        rows.append((PAPER, *(about(TABLE_3[c.name]) for c in channels)))
+    units = (f"{c.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels)
     return Table(("component", *units), rows)
 
 
 def _deviations(record: CalibrationRecord, channels: list[Channel]) -> list[tuple[str, ...]]:
-    """What the repeats show, robot included; what is camera's and sensors' of it; and with the outliers."""
-    found = [("this study", [c.statistics.sigma for c in channels])]
+    """What the repeats show, robot included; and what is camera's and sensors' of it."""
+    found = [("this study", [c.sigma for c in channels])]
     if any(record.repeats.robot_sigma):
         found.append(("without the robot's own scatter", [c.noise for c in channels]))
-    if record.repeats.left_out:
-        found.append(("with the outliers", [c.with_outliers for c in channels]))
     return [(name, *(about(shown(c, v)) for c, v in zip(channels, values, strict=True))) for name, values in found]
 
 
@@ -122,9 +118,9 @@ def of_legs(rows: Rows, errors: Rows | None = None) -> Table:
     return Table(("leg", *SYMBOLS), out)
 
 
-def parameters(fit: Parameters, frame: str = MEASURED) -> Table:
-    """x_c or x_c_sigma, mm, in one of `FRAMES`."""
-    return of_legs(fit.drawn, fit.drawn_errors) if frame == DRAWING else of_legs(fit.values, fit.standard_errors)
+def parameters(fit: Parameters) -> Table:
+    """x_c or x_c_sigma, mm, laid on the drawing."""
+    return of_legs(fit.drawn, fit.drawn_errors)
 
 
 def of_f(record: CalibrationRecord) -> str:
@@ -140,34 +136,26 @@ def of_f(record: CalibrationRecord) -> str:
 
 def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
-    plain, every = record.validation.x_c, record.validation.with_outliers
-    fits = [record.validation.x_c_sigma, *([] if every is None else [every])]
-    rest = [""] * (len(fits) - 1)
+    plain, weighted = record.validation.x_c, record.validation.x_c_sigma
     rows: list[tuple[str, ...]] = []
-    for k, (kind, figure, words) in enumerate(_FIGURES):
-        turned = kind == "orientation"
-        columns = [*plain.summaries(kind), *(one.summaries(kind)[1] for one in fits)]
-        values = (math.degrees(v) if turned else v for v in (getattr(column, figure) for column in columns))
-        rows.append((f"{kind}, {words} [{'°' if turned else 'mm'}]", *map(about, values)))
+    for k, (kind, figure) in enumerate(_FIGURES):
+        unit, size = ("[°]", math.degrees(1.0)) if kind == "orientation" else ("[mm]", 1.0)
+        values = (*plain.figures(kind)[figure], weighted.figures(kind)[figure][1])
+        rows.append((f"{kind}, {figure} {unit}", *(about(size * float(value)) for value in values)))
         if paper_too and k < len(TABLE_6):
-            rows.append((PAPER, *map(about, TABLE_6[k]), *rest))
-    if plain.floor is not None:
-        position, turn = about(plain.floor.position_mean), about(math.degrees(plain.floor.orientation_mean))
-        rows.append(("position, mean by noise alone [mm]", "", position, position, *rest))
-        rows.append(("orientation, mean by noise alone [°]", "", turn, turn, *rest))
-    head = ("error", "before", "with x_c", "with x_c_sigma", "with x_c, outliers kept")
-    return Table(head[: 4 + len(rest)], rows)
+            rows.append((PAPER, *map(about, TABLE_6[k])))
+        if figure == "rms" and plain.floor is not None and weighted.floor is not None:
+            floors = (about(size * one.floor[kind == "orientation"]) for one in (plain, weighted) if one.floor)
+            rows.append((f"{kind}, rms by noise alone {unit}", "", *floors))
+    return Table(("error", "before", "with x_c", "with x_c_sigma"), rows)
 
 
-_FIGURES = tuple(
-    (kind, figure, words)
-    for figures in (
-        (("mean", "mean"), ("deviation", "std. dev.")),
-        (("at_95", "95 % of poses"), ("largest", "largest")),
-    )
+_FIGURES = [
+    (kind, figure)
+    for figures in (("mean", "std. dev."), ("rms", "largest"))
     for kind in ("position", "orientation")
-    for figure, words in figures
-)
+    for figure in figures
+]
 
 
 def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
@@ -183,7 +171,7 @@ def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
     budget = Table(("source", "stated", "on average (rms)", "largest"), rows)
     return (
         ("Uncertainty budget (GUM), parameters laid on the drawing [mm]", budget),
-        (f"{EXPANDED} of each parameter by the budget, frame: {DRAWING} [mm]", of_legs(found.expanded)),
+        (f"{EXPANDED} of each parameter by the budget, laid on the drawing [mm]", of_legs(found.expanded)),
     )
 
 
@@ -195,10 +183,10 @@ _FACTORS = {"mm": (1e3, "µm"), "rad": (1e3 * 180.0 / math.pi, "10⁻³ °")}  #
 
 def histogram_svg(channel: Channel) -> Svg:
     """Counts of the centred errors of one channel, with the normal curve of the same deviation."""
-    (factor, unit), name = _FACTORS[channel.unit], channel.statistics.name
+    (factor, unit), name = _FACTORS[channel.unit], channel.name
     reach, counts = factor * channel.reach, np.array(channel.counts)
     edges = np.linspace(-reach, reach, len(counts) + 1)
-    sigma, at = factor * channel.statistics.sigma, np.linspace(-reach, reach, 121)
+    sigma, at = factor * channel.sigma, np.linspace(-reach, reach, 121)
     curve = np.zeros_like(at)
     if sigma > 0.0:
         scale = counts.sum() * (edges[1] - edges[0]) / (sigma * math.sqrt(2.0 * math.pi))
@@ -300,10 +288,10 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
             "deviations are of single ones: a mean of ten scatters less by the root of ten."
         ],
     )
-    shared = [record.repeats.shared.sentence] if record.repeats.shared else []
-    tests = [*record.repeats.tests.sentences, record.diagnosis.sentence]
-    yield Section(sentences=[record.repeats.scatter, *shared], items=tests, tables=[equations(record)])
-    channels = sorted(record.repeats.channels, key=lambda c: not c.statistics.name.startswith("L"))
+    said = [record.repeats.scatter, *filter(None, [record.repeats.shared_sentence])]
+    tests = [*(sentence for _, sentence in sentences_of(record.repeats.tests)), record.diagnosis.sentence]
+    yield Section(sentences=said, items=tests, tables=[equations(record)])
+    channels = sorted(record.repeats.channels, key=lambda c: not c.name.startswith("L"))
     legend = {
         "bar": "readings, less their configuration’s mean",
         "dashed": "normal distribution of the same standard deviation",
@@ -312,26 +300,22 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
         "Figure 3: leg readings L1, L2, …; figure 4: the pose. Bins reach four standard deviations to each side, the "
         "outermost hold what is beyond."
     )
-    words = "Each distribution in words (mm, rad)"
     yield Section(
         "Figures 3 and 4: centred distributions",
         figures=[Drawing([histogram_svg(c) for c in channels], legend, caption)],
-        parts=[
-            Section(words, items=[c.statistics.sentence for c in channels], folded=True),
-            Section(sentences=[record.repeats.screening, record.frames.sentence, record.sets.sentence]),
-        ],
+        parts=[Section(sentences=[record.repeats.screening, record.frames, record.sets])],
     )
 
 
 def _fits(record: CalibrationRecord) -> Iterator[Section]:
-    yield Section("Table 4: x_c, plain least squares [mm]", [of_f(record)], tables=[parameters(record.x_c, DRAWING)])
+    yield Section("Table 4: x_c, plain least squares [mm]", [of_f(record)], tables=[parameters(record.x_c)])
     doubt = ", which the model does not explain: errors of the model are not in it, and IT DOES NOT COVER THEM"
     apart = np.abs(np.array(record.x_c.drawn) - np.array(record.x_c_sigma.drawn))
     leg, k = np.unravel_index(int(np.argmax(apart)), apart.shape)
     words = [f"x_c: {record.x_c.sentence}", f"x_c_sigma: {record.x_c_sigma.sentence}"]
     yield Section(
         "Table 5: x_c_sigma, weighted by the noise [mm]",
-        tables=[parameters(record.x_c_sigma, DRAWING)],
+        tables=[parameters(record.x_c_sigma)],
         notes=[
             "Laid on the drawing: base and mobile centres each moved rigidly so that they are nearest to the "
             "drawing’s. U (k = 2) is the expanded uncertainty: about 95 %, from the "
@@ -410,7 +394,7 @@ def _certified(found: StudyFound) -> Iterator[Section]:
         sentences=[
             f"Does any x in the box do better, with no model error at all? {_exact_sentence(found.result)}",
             "A refutation leaves two explanations: reading sets that are too small (the paper’s H-1), or equations "
-            f"that are not this robot’s (H-2). {found.record.sets.sentence} How large an error of the equations would "
+            f"that are not this robot’s (H-2). {found.record.sets} How large an error of the equations would "
             "do is the next question.",
         ]
     )
@@ -467,7 +451,8 @@ def _true(found: StudyFound) -> Iterator[Section]:
         "The truth, which only a simulation knows",
         [
             f"True parameters: {told}. Of U (k = 2) about 95 % are expected inside. Where fewer are, the legs are not "
-            "as the model says: ranges hold if it holds to within their eps, and what it lacks is in no U."
+            "as the model says: ranges hold if it holds to within their eps, and what it lacks is in no parameter’s U. "
+            "The U of a pose, which cpcal accuracy states, takes it from the residuals."
         ],
         tables=[Table(_legs(leg.leg for leg in legs), rows)],
     )
@@ -491,16 +476,15 @@ def _exact_sentence(result: Result) -> str:
 # ------------------------------------------------------------------------------------------------------------------
 # What matters of a calibration in at most twelve lines, for a terminal: doubts first. The tables say the rest.
 
-_NAMED = 6  # channels
-
 
 def summary(record: CalibrationRecord) -> tuple[str, ...]:
     """Sentences; lengths in mm and angles in degrees."""
-    budget = () if record.budget is None else record.budget.sentences[:1]
+    budget = () if record.budget is None else (record.budget.sentence,)
+    doubts = [sentence for bad, sentence in sentences_of(record.repeats.tests) if bad]
     return (
         f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations. "
         f"{record.repeats.screening}",
-        *_doubts(record),
+        *(doubts or ["Repeats scatter as independent noise does, as far as it can be tested."]),
         record.repeats.scatter,
         f"x_c_sigma: {record.x_c_sigma.sentence}",
         _known(record),
@@ -508,15 +492,6 @@ def summary(record: CalibrationRecord) -> tuple[str, ...]:
         f"Validation of x_c_sigma: {record.validation.x_c_sigma.sentence}",
         record.diagnosis.sentence,
     )
-
-
-def _doubts(record: CalibrationRecord) -> Iterator[str]:
-    """What speaks against independent normal noise; one sentence where nothing does."""
-    statistics = [channel.statistics for channel in record.repeats.channels]
-    names = [one.name for one in statistics if one.not_normal]
-    said = [f"NOT NORMAL (backlash, drift?): {listed(names, _NAMED)}."] if names else []
-    said += [record.repeats.tests.sentence(kind) for kind in KINDS if record.repeats.tests.found(kind)]
-    yield from said or ["Repeats scatter as independent noise does, as far as it can be tested."]
 
 
 def _known(record: CalibrationRecord) -> str:

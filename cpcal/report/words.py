@@ -14,7 +14,7 @@ import numpy.typing as npt
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, at_least, at_most, stated
 from cpcal.common.values import Floats
-from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
+from cpcal.models import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.questions import (
     LegResult,
     Result,
@@ -255,8 +255,8 @@ def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
     known = result.options.center == "fit"
     x = np.array(leg.center) if known else fit_model(campaign, leg.leg, model)
     with np.errstate(all="ignore"):  # the center of a damaged result may be anywhere
-        values, slopes = model_residuals(campaign, leg.leg, x, model), model_jacobian(campaign, leg.leg, x, model)
-        return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))
+        of = ModelResiduals(campaign, leg.leg, model)
+        return Fitted(x, np.nan_to_num(of.values(x)), np.nan_to_num(of.jacobian(x)))
 
 
 _MOST_WRONG = 3  # measurements that are named as wrong readings
@@ -347,7 +347,7 @@ def measurement_names(campaign: Campaign, numbers: Iterable[int]) -> list[str]:
 
 def support_numbers(campaign: Campaign, leg: LegResult) -> tuple[int, ...]:
     """The support, counted from 0, in the order of the campaign."""
-    chosen = set(leg.support.ids)
+    chosen = set(leg.support)
     return tuple(k for k, name in enumerate(campaign.measurement_ids) if name in chosen)
 
 

@@ -7,34 +7,26 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import YOUR_DATA, Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text, listed
+from cpcal.common.errors import Problem, Problems, shown, unusable
+from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, frozen_mapping
 from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
 from cpcal.robot.units import (
-    ANGLES,
-    FORMS,
     LENGTHS,
-    ColumnSource,
     ModelChoice,
     RotationForm,
-    column_map,
-    columns_by_name,
-    half_widths,
     override_columns,
     reading_columns,
-    units_of,
 )
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -87,9 +79,6 @@ def stated_uncertainty(
 
 def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     """An array of lengths. Raises InputError."""
-    if isinstance(values, Robot):
-        remedy = "give positions, rotations and lengths first, and the robot as robot=; or use Campaign.of"
-        raise unusable(where, "are a Robot, not numbers", remedy)
     if unit not in LENGTHS:
         raise unusable(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(LENGTHS))
     factor = float(LENGTHS[unit])
@@ -98,143 +87,6 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     except (TypeError, ValueError) as error:
         raise unusable(where, str(error)[:200], "give an array of numbers") from None
     return array if factor == 1.0 else np.asarray(factor * array)
-
-
-def mapped(
-    columns: str | Mapping[str, str],
-    header: Sequence[str],
-    robot: Robot,
-    rotation: str | None,
-    span: Callable[[int], tuple[float, float] | None],
-) -> tuple[dict[str, ColumnSource], RotationForm]:
-    """The map of a table with this header, and the form of its rotations; columns that are not mapped count under their
-    own names. Without a map the columns' names tell, where they leave no doubt of what they are and of their units.
-
-    span  of a column's numbers, from 0: least and largest; None where it holds others
-
-    Raises InputError for columns that are not there, and units that cannot be; and with the columns and a proposal.
-    """
-    legs = robot.legs
-    form = None if rotation is None else RotationForm.named(rotation)
-    if not columns:
-        told, form = columns_by_name(header, legs, form)
-        return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
-    if form is None:
-        asked = columns if isinstance(columns, str) else ",".join(f"{target}=" for target in columns)
-        if re.search(r"\b(r1|rx)\s*=", asked):
-            raise unusable("rotation", "is not stated", f"state --rotation: {FORMS}")
-        form = RotationForm.named("matrix" if re.search(r"\br11\s*=", asked) else "quaternion-wxyz")
-    needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
-    names = ["pose", "run", *needed, *override_columns(legs)]
-    found = column_map(columns, names)
-    taken = {source.name for source in found.values()}
-    found |= {name: ColumnSource(name) for name in names if name not in {*found, *taken} and name in header}
-    problems = Problems()
-    for target, source in found.items():
-        units = units_of(target)
-        if source.place(header) is None and source.name in header:
-            problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
-        elif source.place(header) is None:
-            what = f"{target}: there is no column {shown(source.name)}"
-            problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
-        if source.unit is not None and source.unit not in units:
-            remedy = "give one of " + ", ".join(units) if units else "give no unit"
-            problems.add(Problem("map", f"{target} cannot be in {source.unit}", remedy))
-        if source.unit is None and units is ANGLES and target not in form.columns and source.name != target:
-            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
-    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
-        if found[one].place(header) == found[other].place(header) is not None:
-            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
-            problems.add(Problem("map", what, "map each leg to its own"))
-    problems.raise_any(YOUR_DATA)
-    for name in needed:
-        if name not in found:
-            what = f"the column {name!r} is missing"
-            problems.add(Problem("map", what, "map the table's columns to these names"))
-    problems.raise_any(YOUR_DATA)
-    return found, form
-
-
-def _confirmed(
-    told: dict[str, ColumnSource],
-    form: RotationForm | None,
-    header: Sequence[str],
-    robot: Robot,
-    span: Callable[[int], tuple[float, float] | None],
-) -> dict[str, ColumnSource]:
-    """What the columns' names told, and half-widths under their own names.
-
-    Raises InputError where a column or a unit is not told: what the columns are, and a map that they suggest.
-    """
-    turns = () if form is None else form.columns
-    needed = [name for name in reading_columns(robot.legs)[2:] if name[0] != "q"] + [*turns]
-    missing = [name for name in needed if name not in told]
-    lengths = [name for name in needed if units_of(name) and name not in turns]
-    open_units = [n for n in lengths if n in told and told[n].unit is None and told[n].name != n]
-    if form is not None and not missing and not open_units:
-        return told | {name: ColumnSource(name) for name in override_columns(robot.legs) if name in header}
-    size = float(np.median(np.linalg.norm(robot.base - robot.mobile, axis=1) + robot.offset))
-    spans = [span(place) for place in range(len(header))]
-    for name in open_units:
-        low, high = spans[told[name].place(header) or 0] or (0.0, 0.0)
-        if high > low:  # the unit in which a column varies by about a third of the robot
-            unit = min(LENGTHS, key=lambda unit: abs(math.log(3.0 * (high - low) * float(LENGTHS[unit]) / size)))
-            told[name] = replace(told[name], unit=unit)
-    proposed = ", ".join(
-        f'{target}="{one.name}"' + (f"[{one.unit}]" if one.unit else "") for target, one in told.items()
-    )
-    seen = (f"{shown(n)} ({s[0]:.6g} to {s[1]:.6g})" if s else shown(n) for n, s in zip(header, spans, strict=True))
-    problems = Problems()
-    rest = f"; add {', '.join(missing)}" if missing else ""
-    what = f"columns have no names or units that tell what they are; they are {listed(list(seen), 40)}"
-    if missing or open_units:
-        problems.add(Problem("map", what, f"check this one: --map '{proposed}'{rest}"))
-    if form is None:
-        problems.add(Problem("rotation", "is not told by the names of the columns", f"state --rotation: {FORMS}"))
-    problems.raise_any(YOUR_DATA)
-    return told
-
-
-def unit_factor(target: str, source: ColumnSource, form: RotationForm) -> float:
-    """What a column's numbers are multiplied by to be in mm or rad, or as the rotation form takes them."""
-    if source.unit is None:
-        return 1.0
-    units = units_of(target)
-    return units[source.unit] / (units[form.unit] if target in form.columns else 1.0)
-
-
-def table_arguments(
-    names: Mapping[str, Sequence[str]],
-    values: Mapping[str, Floats],
-    robot: Robot,
-    form: RotationForm,
-    uncertainty: Uncertainty | None,
-) -> dict[str, Any]:
-    """The arguments of `Campaign.of` for columns by target, in mm and in the form's numbers.
-
-    Poses that are not named are p1, p2, ...; runs that are not named tell equal poses apart.
-    """
-    legs, count = robot.legs, len(values["x"])
-    radii = half_widths(np.zeros(6 + legs) if uncertainty is None else uncertainty.half_widths, values, legs, count)
-
-    def table(columns: Iterable[str]) -> Floats:
-        return np.stack([values[name] for name in columns], axis=1)
-
-    pose = list(names.get("pose") or (f"p{row}" for row in range(1, count + 1)))
-    runs, seen = list(names.get("run", ())), Counter[str]()
-    for name in () if runs else pose:
-        seen[name] += 1
-        runs.append(str(seen[name]))
-    return {
-        "robot": robot,
-        "position": table("xyz"),
-        "quaternion": form.quaternions(table(form.columns)),
-        "length": table(f"L{i}" for i in range(1, legs + 1)),
-        "pose": pose,
-        "run": runs,
-        "uncertainty": uncertainty,
-        **dict(zip(ARRAYS[3:], np.split(radii, [3, 6], axis=1), strict=True)),
-    }
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -386,7 +238,14 @@ class Campaign(Value):
         Poses left out are named p0, p1, ...; runs left out are all "1". Raises InputError.
         """
         widths = position_radius, rotation_radius, length_radius
-        check_choice(uncertainty, exact, all(values is not None for values in widths))
+        both = exact and uncertainty is not None
+        if both or not (exact or uncertainty is not None or all(values is not None for values in widths)):
+            what = "is given, and readings are called exact" if both else "is missing"
+            remedy = (
+                "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), "
+                "uncertainty=Uncertainty(...), all three half-widths, or exact=True"
+            )
+            raise unusable("campaign uncertainty", what, remedy)
         try:
             arrays = [as_floats(values) for values in (position, quaternion, length)]
             given = [None if values is None else as_floats(values) for values in widths]
@@ -523,19 +382,6 @@ class Campaign(Value):
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
-
-
-def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> None:
-    """InputError unless it was said how far readings may be off; `given`: whether all half-widths are."""
-    both = exact and uncertainty is not None
-    if not both and (exact or uncertainty is not None or given):
-        return
-    what = "is given, and readings are called exact" if both else "is missing"
-    remedy = (
-        "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), uncertainty=Uncertainty(...), "
-        "all three half-widths, or exact=True"
-    )
-    raise unusable("campaign uncertainty", what, remedy)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -222,7 +222,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
 
     `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those asked for
     in small steps (continuation), with Newton's method at each; a row that fails is tried again with shorter steps. Six
-    legs give the pose exactly; more give the least-squares pose. `cpcal.models.prove_pose` proves one.
+    legs give the pose exactly; more give the least-squares pose.
 
     Raises KinematicsError for fewer than six legs, and for readings that are no lengths of such a robot.
     """

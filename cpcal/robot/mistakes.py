@@ -180,6 +180,7 @@ def counts(given: Given) -> Variants:
 # Rotations that were entered in another form than was meant.
 
 _DEGREES = 180.0 / np.pi
+_TINY = np.finfo(np.float64).tiny
 _TURNING = tuple(name.upper() for name in TAIT_BRYAN + PROPER)  # turned axes; fixed ones are these backwards
 
 
@@ -229,26 +230,24 @@ def degrees_as_radians(given: Given) -> Variants:
     place, name = given.pose.position, "rotation angles are in degrees, and were taken for radians"
     wanted = _asked_rotations(given)
     vector = rotation_vector(given.pose.quaternion)
-    axis = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True) * axis
-    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(vector, along, axis)))
+    size = np.linalg.norm(vector, axis=1, keepdims=True)
+    axis = vector / np.maximum(size, _TINY)
+    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True)
+    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(size, along) * axis))
     for sequence in _TURNING:
         angles, near = _angles(sequence, given.pose.quaternion), _angles(sequence, wanted)
         both = [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]  # the same rotation
         if sequence[0] == sequence[2]:
             both[1] = np.array([np.pi, 0.0, np.pi]) + angles * [1.0, -1.0, 1.0]
-        tried = np.stack([_unwrapped(each, near, np.ones(3)) for each in both])
+        tried = np.stack([_unwrapped(each, near) for each in both])
         nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
         chosen = tried[nearer, np.arange(len(near))]
         yield name, given.posed(place, quaternion_from_euler(sequence, chosen))
 
 
-def _unwrapped(angles: Floats, near: Floats, turn: Floats) -> Floats:
-    """(angles + 2 pi k turn) as degrees, in rad, with the whole k that bring them nearest to `near` (N, 3)."""
-    if turn.ndim == 1:
-        return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
-    lack = np.sum((near * _DEGREES - angles) * turn, axis=1, keepdims=True)
-    return np.asarray((angles + 2.0 * np.pi * np.round(lack / (2.0 * np.pi)) * turn) / _DEGREES)
+def _unwrapped(angles: Floats, near: Floats) -> Floats:
+    """angles + 2 pi k, read as degrees, in rad, with the whole k that bring them nearest to `near`."""
+    return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
 
 
 _NEWTON = 12  # steps
@@ -295,9 +294,7 @@ def units(given: Given) -> Variants:
         yield f"the drawing is in {name}, not mm", given.drawn(factor * given.robot.parameters)
 
 
-_ROW = 3  # of the numbers that are chosen for each row: angles
-
-# Each with how many numbers it fits, of the whole campaign and of each row.
+# Each with how many numbers it fits, of the whole campaign, and of each row's angles that vary.
 MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
     (units, 0, 0),  # it may come together with another
     (other_poses, 0, 0),
@@ -308,7 +305,7 @@ MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
     (other_order, 1, 0),
     (other_angles, 1, 0),
     (radians_as_degrees, 1, 0),
-    (degrees_as_radians, 1, _ROW),
+    (degrees_as_radians, 1, 1),
     (counts, 12, 0),
     (other_frames, 12, 0),
 )
@@ -325,7 +322,8 @@ MISTAKES: tuple[tuple[Callable[[Given], Variants], int, int], ...] = (
 @dataclass(frozen=True, eq=False)
 class Scores:
     """Of H hypotheses: -2 log likelihood; what fits leave, mm, and by how much drawing and readings disagree, mm
-    (robust, of the worst leg); the latter as a share of the leg's length; drawings and fits (H, n, 7), mm."""
+    (robust, of the worst leg); the latter as a share of the robot's size, which is a leg's length, or six times the
+    platform's radius where that is less; drawings and fits (H, n, 7), mm."""
 
     value: Floats
     left: Floats
@@ -336,9 +334,9 @@ class Scores:
 
 
 _FLOOR, _FLOOR_DRAWING, _BROAD = 1e-6, 1e-4, 0.02  # of a leg's length: the least s and t, and the first t
+_RADII = 6.0  # of the platform: a robot's size where legs are longer
 _TAIL = 4.0  # robust deviations from which a residual counts as its logarithm
 _NORMAL = 1.482602218505602  # times the median of |r|: the deviation of normal r
-_TINY = np.finfo(np.float64).tiny
 
 
 def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> Scores:
@@ -354,6 +352,7 @@ def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> S
         return size - length - x[:, None, :, 6], leg / size[..., None], size
 
     reach = np.median(residuals(x)[2], axis=(1, 2))
+    radius = np.sqrt(np.sum(x[..., 3:6].var(axis=1), axis=1))
     error = (_BROAD * reach) ** 2
     noise = 0.01 * error
     for step in range(steps + 1):
@@ -391,7 +390,8 @@ def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> S
     freedom = np.sqrt(count / np.maximum(count - used, 1.0))
     off, _, size = residuals(drawing)
     off = np.quantile(np.abs(off), 0.8, axis=1).max(axis=1)
-    return Scores(value, freedom * typical[:, 0].max(axis=1), off, off / reach, drawing, x)
+    share = off / np.minimum(reach, _RADII * np.maximum(radius, _TINY))
+    return Scores(value, freedom * typical[:, 0].max(axis=1), off, share, drawing, x)
 
 
 def _motions(drawing: Floats) -> Floats:
@@ -435,8 +435,8 @@ _EQUAL = 1e-3  # of it: two names of one change, of which the first counts
 _NAMED = 2  # causes
 _CLEAR = 0.1  # of the residuals, or of the distance: with so little left nothing else needs to be tried
 _BETTER = 0.34  # of the residuals, or of the distance from the drawing, that a mistake leaves at most
-SHARE = 0.05  # of a leg's length: no drawing is so bad
-DISAGREE = 0.01  # of a leg's length, from which drawing and readings disagree: calibration is for less
+SHARE = 0.05  # of the robot's size: no drawing is so bad
+DISAGREE = 0.01  # of it, from which drawing and readings disagree: calibration is for less
 
 
 @dataclass(frozen=True)
@@ -467,8 +467,9 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
     with np.errstate(all="ignore"):
         if not doubted and few.most <= SHARE:
             return _best(_options(few, []), doubted=False)[0]
+        turning = int(np.ptp(few.pose.quaternion[:, 1:], axis=0).astype(bool).sum())  # angles that vary
         tried = [
-            (name, without, numbers + each * len(few.length))
+            (name, without, numbers + each * turning * len(few.length))
             for undone, numbers, each in MISTAKES
             for name, without in undone(given if undone is shifted_rows else few)
         ]
@@ -514,10 +515,11 @@ def _best(options: list[Option], *, doubted: bool) -> tuple[list[Cause], bool]:
     for option in (options[k] for k in _ascending([value for value, _, _ in options])):
         if alike and option[0] > alike[0][0] + _AS_GOOD:
             break
-        if all(abs(option[0] - other[0]) > _EQUAL for other in alike):
+        if all(abs(option[0] - other[0]) > _EQUAL and option[1] != other[1] for other in alike):
             alike.append(option)
     left, _, share = alike[0][2]
-    clear = bool(left < _CLEAR * plain[2][0] or (not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE)))
+    clear = bool(share < SHARE and left < _CLEAR * plain[2][0])
+    clear = clear or bool(not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE))
     if len(alike) > _NAMED or not all(_explains(plain, v, seen) and seen[2] < SHARE for v, _, seen in alike):
         return [], clear
     causes = []
@@ -609,11 +611,12 @@ TOO_LARGE, TOO_SMALL = 20.0, 3.0  # of the deviations of residuals from which th
 @dataclass(frozen=True, eq=False)
 class Spread:
     """left (n,) mm: deviation of the residuals of each leg's fit (robust); ratio (n,) to what is stated, None where
-    readings are called exact or are few; share: by how much of a leg's length drawing and readings are apart;
-    fitted (n, 7) mm: robust, near the drawing."""
+    readings are called exact or are few; off, share: by how many mm, and how much of the robot's size, drawing and
+    readings are apart; fitted (n, 7) mm: robust, near the drawing."""
 
     left: Floats
     ratio: Floats | None
+    off: float
     share: float
     fitted: Floats
 
@@ -629,13 +632,13 @@ def spread_of(campaign: Campaign) -> Spread:
         spare = np.sqrt(len(rows) / max(len(rows) - 7, 1))
         left = spare * _NORMAL * np.median(residual, axis=0)
         if campaign.exact or len(rows) < _TOLD:
-            return Spread(left, None, float(found.share[0]), fit.parameters)
+            return Spread(left, None, float(found.off[0]), float(found.share[0]), fit.parameters)
         factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
         radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[rows, None]
         square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius[rows] ** 2
         stated = np.sqrt(square) / (factor or _UNIFORM)
         ratio = spare * _NORMAL * np.median(residual / np.maximum(stated, _TINY), axis=0)
-    return Spread(left, ratio, float(found.share[0]), fit.parameters)
+    return Spread(left, ratio, float(found.off[0]), float(found.share[0]), fit.parameters)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -645,7 +648,7 @@ TURN = 0.1  # rad: no camera is so bad
 _WIDE = 0.05  # of a leg's length: no instrument is so bad
 _DOUBTED = 1.0 / _BETTER  # of the stated deviations: from here a mistake can be what the scorer asks for
 _ROUGH = 3e-4  # of a leg's length: the same, whatever is stated
-_ABSURD = 0.2  # of a leg's length: no drawing is so bad, also where a fit explains all readings
+_ABSURD = 0.2  # of the robot's size: no drawing is so bad, also where a fit explains all readings
 
 
 @lru_cache(maxsize=4)  # `certify` warns, and its page says it again
@@ -688,17 +691,13 @@ def _what(seen: Spread) -> str:
     """What does not fit: the drawing, or the residuals."""
     if seen.ratio is not None and seen.share <= DISAGREE:
         return _residuals(seen, seen.ratio)
-    share = f"{about(100.0 * seen.share, 2)} %" if seen.share < _MANY else f"{seen.share:.3g} times"
-    return f"The drawing and the readings disagree by {share} of a leg's length"
+    return f"The drawing and the readings disagree by {about(seen.off, 2)} mm"
 
 
 def _residuals(seen: Spread, ratio: Floats) -> str:
     leg = int(np.argmax(ratio))
     left, times = about(float(seen.left[leg]), 2), about(float(ratio[leg]), 2)
     return f"Residuals of leg {leg + 1} ({left} mm) are {times} times what you state"
-
-
-_MANY = 10.0
 
 
 def sizes_in_question(campaign: Campaign) -> list[str]:

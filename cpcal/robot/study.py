@@ -15,7 +15,7 @@ from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.robot.campaign import provenance_problems, table_problems
 from cpcal.robot.kinematics import Pose, compose, inverse
-from cpcal.robot.robot import Mechanisms, Robot
+from cpcal.robot.robot import Robot
 
 _ARRAYS = ("position", "quaternion", "length")
 
@@ -86,14 +86,12 @@ class Truth(Value):
 
     seed        of everything random in it
     robot       the true parameters, in the base frame and the mobile frame
-    mechanisms  what is imperfect about each leg beyond its seven parameters
     camera      the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
     target      the target frame seen in the mobile frame: `x_mobile = P + R x_target`, mm
     """
 
     seed: int
     robot: Robot
-    mechanisms: Mechanisms
     camera: Pose
     target: Pose
 
@@ -138,7 +136,7 @@ class Study(Value):
             if found != self.robot.legs:
                 what = f"has readings of {found} legs, and the robot has {self.robot.legs}"
                 problems.append(Problem(f"study {name}", what, "give one reading for each leg"))
-        if self.truth is not None and {self.truth.robot.legs, self.truth.mechanisms.legs} != {self.robot.legs}:
+        if self.truth is not None and self.truth.robot.legs != self.robot.legs:
             problems.append(Problem("study truth", "has another number of legs", "give as many as the robot has"))
         problems += provenance_problems("study", self.provenance)
         if problems:

@@ -20,19 +20,20 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import unusable
+from cpcal.common.errors import CpcalError
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
+    Campaign,
     KinematicsError,
-    Mechanisms,
     Pose,
     PoseTable,
     Robot,
@@ -40,6 +41,9 @@ from cpcal.robot import (
     Truth,
     central_pose,
     compose,
+    forward_kinematics,
+    inverse_kinematics,
+    leg_vectors,
     normalised,
     pose_jacobian,
     quaternion_from_rotation_vector,
@@ -52,25 +56,23 @@ from cpcal.robot.kinematics import newton
 from cpcal.simulate.campaigns import (
     EULER_SIGMA,
     LENGTH_SIGMA,
-    MEASUREMENTS_MAX,
     POSITION_SIGMA,
     STROKE,
     assembled,
     check_branch,
+    check_options,
     configurations,
-    demand,
     joint_effect,
-    sizes,
+    joint_phases,
     standard_noise,
     streams,
-    usual,
-    whole,
+    true_robot,
 )
 
 Stream = np.random.Generator
 
 MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
-_MECHANISMS = ("joint_error", "axis_offset", "joint_offset", "backlash", "friction", "sag", "gain")
+_MECHANISMS = ("joint_error", "axis_offset", "backlash", "friction", "sag", "gain")
 
 
 def simulate_study(
@@ -89,7 +91,6 @@ def simulate_study(
     stroke: tuple[float, float] = STROKE,
     joint_error: float = 0.0,
     axis_offset: float = 0.0,
-    joint_offset: float = 0.0,
     backlash: float = 0.0,
     friction: float = 0.2,
     sag: float = 0.0,
@@ -113,7 +114,6 @@ def simulate_study(
     What follows is explained in `Mechanisms`; size 0 is a perfect leg, and changes nothing, bit for bit.
 
     axis_offset       mm, between the two axes of each lower joint, with a random sign
-    joint_offset      mm, each of the three offsets between the axes of each upper joint, with random signs
     backlash          mm, whole clearance of each leg; its side follows the load
     friction          in platform weights, by which the direction of approach, random in each run, shifts the load
     sag               mm, shortening of a leg that lies flat, by its own weight
@@ -122,19 +122,18 @@ def simulate_study(
     InputError for senseless options, KinematicsError when a configuration cannot be assembled.
     """
     options = dict(locals())
-    _check_options(options)
-    shape, joint, pose, noise_c, mechanism, frames, approach_c, noise_v, approach_v = streams(seed, 9)
+    check_options(options, lambda: (64 * runs + random_poses * validation_runs) * max(images, 1))
+    shape, _, pose, noise_c, _, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
-    imperfect = {name: options[name] for name in _MECHANISMS}
-    mechanisms = Mechanisms.sampled(6, mechanism, joint, **imperfect, reference=0.5 * (stroke[0] + stroke[1]))
+    mechanisms = mechanisms_of(options)
     drawn_camera, target = _camera(frames), _target(frames)
-    truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
+    truth = Truth(seed, true_robot, drawn_camera if camera is None else camera, target)
     scales = (noise, noise if pose_noise is None else pose_noise)
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
         drawn = 0 if extremal else random_poses
         names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
-        poses = true_poses(truth, readings, stroke, runs, approach)
+        poses = true_poses(true_robot, mechanisms, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
         return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)
 
@@ -149,16 +148,17 @@ def simulate_study(
     )
 
 
-def true_poses(truth: Truth, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream) -> Pose:
+def true_poses(
+    robot: Robot, mechanisms: Mechanisms, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream
+) -> Pose:
     """The mobile frame in the base frame for readings (K, 6), `runs` times each: (K runs).
 
     Each leg comes to its length extending or retracting, at random in every run.
     """
-    robot = truth.robot
     ideal = assembled(robot, readings, stroke)
     ideal = Pose(np.repeat(ideal.position, runs, axis=0), np.repeat(ideal.quaternion, runs, axis=0))
     came = np.where(approach.random((len(readings) * runs, robot.legs)) < 0.5, -1.0, 1.0)
-    poses = assembled_with(robot, truth.mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
+    poses = assembled_with(robot, mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
     check_branch(robot, poses, central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1]))))
     return poses
 
@@ -210,37 +210,83 @@ def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
 
 
-def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
-    """A simulated study whose legs come back to within `sigma` mm only (standard deviation).
+# ------------------------------------------------------------------------------------------------------------------
+# Imperfect legs: physical mechanisms that the seven parameters of a leg leave out, each with its own size.
 
-    Camera and sensors both see where to; nothing of it is known to the calibration. Raises InputError without a truth.
+
+@dataclass(frozen=True, eq=False)
+class Mechanisms:
+    """What is imperfect about each of n legs. Zero offsets, backlash, sag, gain, joint error: nothing.
+
+    base_axis      (n, 3) unit, base frame: first axis of the lower universal joint, fixed in the base, through a
+    base_offset    (n,) mm: its second axis passes at this distance, along the common normal of the two, which
+                   turns about the first axis with the leg and points to the leg's side of it
+    backlash       (n,) mm: whole clearance along the leg, which is half of it longer under tension and half of it
+                   shorter under compression
+    friction       platform weights: of the axial force, positive under compression, that the approach adds
+                   (extending) or takes away (retracting) before its sign decides the side of the clearance
+    sag            (n,) mm: by how much the leg's own weight would bring together the ends of the leg if it lay
+                   flat with the length of mid-stroke
+    gain           (n,): the sensor reads `reference + (1 + gain) (true - reference)`
+    reference      mm: the reading at mid-stroke
+    joint_error    (n,) mm, joint_phase (n, 2) rad: amplitude and phases of `joint_effect` on the reading
     """
-    truth = study.truth
-    if truth is None:
-        raise unusable("study", "was measured: its true poses are not known", "give a simulated one")
 
-    def moved(table: PoseTable, stream: Stream) -> PoseTable:
-        runs = {key: k for k, key in enumerate(dict.fromkeys(zip(table.pose, table.run, strict=True)))}
-        draw = stream.standard_normal((len(runs), table.legs))  # the same for all images of a run
-        longer = sigma * draw[[runs[key] for key in zip(table.pose, table.run, strict=True)]]
-        poses = truth.mobile_in_base(table)
-        step = np.linalg.solve(pose_jacobian(truth.robot, poses), longer[..., None])[..., 0]
-        turned = normalised(quaternion_product(small_rotation(step[:, 3:]), poses.quaternion))
-        seen = compose(compose(truth.camera, Pose(poses.position + step[:, :3], turned)), truth.target)
-        return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)
+    base_axis: Floats
+    base_offset: Floats
+    backlash: Floats
+    friction: float
+    sag: Floats
+    gain: Floats
+    reference: float
+    joint_error: Floats
+    joint_phase: Floats
 
-    first, second = streams(seed, 2)
-    return replace(study, calibration=moved(study.calibration, first), validation=moved(study.validation, second))
+    @property
+    def perfect(self) -> bool:
+        """Whether nothing is imperfect, whatever the axes, the friction and the phases are."""
+        active = (self.base_offset, self.backlash, self.sag, self.gain, self.joint_error)
+        return not any(values.any() for values in active)
+
+    @classmethod
+    def sampled(
+        cls,
+        legs: int,
+        stream: np.random.Generator,
+        phases: np.random.Generator,
+        *,
+        axis_offset: float = 0.0,
+        backlash: float = 0.0,
+        friction: float = 0.0,
+        sag: float = 0.0,
+        gain: float = 0.0,
+        joint_error: float = 0.0,
+        reference: float,
+    ) -> Mechanisms:
+        """Mechanisms of these sizes; directions and signs from `stream`, phases of the joint error from `phases`.
+
+        First axes are level, in random directions; offsets and gains have the given size and a random sign. The
+        draw does not depend on the sizes, so that each scales on its own.
+        """
+        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))[0]
+        sign = np.where(stream.random((5, legs)) < 0.5, -1.0, 1.0)
+        return cls(
+            base_axis=np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(legs)], axis=-1),
+            base_offset=axis_offset * sign[0],
+            backlash=np.full(legs, backlash),
+            friction=friction,
+            sag=np.full(legs, sag),
+            gain=gain * sign[4],
+            reference=reference,
+            joint_error=np.full(legs, joint_error),
+            joint_phase=joint_phases(legs, phases),
+        )
 
 
-def _check_options(options: dict[str, Any]) -> None:
-    stated = ("pose_noise",) if options["pose_noise"] is not None else ()
-    rules = usual(options) + whole(options, 0, MEASUREMENTS_MAX, "images") + sizes(options, *_MECHANISMS[1:], *stated)
-    demand(options, rules + whole(options, 1, MEASUREMENTS_MAX, "runs", "validation_runs", "random_poses"))
-    each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
-    total = each * max(options["images"], 1)
-    few = ("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
-    demand(options, [few, ("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")])
+def mechanisms_of(options: Mapping[str, Any]) -> Mechanisms:
+    """Of the options of a simulated study, which its provenance holds as JSON."""
+    children, reference = streams(options["seed"], 9), 0.5 * sum(options["stroke"])
+    return Mechanisms.sampled(6, children[4], children[1], **{k: options[k] for k in _MECHANISMS}, reference=reference)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -251,7 +297,7 @@ def _check_options(options: dict[str, Any]) -> None:
 #
 #     ||C - A|| = s - sag (s / s_ref)^7 sin^2(tilt) +- backlash / 2          s = l + true extension
 #
-# A and C depend on the leg's direction: see `_joint_centres`. `tilt` is the leg's angle from the vertical (z of the
+# A depends on the leg's direction. `tilt` is the leg's angle from the vertical (z of the
 # base frame). The sag term is the shortening of the chord of a uniform, slender beam on two hinges: the deflection
 # y = k (x^4 - 2 s x^3 + s^3 x), k = q sin(tilt) / (24 E I), has 1/2 int y'^2 dx = (17/70) k^2 s^7; a shortening d
 # means a deflection of sqrt(d s / 2.49) in the middle.
@@ -259,7 +305,6 @@ def _check_options(options: dict[str, Any]) -> None:
 
 
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings
-_CENTRES = 100  # fixed-point steps for the joint centres; each gains a factor of offset / leg length
 _ROUNDS = 10  # of clearance sides and poses in turn
 
 
@@ -308,8 +353,11 @@ def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: 
 
 def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose, side: Floats) -> Floats:
     """What each leg's equation misses, (..., n) mm: the length that the reading means, less that of the pose."""
-    lower, upper = _joint_centres(robot, mechanisms, pose)
-    leg = upper - lower
+    leg = leg_vectors(robot, pose)
+    # The second axis of the lower joint stands at right angles to the first axis e and to the leg, so that e, common
+    # normal and leg lie in one plane: the normal is the part of the leg across e, as a unit vector.
+    across = leg - np.sum(leg * mechanisms.base_axis, axis=-1, keepdims=True) * mechanisms.base_axis
+    leg = leg - mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True)
     length = np.linalg.norm(leg, axis=-1)
     sine_squared = (leg[..., 0] ** 2 + leg[..., 1] ** 2) / length**2
     read = readings - mechanisms.joint_error * joint_effect(robot, pose, mechanisms.joint_phase)
@@ -319,60 +367,18 @@ def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose,
     return np.asarray(stretched - sag + 0.5 * side * mechanisms.backlash - length)
 
 
-def _joint_centres(robot: Robot, mechanisms: Mechanisms, pose: Pose) -> tuple[Floats, Floats]:
-    """The two ends A and C of each leg, (..., n, 3) mm each, in the base frame.
-
-    The lower end depends on the leg's direction, hence on the upper end, and the other way round: alternately.
-    """
-    rotation = pose.rotation[..., None, :, :]
-    origin = pose.position[..., None, :]
-    upper = origin + _turned(rotation, robot.mobile)
-    scale = float(np.max(np.abs(robot.parameters)))
-    for _ in range(_CENTRES):
-        lower = robot.base + _lower_end(mechanisms, upper - robot.base)
-        seen = _turned(np.swapaxes(rotation, -1, -2), lower - origin) - robot.mobile
-        new = origin + _turned(rotation, robot.mobile + _upper_end(mechanisms, seen))
-        change = np.max(np.abs(new - upper), initial=0.0)
-        upper = new
-        if not change > 1e-14 * scale:
-            break
-    return lower, upper
-
-
-def _lower_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
-    """From a to the end of the leg, given the leg's other end from a, (..., n, 3) mm, base frame.
-
-    The second axis of the joint stands at right angles to the first axis e and to the leg, so that e, the common
-    normal of the two axes and the leg lie in one plane: the normal is the part of `leg` across e, as a unit vector.
-    """
-    axis = mechanisms.base_axis
-    across = leg - np.sum(leg * axis, axis=-1, keepdims=True) * axis
-    return np.asarray(mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True))
-
-
-def _upper_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
-    """From b to the end of the leg, given the leg's other end D from b, (..., n, 3) mm, mobile frame.
-
-    With e the first axis, (r, t) the directions of D across e and at right angles to both, and offsets (h, d, g):
-    axis 2 points along e2 = sin(w) r + cos(w) t where |D across e| sin(w) = d; the common normal of axes 1 and 2 is
-    n = cos(w) r - sin(w) t; axis 2 has its foot at h n + d e2, and the leg's line passes it at the distance g.
-    """
-    axis, (h, d, g) = mechanisms.mobile_axis, mechanisms.mobile_offset.T[..., None]
-    along = np.sum(leg * axis, axis=-1, keepdims=True)
-    across = leg - along * axis
-    reach = np.linalg.norm(across, axis=-1, keepdims=True)
-    radial = across / reach
-    tangent = np.cross(axis, radial)
-    with np.errstate(invalid="ignore"):  # offsets that do not fit give NaN, which Newton reports
-        sine, cosine = d / reach, np.sqrt(1.0 - (d / reach) ** 2)
-        normal, second = cosine * radial - sine * tangent, sine * radial + cosine * tangent
-        rest = along * axis + (reach * cosine - h) * normal  # from the foot on axis 2 to D
-        distance = np.linalg.norm(rest, axis=-1, keepdims=True)
-        unit = rest / distance
-        share = g / distance
-        to_line = share * unit + np.sqrt(1.0 - share**2) * np.cross(second, unit)
-    return np.asarray(h * normal + d * second + g * to_line)
-
-
-def _turned(rotation: Floats, vectors: Floats) -> Floats:
-    return np.asarray((rotation @ vectors[..., None])[..., 0])
+def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
+    """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
+    robot = true_robot(campaign)
+    if robot is None or robot.legs < 6:
+        return None
+    try:
+        options = json.loads(campaign.provenance["options"])
+        stream, error = streams(int(options["seed"]))[1], float(options["joint_error"])
+        mechanisms = Mechanisms.sampled(
+            robot.legs, np.random.default_rng(0), stream, joint_error=error, reference=0.5 * sum(options["stroke"])
+        )
+    except (KeyError, TypeError, ValueError, CpcalError):
+        return None
+    readings = inverse_kinematics(controller, poses)
+    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))

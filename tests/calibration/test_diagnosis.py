@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cpcal.calibration import calibrate_study
-from cpcal.calibration.diagnosis import Asked, Poses, corrected, sag_shape
+from cpcal.calibration import LegEquations, calibrate_study
+from cpcal.calibration.diagnosis import Asked, corrected, sag_shape, vertical
 from cpcal.simulate import simulate_study
+from cpcal.simulate.studies import mechanisms_of
 from tests.changed import with_drift
 
 SIZE = {"runs": 4, "validation_runs": 2, "random_poses": 16}
@@ -58,16 +60,17 @@ def test_a_scale_that_all_legs_share_may_be_the_cameras():
 
 
 def test_what_cannot_be_negative_explains_nothing_where_it_is():
-    asked = Asked("lateral", (-100.0,), (5.0,), (0.1,), 0.5, True)
+    asked = Asked("lateral", (-100.0,), (5.0,), (0.1,), 0.5)
     assert not asked.explains
-    assert Asked("gain", (-100.0,), (5.0,), (0.1,), 0.5, True).explains
+    assert Asked("gain", (-100.0,), (5.0,), (0.1,), 0.5).explains
 
 
 def test_a_correction_is_found_with_its_standard_error():
     found = found_of(gain=0.001)
     noise = found.repeats.noise(np.full(64, 4))
-    gain = corrected(Poses.of([found.campaign], [noise]), found.x_c_sigma.parameters, "gain")
-    truth = simulate_study(seed=2, **SIZE, gain=0.001).truth.mechanisms.gain
+    given = LegEquations.of(found.campaign), noise, vertical(found.campaign)
+    gain = corrected(*given, found.x_c_sigma.parameters, "gain")
+    truth = mechanisms_of(json.loads(simulate_study(seed=2, **SIZE, gain=0.001).provenance["options"])).gain
     errors = np.array(gain.errors)
     assert (np.abs(-np.array(gain.values) - truth) < 4.0 * errors).all()  # what the sensors add is to be taken away
     assert (errors < 1e-4).all()

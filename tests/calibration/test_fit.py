@@ -14,8 +14,6 @@ from cpcal.models import model_residuals
 from cpcal.robot import (
     DELTALAB,
     Campaign,
-    Pose,
-    inverse_kinematics,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -73,7 +71,7 @@ def test_without_noise_every_fit_finds_the_true_parameters(weighted):
     assert_allclose(found.parameters, truth(exact), atol=1e-6)
     assert found.converged
     assert found.rank == 42
-    assert found.condition < 1e4
+    assert found.svd[1][0] < 1e4 * found.svd[1][-1]
 
 
 def test_least_squares_is_the_unweighted_fit_and_some_legs_do_as_all(campaign):
@@ -153,7 +151,6 @@ def test_too_few_poses_are_said_and_leave_parameters_undetermined():
     few = simulate(seed=1, extremal=False, random_poses=5)
     found = fit(few, noise=Noise.of(few))
     assert found.rank == 30
-    assert found.condition == np.inf
     assert "RANK-DEFICIENT, 30 of 42" in found.sentence
     assert np.isinf(found.standard_errors[found.undetermined]).all()
     assert np.abs(found.residuals).max() < 1e-6
@@ -183,37 +180,6 @@ def test_seven_poses_fit_exactly_and_tell_nothing_of_errors():
     assert "cannot be said" in fit(seven, noise=Noise.of(seven)).sentence
 
 
-def test_rank_that_is_due_to_noise_is_said_to_be_and_the_fit_is_wrong_indeed():
-    """40 poses that differ in position, whose rotation is only noise."""
-    rng = np.random.default_rng(6)
-    noise = Noise.from_sigmas([0.06, 0.02, 0.06], [2e-4] * 3, [0.01] * 6, count=40)
-    still = Pose(np.array([0, 0, 360]) + rng.uniform(-60, 60, (40, 3)), np.tile([1.0, 0, 0, 0], (40, 1)))
-    clean = Campaign.of(DELTALAB, still.position, still.quaternion, inverse_kinematics(DELTALAB, still), exact=True)
-    found = fit(redrawn(clean, noise, rng), weighted=True, noise=noise)
-    assert found.rank == 42
-    assert found.noise_share > 0.5
-    assert "IS THE NOISE ITSELF" in found.sentence
-    assert np.sqrt(np.mean(((found.parameters - DELTALAB.parameters) / found.standard_errors) ** 2)) > 2
-    good = simulate(seed=1)
-    assert fit(good, noise=Noise.of(good)).noise_share < 1e-4
-    assert "NOISE ITSELF" not in fit(good, noise=Noise.of(good)).sentence
-    assert fit(good).noise_share is None
-
-
-def test_the_share_of_the_noise_is_that_of_jacobians_with_redrawn_readings():
-    clean, rng = simulate(seed=10, noise=0.0), np.random.default_rng(7)
-    noise = Noise.from_sigmas([0.06, 0.02, 0.06], [2e-4] * 3, [0.3] * 6, count=64)
-    found = fit(clean, legs=[2], noise=noise)
-
-    def jacobian(campaign):
-        return LegEquations.of(campaign, [2]).by_parameters(found.parameters)[:, 0]
-
-    changes = [jacobian(redrawn(clean, noise, rng)) - jacobian(clean) for _ in range(400)]
-    half = np.linalg.inv(np.linalg.cholesky(jacobian(clean).T @ jacobian(clean)))
-    expected = half @ np.mean([change.T @ change for change in changes], axis=0) @ half.T
-    assert found.noise_share == pytest.approx(np.linalg.eigvalsh(expected)[-1], rel=0.1)
-
-
 def test_whitening_makes_errors_white():
     mix = np.random.default_rng(5).normal(0, 1, (10, 4, 4))
     sigma = mix @ mix.transpose(0, 2, 1) + 0.1 * np.eye(4)
@@ -234,12 +200,9 @@ def test_the_noise_of_a_campaign_is_its_half_widths_over_their_factor(campaign):
         ({"legs": [0]}, "from 1 to 6"),
         ({"legs": [1, 1]}, "different numbers"),
         ({"legs": []}, "legs"),
-        ({"weighted": True}, "needs the noise"),
-        ({"tolerance": 0.0}, "1e-10"),
-        ({"covariance": "noise"}, "needs the noise"),
-        ({"covariance": "both"}, "'noise' or 'residuals'"),
+        ({"weighted": True}, "noise: is missing"),
+        ({"covariance": "noise"}, "noise: is missing"),
         ({"noise": Noise.from_sigmas([1] * 3, [1] * 3, [1] * 6, count=5)}, "is for"),
-        ({"start": np.zeros((5, 7))}, "shape"),
     ],
     ids=str,
 )
@@ -265,8 +228,6 @@ def test_senseless_noise_is_refused(arguments, said):
 def test_noise_that_is_no_covariance_or_leaves_no_weights_is_refused(campaign):
     with pytest.raises(InputError, match="positive semidefinite"):
         Noise(-np.ones((2, 6, 6)), np.ones((2, 6)))
-    with pytest.raises(InputError, match="correlation, of shape"):
-        Noise(np.ones((2, 6, 6)), np.ones((2, 2)), np.array([[1.0, 2.0], [2.0, 1.0]]))
     with pytest.raises(InputError, match="exact readings"):
         Noise.of(simulate(seed=1, factor=0.0))
     nothing = Noise.from_sigmas([0] * 3, [0] * 3, [0] * 6, count=64)

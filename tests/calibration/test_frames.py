@@ -61,12 +61,12 @@ def test_without_noise_the_frames_come_out_exactly(seed, count):
     x, z, a, b = problem(seed, count)
     found = calibrate_frames(a, b)
     # three poses may be ill conditioned: what can be asked depends on how far they turn
-    accuracy = 1e-13 / min(found.spread, 1.0) ** 2
+    least = np.linalg.svd(a.rotation.mean(axis=0))[1][0]
+    accuracy = 1e-13 / min(2.0 * (1.0 - least), 1.0)
     for pose, true in ((found.camera_in_base, x), (found.target_in_mobile, z)):
         move, turn = distance(pose, true)
         assert move <= 1e5 * accuracy
         assert turn <= 1e2 * accuracy
-    assert np.abs(found.position_residual).max() <= 1e-9
     assert found.remarks == ()
 
 

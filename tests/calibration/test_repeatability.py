@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.calibration import as_campaign, calibrate_study, describe, redefined, repeat_tests, repeatability
+from cpcal.calibration import as_campaign, calibrate_study, redefined, repeat_tests, repeatability
+from cpcal.calibration.statistics import sentences_of, unusual
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
-from cpcal.simulate.studies import with_robot_scatter
-from tests.changed import with_drift, with_pose_noise
+from tests.changed import with_drift, with_pose_noise, with_robot_scatter
 
 
 def found_of(study: Study):
@@ -26,7 +26,7 @@ def perfect():
 def test_a_robot_that_comes_back_has_no_scatter_of_its_own(perfect):
     found = found_of(perfect)
     assert found.told
-    assert np.array_equal(found.robot, np.zeros((6, 6)))
+    assert not found.robot_sigma.any()
     assert np.allclose(found.noise_sigma, found.spread.sigma)
     assert "comes back" in found.sentence
 
@@ -35,7 +35,7 @@ def test_scatter_of_the_robot_is_told_from_noise(perfect):
     quiet, found = found_of(perfect), found_of(with_robot_scatter(perfect, 0.1, seed=5))
     assert found.robot_sigma == pytest.approx(np.full(6, 0.1), rel=0.1)
     assert found.spread.sigma[0] > 5 * quiet.spread.sigma[0]
-    assert found.noise_sigma == pytest.approx(quiet.noise_sigma, rel=0.5)
+    assert np.sqrt(np.mean((found.noise_sigma / quiet.noise_sigma - 1.0) ** 2)) < 0.25
     assert found.equation_sigma == pytest.approx(quiet.equation_sigma, rel=0.02)  # in leg space nothing has changed
     assert "ROBOT ITSELF SCATTERS by 0.09" in found.sentence
 
@@ -76,7 +76,7 @@ def test_few_repeats_are_all_taken_as_noise():
 
 def examined(study: Study):
     found = found_of(study)
-    return repeat_tests(found, study.calibration.run, describe(found.spread))
+    return repeat_tests(found, study.calibration.run)
 
 
 def simulated(seed, **options):
@@ -86,21 +86,19 @@ def simulated(seed, **options):
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("scatter", [0.0, 0.1])
 def test_good_studies_are_left_alone(seed, scatter):
-    tests, channels = examined(with_robot_scatter(simulated(seed), scatter, seed=seed))
-    assert not any(tests.found(kind) for kind in ("runs", "variances"))
-    assert all(one.tests == tests.count > 30 for one in channels)
-    if not scatter:
-        assert not any("NOT NORMAL" in one.sentence for one in channels)
+    tests = examined(with_robot_scatter(simulated(seed), scatter, seed=seed))
+    assert len(tests) == 24  # 12 readings and 6 equations by runs, 6 equations by configurations
+    assert not any(says_no for says_no, _ in sentences_of(tests))
 
 
 def test_drift_of_a_sensor_is_seen_in_the_runs():
-    tests, _ = examined(with_drift(simulated(1), 0.02, leg=3))
-    assert tests.found("runs")[0].channel == "L3"
-    assert tests.found("runs")[0].p < 1e-6
-    assert any(sentence.startswith("RUNS DIFFER") for sentence in tests.sentences)
+    tests = examined(with_drift(simulated(1), 0.02, leg=3))
+    assert unusual(tests, "runs")[0].channel == "L3"
+    assert unusual(tests, "runs")[0].p < 1e-6
+    assert next(sentences_of(tests))[1].startswith("RUNS DIFFER")
 
 
 def test_play_that_some_loads_take_up_shows_in_leg_space():
-    tests, _ = examined(simulated(1, backlash=0.4))
-    assert len(tests.found("variances")) == 6
-    assert not tests.found("runs")
+    tests = examined(simulated(1, backlash=0.4))
+    assert len(unusual(tests, "variances")) == 6
+    assert not unusual(tests, "runs")

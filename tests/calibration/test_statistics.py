@@ -1,4 +1,4 @@
-"""Repeated measurements: spread, outliers, shape of distributions, averaged campaigns."""
+"""Repeated measurements: spread, outliers, averaged campaigns."""
 
 from dataclasses import replace
 
@@ -12,7 +12,6 @@ from cpcal.calibration import (
     Noise,
     averaged,
     campaign_deviations,
-    describe,
     deviations,
     fit,
     mean_rotations,
@@ -121,25 +120,6 @@ def test_a_channel_of_equal_readings_is_not_tested():
     found = screen(of(np.arange(20) % 4, values, ["good", "stuck"]))
     assert found.untested == ("stuck",)
     assert "Not tested" in found.sentence
-    (_, constant) = describe(of(np.arange(20) % 4, 0.0 * values))[:2]
-    assert "not tested for normality" in constant.sentence
-
-
-def test_the_distribution_of_normal_noise_is_said_to_be_normal_with_one_mode(spread):
-    for channel in describe(spread):
-        assert channel.shapiro > 1e-4
-        assert channel.extreme > 2.5 * channel.sigma
-    assert "looks normal." in replace(describe(spread)[0], tests=100).sentence
-
-
-def test_two_modes_and_heavy_tails_are_not_normal():
-    rng = np.random.default_rng(1)
-    names = np.repeat(np.arange(64), 11)
-    backlash = rng.choice([-1.0, 1.0], 704) + rng.normal(0, 0.25, 704)
-    heavy = rng.standard_t(2, 704)
-    for found in describe(of(names, np.stack([backlash, heavy], axis=1))):
-        assert found.shapiro < 1e-6
-        assert found.sentence.endswith("; NOT NORMAL.")
 
 
 def test_an_averaged_campaign_has_the_means_and_half_widths_of_single_readings(repeated, spread):
@@ -181,9 +161,6 @@ def test_averaging_a_perfectly_repeatable_campaign_gives_it_back():
         (lambda c: campaign_deviations(simulate(seed=0)), "each of its 64 configurations once"),
         (lambda c: averaged(c, of="median"), "'single' or 'mean'"),
         (lambda c: averaged(c, factor=0.0), "factor"),
-        (lambda c: averaged(c, sigma=[1.0]), "option sigma: has the shape"),
-        (lambda c: averaged(c, sigma=[-1.0] * 12), "no standard deviation"),
-        (lambda c: averaged(c, shared=[0.0] * 6), "option shared: has the shape"),
     ],
 )
 def test_bad_input_is_refused_with_a_remedy(repeated, call, said):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import Noise, PoseErrors, Validation, averaged, fit, pose_errors, validate
+from cpcal.calibration import Noise, Validation, averaged, fit, pose_errors, validate
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, quaternion_from_rotation_vector, quaternion_product
 from cpcal.simulate import simulate, true_robot
@@ -20,9 +20,9 @@ def poses():
 
 def test_the_true_parameters_have_no_error_and_the_nominal_ones_have(poses):
     found = validate(poses, true_robot(poses).parameters)
-    assert_allclose(found.after.position, 0.0, atol=1e-9)
-    assert_allclose(found.after.orientation, 0.0, atol=1e-11)
-    assert found.summaries("position")[0].mean > 0.5
+    assert_allclose(found.position[1], 0.0, atol=1e-9)
+    assert_allclose(found.orientation[1], 0.0, atol=1e-11)
+    assert found.figures("position")["mean"][0] > 0.5
     assert_allclose(found.improvement("position"), 100.0, atol=1e-6)
     assert found.failed == ()
 
@@ -33,19 +33,19 @@ def test_errors_are_those_that_were_put_in(poses):
     move, turn = rng.normal(0, 1, (64, 3)), rng.normal(0, 0.01, (64, 3))
     turned = quaternion_product(quaternion_from_rotation_vector(turn), poses.quaternion)
     moved = Campaign.of(DELTALAB, poses.position + move, turned, poses.length, exact=True)
-    found = pose_errors(moved, true_robot(poses).parameters)
-    assert_allclose(found.position, np.linalg.norm(move, axis=1), rtol=1e-9)
-    assert_allclose(found.orientation, np.linalg.norm(turn, axis=1), rtol=1e-9)
-    flipped = pose_errors(replace(moved, quaternion=-moved.quaternion), true_robot(poses).parameters)
-    assert_allclose(flipped.orientation, found.orientation, rtol=1e-9)
+    apart, angle = pose_errors(moved, true_robot(poses).parameters)
+    assert_allclose(apart, np.linalg.norm(move, axis=1), rtol=1e-9)
+    assert_allclose(angle, np.linalg.norm(turn, axis=1), rtol=1e-9)
+    _, flipped = pose_errors(replace(moved, quaternion=-moved.quaternion), true_robot(poses).parameters)
+    assert_allclose(flipped, angle, rtol=1e-9)
 
 
 def test_shifting_the_base_shifts_every_pose_by_as_much(poses):
     shifted = true_robot(poses).parameters.copy()
     shifted[:, :3] += [0.3, 0.0, -0.4]
-    found = pose_errors(poses, shifted)
-    assert_allclose(found.position, 0.5, rtol=1e-9)
-    assert_allclose(found.orientation, 0.0, atol=1e-11)
+    apart, turned = pose_errors(poses, shifted)
+    assert_allclose(apart, 0.5, rtol=1e-9)
+    assert_allclose(turned, 0.0, atol=1e-11)
 
 
 def test_calibration_improves_poses_that_it_has_not_seen():
@@ -54,29 +54,39 @@ def test_calibration_improves_poses_that_it_has_not_seen():
     best = fit(calibration, weighted=True, noise=Noise.of(calibration))
     found = validate(averaged(repeats), best.parameters)
     for kind in ("position", "orientation"):
-        before, after = found.summaries(kind)
-        assert after.mean < 0.1 * before.mean
-        assert after.mean < after.at_95 <= after.largest
+        figures = found.figures(kind)
+        assert figures["mean"][1] < 0.1 * figures["mean"][0]
+        assert figures["mean"][1] < figures["rms"][1] < figures["largest"][1]
     assert "64 of 64 poses" in found.sentence
     assert found.names[0] == "r000/mean"
 
 
 def test_summaries_and_improvements_are_of_the_poses_that_both_converged_for():
-    before = PoseErrors((1.0, 2.0, float("nan"), 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0))
-    after = PoseErrors((0.5, 3.0, 1.0, 0.0, 1.0), (0.1, 0.0, 0.1, 0.0, 0.0))
-    found = Validation(("a", "b", "c", "d", "e"), before, after)
+    before, after = (1.0, 2.0, float("nan"), 0.0, 0.0), (0.5, 3.0, 1.0, 0.0, 1.0)
+    turns = (0.1, 0.1, 0.1, 0.0, 0.0), (0.1, 0.0, 0.1, 0.0, 0.0)
+    found = Validation(("a", "b", "c", "d", "e"), (before, after), turns)
     assert found.failed == ("c",)
     assert "4 of 5" in found.sentence
     assert "2 in position, 0 in orientation" in found.sentence
     assert "NOT CONVERGE for c" in found.sentence
     assert found.improvement("position").tolist() == [50.0, -50.0, 0.0, -np.inf]
-    old, new = found.summaries("position")
-    assert (old.mean, new.mean, new.largest) == (0.75, 1.125, 3.0)
-    assert new.deviation == pytest.approx(np.std([0.5, 3.0, 0.0, 1.0], ddof=1))
-    lost = PoseErrors((float("nan"),), (float("nan"),))
+    figures = found.figures("position")
+    assert figures["mean"].tolist() == [0.75, 1.125]
+    assert figures["largest"][1] == 3.0
+    assert figures["std. dev."][1] == pytest.approx(np.std([0.5, 3.0, 0.0, 1.0], ddof=1))
+    assert figures["rms"][1] == pytest.approx(np.sqrt((0.25 + 9.0 + 1.0) / 4))
+    lost = ((float("nan"),),) * 2
     nothing = Validation(("a",), lost, lost)
     assert "None of 1 poses could be compared" in nothing.sentence
-    assert np.isnan(nothing.summaries("position")[1].mean)
+    assert np.isnan(nothing.figures("position")["mean"]).all()
+
+
+def test_the_floor_is_what_true_parameters_show():
+    """Readings with noise at true parameters: root mean squares over poses are those that the noise is said to make."""
+    noisy = simulate(seed=21, extremal=False, random_poses=400)
+    found = validate(noisy, true_robot(noisy).parameters, noise=Noise.of(noisy))
+    for kind, floor in zip(("position", "orientation"), found.floor, strict=True):
+        assert found.figures(kind)["rms"][1] == pytest.approx(floor, rel=0.1)
 
 
 def test_poses_that_cannot_be_reached_are_named():

@@ -169,7 +169,7 @@ def test_rows_fail_for_a_pixel_beyond_the_tolerance_and_a_reading_beyond_its_hal
     hand = board = (F(0),) * 3
     box = Box((F(-1),) * 9 + (F(-2000),) * 21, (F(1),) * 9 + (F(2000),) * 21)
     moved = replace(study, rays=tuple((u + F(1, 8), v) for u, v in study.rays))
-    for eps, fails in ((F(1, 9), True), (F(1, 7), False)):
+    for eps, fails in ((F(7, 64), True), (F(9, 64), False)):
         rows = Rows(moved, "image", [0], eps, hand, board, {}, box)
         at = unknowns(rows, truth, readings, a_of, hand, board)
         assert any(value_at(rows.row(side, n), at) > 0 for side in SIDES[:4] for n in range(4)) == fails

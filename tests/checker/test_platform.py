@@ -23,7 +23,6 @@ from cpcal.questions.accuracy import (
     distances,
     load_accuracy,
     save_accuracy,
-    true_poses,
 )
 from cpcal.robot import (
     Pose,
@@ -34,6 +33,7 @@ from cpcal.robot import (
     quaternion_conjugate,
     quaternion_product,
 )
+from cpcal.simulate import reached_poses
 from cpcal.solver.certificate.exact_network import free
 from tests.models.known_robot import ERROR, known
 from tests.remembered import verify_once
@@ -64,7 +64,7 @@ def legs_checked_once():
 def test_the_truth_is_in_the_box_which_is_no_wider_than_newtons(run, known):
     _, poses, found = run
     newton = newton_bounds(poses, known.sets)
-    true = true_poses(known.campaign, known.controller, poses)
+    true = reached_poses(known.campaign, known.controller, poses)
     position, angle = distances(true, poses)
     turn = quaternion_product(true.quaternion, quaternion_conjugate(poses.quaternion))
     inside = np.concatenate([true.position - poses.position, 2.0 * turn[:, 1:] / turn[:, :1]], axis=1)

@@ -15,7 +15,9 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Refused
-from tests.checker.conftest import KINDS
+from cpcal.checker.leg import EXTRA
+from cpcal.solver.certificate.exact_network import number
+from tests.checker.conftest import KINDS, saved
 from tests.checker.malformed.test_bytes import NO_CERTIFICATES
 from tests.checker.second import Second, agreed, encoded, told
 
@@ -91,3 +93,35 @@ def test_another_campaign_is_refused_alike(exact_proof: Any, checked: Any, secon
         lines = exact_proof.copy()
         lines[0]["campaign"] = sha256(document.encode()).hexdigest()
         assert agree(checked, second, encoded(lines), folder) == ("" if document in kept else "campaign")
+
+
+@pytest.mark.parametrize("model", EXTRA)
+def test_both_ask_the_same_eps_of_a_point_for_all_readings(
+    model: str, uncertain_proof: Any, checked: Any, second: Second, tmp_path: Path
+) -> None:
+    """To the last of 50 bits, of sets so wide that what turns over within them counts: in the same exact numbers."""
+    rng, folder = random.Random(model), tmp_path / "wide"
+    saved(folder, joint_error=10.0, factor=300.0, extremal=False, random_poses=16)
+    digest = sha256((folder / "campaign.json").read_bytes()).hexdigest()
+    head = uncertain_proof.lines[0] | {"campaign": digest}
+    for part in ("0x1p+0", "0x1.8p-1", "0x0p+0"):
+        extra = [rng.uniform(-0.01, 0.01) for _ in EXTRA[model]]
+        at = [v + rng.uniform(-0.5, 0.5) for v in uncertain_proof.point[:7]] + extra
+
+        def claimed(eps: float, at: list[float] = at, part: str = part) -> bytes:
+            x = [number(v) for v in (*at, eps)]
+            point = {"at": x, "holds": "all", "readings": None, "factor": part, "fails": []}
+            claims = {"cap": x[-1], "infeasible": False, "epsilon": None, "enclosure": None, "point": point}
+            return encoded([{**head, "model": model, "lo": x, "hi": x}, claims])
+
+        low, high = 0.0, 256.0
+        while high - low > 2.0**-42:
+            middle = (low + high) / 2
+            try:
+                checked(claimed(middle), folder)
+                high = middle
+            except Refused:
+                low = middle
+        assert 0.0 < low < high < 256.0
+        assert agree(checked, second, claimed(high), folder) == ""
+        assert agree(checked, second, claimed(low), folder) == "proof"

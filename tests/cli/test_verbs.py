@@ -23,7 +23,7 @@ from tests.cli.command import done, refused, run
 
 COMMON = {"seed": 5, "runs": 2, "random_poses": 3, "noise": 0.5, "truncate": 2.0, "deviation": 0.5}
 COMMON |= {"joint_error": 0.5, "stroke": (10.0, 130.0)}
-OF_A_STUDY = {"validation_runs": 2, "images": 2, "axis_offset": 1.0, "joint_offset": 2.0, "backlash": 0.5}
+OF_A_STUDY = {"validation_runs": 2, "images": 2, "axis_offset": 1.0, "backlash": 0.5}
 OF_A_STUDY |= {"friction": 0.1, "sag": 1.0, "gain": 0.01}
 
 
@@ -72,7 +72,7 @@ def test_a_folder_that_holds_something_is_refused(tmp_path, verb):
         (["deltalab", "--sag", 1, "--images", 2], ["2 problems", "--images", "--sag", "add --study"]),
         (["deltalab", "--study", "--factor", 3, "--no-extremal"], ["2 problems", "--factor", "--extremal", "leave it"]),
         (["deltalab", "--study", "--sag", -1, "--random-poses", 0], ["2 problems", "option sag", "random_poses"]),
-        (["deltalab", "--study", "--joint-offset", 400], ["imperfections"]),
+        (["deltalab", "--study", "--gain", 0.9], ["imperfections"]),
         (["deltalab", "--study", "--gain", "much"], ["--gain"]),
     ],
 )

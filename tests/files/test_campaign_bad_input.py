@@ -66,7 +66,7 @@ def test_the_example_is_good(tmp_path):
         ('"two legs"', '"' + "x" * 201 + '"', 3, "name is 'xxx", "at most 200"),
         ("where =", '"wh\\nere" =', 17, "'wh\\nere' in [provenance] cannot be a name", "printable"),
         ('"here"', '"""he\nre"""', 18, "'where' in [provenance] is 'he\\nre'", "on one line"),
-        ("[provenance]", '[model]\nname = "' + "g" * 201 + '"\n[provenance]', 18, "cannot be one", "gain"),
+        ("[provenance]", '[model]\nname = "' + "g" * 201 + '"\n[provenance]', 18, "cannot be a name", "gain"),
         ("[1e-4, 1e-4, 1e-4]", "[1e-4, -1e-4, 1e-4]", 14, "rotation_sigma holds the negative", ">= 0"),
         ("[1e-4, 1e-4, 1e-4]", "[1e-4, 1e-4]", 14, "rotation_sigma has 2 numbers, not 3", "rad"),
         ("[0.01, 0.02]", "[0.01]", 15, "length_sigma has 1 numbers, not 2", "one for each leg"),

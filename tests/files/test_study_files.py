@@ -12,7 +12,7 @@ from cpcal.simulate import simulate_study
 
 NAMES = ("study.toml", "calibration.csv", "validation.csv")
 TOML = """\
-format = "cpcal-study/1"
+format = "cpcal-study/2"
 [robot]
 name = "two legs"
 base = [[0, 0, 0], [1, 2, 3]]
@@ -32,18 +32,6 @@ quaternion = [0, 1, 0, 0]
 [truth.target]
 position = [1, 2, 3]
 quaternion = [1, 0, 0, 0]
-[truth.mechanisms]
-base_axis = [[1, 0, 0], [0, 1, 0]]
-base_offset = [0, 0]
-mobile_axis = [[1, 0, 0], [0, 1, 0]]
-mobile_offset = [[0, 0, 0], [0, 0, 0]]
-backlash = [0, 0]
-friction = 0
-sag = [0, 0]
-gain = [0, 0]
-reference = 70
-joint_error = [0, 0]
-joint_phase = [[0, 0], [0, 0]]
 """
 TABLE = """\
 pose,run,x,y,z,qw,qx,qy,qz,L1,L2
@@ -83,7 +71,6 @@ def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, more):
     save_study(study, tmp_path / "one")
     loaded = load_study(tmp_path / "one")
     assert loaded == study
-    assert loaded.truth.mechanisms == study.truth.mechanisms
     assert loaded.calibration.length.tobytes() == study.calibration.length.tobytes()
     save_study(loaded, tmp_path / "two")
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
@@ -103,7 +90,6 @@ def test_the_example_with_a_truth_is_good(tmp_path):
     truth = load(tmp_path).truth
     assert truth.seed == 3
     assert truth.camera.position.tolist() == [0.0, 0.0, 900.0]
-    assert truth.mechanisms.perfect
 
 
 def test_strange_names_and_numbers_come_back(tmp_path):
@@ -121,8 +107,8 @@ def test_strange_names_and_numbers_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line", "what", "remedy"),
     [
-        ('format = "cpcal-study/1"\n', "", None, "'format' is missing", 'format = "cpcal-study/1"'),
-        ("cpcal-study/1", "cpcal-campaign/1", 1, "the format is 'cpcal-campaign/1'", "cpcal-study/1"),
+        ('format = "cpcal-study/2"\n', "", None, "'format' is missing", 'format = "cpcal-study/2"'),
+        ("cpcal-study/2", "cpcal-campaign/1", 1, "the format is 'cpcal-campaign/1'", "cpcal-study/2"),
         ("[provenance]", "[uncertainty]", 7, "unknown key 'uncertainty'", "format, robot, truth, provenance"),
         ("\noffset =", "\nofset =", 6, "unknown key 'ofset' in [robot]", "offset"),
         ("seed = 3", "seed = -3", 10, "seed is -3", "from 0"),
@@ -134,14 +120,7 @@ def test_strange_names_and_numbers_come_back(tmp_path):
         ("quaternion = [0, 1, 0, 0]", "quaternion = [0, 1, 1, 0]", 17, "the norm 1.41421356, not 1", "divide"),
         ("quaternion = [0, 1, 0, 0]\n", "", 15, "'quaternion' is missing in [truth.camera]", "add"),
         ("[truth.camera]", "[truth.kamera]", 15, "unknown key 'kamera' in [truth]", "camera"),
-        ("base_axis = [[1, 0, 0]", "base_axis = [[2, 0, 0]", 22, "base_axis holds an axis whose norm", "unit"),
-        ("sag = [0, 0]", "sag = [0, -1]", 28, "sag holds a negative number", ">= 0"),
-        ("sag = [0, 0]", "sag = [0]", 28, "sag has 1 numbers, not 2", "each leg"),
-        ("sag = [0, 0]", "sag = 0", 28, "sag is not a list of numbers", "each leg"),
-        ("sag = [0, 0]\n", "", 21, "'sag' is missing in [truth.mechanisms]", "add"),
-        ("gain = [0, 0]", "gain = [0, -1]", 29, "gain holds a gain of -1 or less", "relative"),
-        ("friction = 0", 'friction = "low"', 27, "friction holds 'low'", "number"),
-        ("mobile_offset = [[0, 0, 0], [0, 0, 0]]", "mobile_offset = 1", 25, "is not a list of rows", "each leg"),
+        ("[1, 2, 3, 1, 0, 0, 6]", "6", 11, "parameters of leg 2 is not a list of numbers", "ax"),
     ],
 )
 def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
@@ -169,16 +148,16 @@ def test_a_bad_line_of_a_table(tmp_path, line, row, what):
 
 
 def test_everything_wrong_in_the_three_files_is_said_at_once(tmp_path):
-    toml = TOML.replace("seed = 3", "seed = -3").replace("sag = [0, 0]", "sag = [0, -1]")
+    toml = TOML.replace("seed = 3", "seed = -3").replace("[0, 0, 900]", "[0, 0]")
     rows = {"calibration": TABLE.replace("a,2", "a,1"), "validation": TABLE.replace("0.8", "0.9")}
     found = [row[:2] for row in refused(tmp_path, toml=toml, **rows)]
-    assert found == [("study.toml", 10), ("study.toml", 28), ("calibration.csv", 3), ("validation.csv", 4)]
+    assert found == [("study.toml", 10), ("study.toml", 16), ("calibration.csv", 3), ("validation.csv", 4)]
 
 
 def test_the_truth_is_checked_even_when_the_robot_is_unusable(tmp_path):
-    toml = TOML.partition("[robot]")[0] + TOML[TOML.index("[provenance]") :].replace("gain = [0, 0]", "gain = [-2]")
-    missing, gain = "the section [robot] is missing", "gain holds a gain of -1 or less"
-    assert [row[1:3] for row in refused(tmp_path, toml=toml)] == [(None, missing), (24, gain)]
+    toml = TOML.partition("[robot]")[0] + TOML[TOML.index("[provenance]") :].replace("[1, 2, 3]", "[1, 2]")
+    missing, target = "the section [robot] is missing", "position has 2 numbers, not 3"
+    assert [row[1:3] for row in refused(tmp_path, toml=toml)] == [(None, missing), (14, target)]
 
 
 def test_missing_files_and_a_campaign_in_place_of_a_study(tmp_path):

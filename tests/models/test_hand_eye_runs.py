@@ -426,7 +426,7 @@ CERTIFICATES = {
     "poses of no image": (put(0, "poses", to=["ranges.cert.jsonl"]), "is about something else"),
     "a pose twice": (put(0, "poses", to=lambda one: [one[0], one[0]]), "rests on poses of other images"),
     "another origin": (put(0, "asked", "hand", 0, to="0x1p+3"), "is about something else"),
-    "another format": (put(0, "format", to="cpcal-certificate/3"), "is none of cpcal-certificate/5"),
+    "another format": (put(0, "format", to="cpcal-certificate/3"), "is none of cpcal-certificate/6"),
     "no weights of rows": (weightless, "do not exclude the box|less than the bound"),
     "a negative weight": (
         lambda lines: lines[-1].get("weights", lines[-1].get("bounds", [[0] * 4])[0][3])["rows"][0].__setitem__(1, -1),

@@ -19,6 +19,7 @@ from cpcal.files import campaign_sha256
 from cpcal.models import (
     PLAIN,
     ModelResiduals,
+    ReadingRange,
     built_in,
     fit_model,
     leg,
@@ -27,7 +28,7 @@ from cpcal.models import (
     leg_network,
     model_residuals,
     model_statement,
-    reading_sensitivities,
+    reading_moves,
 )
 from cpcal.robot import ModelChoice, Pose, leg_vectors, rotation_matrix
 from cpcal.simulate import true_robot
@@ -204,16 +205,15 @@ def test_long_numbers_are_written_as_the_format_has_them():
                 assert max(map(len, digits)) <= 64
 
 
-def test_the_room_of_a_plain_leg_agrees_with_its_formula(uncertain):
-    from cpcal.report import reading_sensitivity
-
-    x = fit_model(uncertain, 1)
+def test_what_the_readings_move_is_to_first_order_the_range_over_their_sets(uncertain):
+    x, engine = fit_model(uncertain, 1), get_arithmetic("float64")
+    moves = reading_moves(uncertain, 1, x).sum(axis=1)
+    found = ReadingRange(uncertain, 1, PLAIN, engine).of(x)
+    np.testing.assert_allclose(0.5 * (found.hi - found.lo), moves, rtol=1e-3)
+    gain = ReadingRange(uncertain, 1, leg_model("gain"), engine).of(np.append(x, 0.02))
     np.testing.assert_allclose(
-        reading_sensitivities(uncertain, 1, x, PLAIN), reading_sensitivity(uncertain, 1, x), rtol=1e-3
+        0.5 * (gain.hi - gain.lo) - moves, 0.02 * uncertain.length_radius[:, 0], rtol=2e-2, atol=1e-3 * moves.max()
     )
-    gain = np.append(x, 0.02)
-    wider = reading_sensitivity(uncertain, 1, gain, leg_model("gain")) - reading_sensitivities(uncertain, 1, x, PLAIN)
-    np.testing.assert_allclose(wider, 0.02 * uncertain.length_radius[:, 0], rtol=1e-2)
 
 
 # a user-defined model -----------------------------------------------------------------------------------------

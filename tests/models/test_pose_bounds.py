@@ -20,7 +20,7 @@ from cpcal.models.platform import (
     proved_image,
     sizes,
 )
-from cpcal.questions.accuracy import distances, true_poses
+from cpcal.questions.accuracy import distances
 from cpcal.robot import (
     Pose,
     central_pose,
@@ -30,6 +30,7 @@ from cpcal.robot import (
     quaternion_conjugate,
     quaternion_product,
 )
+from cpcal.simulate import reached_poses
 from cpcal.solver.interval import IntervalArray
 
 
@@ -66,7 +67,7 @@ def test_a_model_error_that_the_campaign_refutes_leaves_no_set(known):
 def test_the_true_pose_lies_in_the_proved_box_and_within_both_bounds(known):
     poses = unseen(known, 12, 2)
     found = pose_bounds(poses, known.sets)
-    true = true_poses(known.campaign, known.controller, poses)
+    true = reached_poses(known.campaign, known.controller, poses)
     assert found.proved.all()
     position, angle = distances(true, poses)
     assert (position <= found.position).all()
@@ -85,7 +86,7 @@ def test_a_drawing_far_from_the_truth_is_bounded_as_well(known):
         for k, x in enumerate(known.controller.parameters)
     ]
     poses = unseen(known, 4, 4)
-    found, (position, angle) = pose_bounds(poses, sets), distances(true_poses(known.campaign, nominal, poses), poses)
+    found, (position, angle) = pose_bounds(poses, sets), distances(reached_poses(known.campaign, nominal, poses), poses)
     assert found.proved.all()
     assert (position <= found.position).all()
     assert (angle <= found.rotation).all()
@@ -107,7 +108,7 @@ def test_the_bound_of_a_cell_holds_for_every_pose_in_it(known, reach, turn, arou
     drawn = middle + size * rng.uniform(-1.0, 1.0, (20, 6))
     drawn[:4, :3] = middle[:3] + reach * np.array([[1, 1, 1], [1, -1, 1], [-1, 1, -1], [-1, -1, -1]])
     poses = Pose(drawn[:, :3], normalised(np.column_stack([np.ones(20), drawn[:, 3:]])))
-    position, angle = distances(true_poses(known.campaign, known.controller, poses), poses)
+    position, angle = distances(reached_poses(known.campaign, known.controller, poses), poses)
     assert (position <= over.position).all()
     assert (angle <= over.rotation).all()
     alone = pose_bounds(poses, known.sets)

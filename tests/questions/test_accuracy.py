@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,11 @@ from cpcal.questions.accuracy import (
     proposed_workspace,
     save_accuracy,
     suggested_error,
-    true_poses,
 )
 from cpcal.questions.result import Recommended
 from cpcal.report.accuracy_page import assumption, degrees_up, headline, sentences, write_accuracy
 from cpcal.robot import ROBOTS, Pose, Robot, central_pose, forward_kinematics, inverse_kinematics, pose_jacobian
-from cpcal.simulate.campaigns import true_robot
+from cpcal.simulate import reached_poses, true_robot
 from tests.models.known_robot import ERROR, known
 from tests.report.made import made_leg, made_result
 
@@ -57,7 +57,9 @@ def named(known):
 
 @pytest.fixture(scope="module")
 def found(known, result, named):
-    return certify_accuracy(known.campaign, result, poses=named, assume=ERROR)
+    return certify_accuracy(
+        known.campaign, result, poses=named, assume=ERROR, truth=partial(reached_poses, known.campaign)
+    )
 
 
 def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
@@ -135,7 +137,7 @@ def test_what_is_asked_by_default_is_measured_or_needs_no_readings_beyond_and_u_
     # U of the fit holds for poses that nobody measured; another controller is off by what it differs by
     for robot, least in ((known.controller, 0.0), (known.campaign.robot, 0.5)):
         u, turn = expanded_uncertainty(known.campaign, robot, poses)
-        position, angle = distances(true_poses(known.campaign, robot, poses), poses)
+        position, angle = distances(reached_poses(known.campaign, robot, poses), poses)
         assert np.mean(position <= u) >= 0.9
         assert np.mean(angle <= turn) >= 0.9
         assert least < u.max() < 3.0 * position.max()
@@ -147,7 +149,7 @@ def test_u_holds_at_poses_that_nobody_measured_where_the_model_is_imperfect():
     readings = np.random.default_rng(6).uniform(0.0, 140.0, (100, 6))
     poses = forward_kinematics(robot, readings, central_pose(robot, np.full(6, 70.0)))
     u, turn = expanded_uncertainty(campaign, robot, poses)
-    position, angle = distances(true_poses(campaign, robot, poses), poses)
+    position, angle = distances(reached_poses(campaign, robot, poses), poses)
     assert np.mean(position <= u) >= 0.9
     assert np.mean(angle <= turn) >= 0.9
     assert u.max() <= 2.2 * position.max()
@@ -173,7 +175,7 @@ def test_lengths_that_nobody_measured_are_named_and_what_is_assumed_rises():
 def test_the_truth_of_a_robot_without_joint_error_is_that_of_its_parameters():
     campaign = cpcal.simulate(seed=3, extremal=False, random_poses=3)
     poses = Pose(campaign.position, campaign.quaternion)
-    true = true_poses(campaign, campaign.robot, poses)
+    true = reached_poses(campaign, campaign.robot, poses)
     assert (distances(true, poses)[0] > 0.1).all()
     readings = inverse_kinematics(campaign.robot, poses)
     assert inverse_kinematics(true_robot(campaign), true) == pytest.approx(readings, abs=1e-6)
@@ -255,7 +257,10 @@ def test_measurements_that_a_robust_run_left_out_are_left_out_of_what_is_assumed
     )
     result = replace(result, legs=legs, campaign=replace(result.campaign, sha256=campaign_sha256(campaign)))
     poses = NamedPoses(("here",), campaign_pose(campaign, 0))
-    found = certify_accuracy(campaign, result, poses=poses, assume=ERROR, certificates=tmp_path, next_poses=0)
+    truth = partial(reached_poses, campaign)
+    found = certify_accuracy(
+        campaign, result, poses=poses, assume=ERROR, certificates=tmp_path, next_poses=0, truth=truth
+    )
     assert found.legs[2].left_out == (bad,)
     assert f"but {bad}" in assumption(found)
     assert found.poses[0].proved
@@ -268,6 +273,20 @@ def test_measurements_that_a_robust_run_left_out_are_left_out_of_what_is_assumed
         save_accuracy(replace(found, legs=other), tmp_path)
         with pytest.raises(Refused, match="another measurements"):
             check_accuracy(tmp_path)
+
+
+def test_a_wrong_reading_that_outliers_leave_out_does_not_spoil_the_accuracy(known):
+    wrong = known.campaign.length.copy()
+    wrong[4, 2] += 2.0
+    campaign = replace(known.campaign, length=wrong)
+    result = cpcal.certify(campaign, delta=8.0, outliers=1, support="none", center="nominal")
+    assert result.legs[2].bracket.left_out == (campaign.measurement_ids[4],)
+    poses, truth = NamedPoses(("here",), campaign_pose(campaign, 0)), partial(reached_poses, campaign)
+    found = certify_accuracy(campaign, result, poses=poses, assume=ERROR, next_poses=0, truth=truth)
+    assert found.legs[2].left_out == result.legs[2].bracket.left_out
+    assert found.poses[0].proved
+    assert not found.violated
+    assert found.poses[0].estimated.true_position <= found.poses[0].estimated.u_position
 
 
 def campaign_pose(campaign, k):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import combinations, count
 from types import SimpleNamespace
 
@@ -13,9 +14,10 @@ import cpcal
 from cpcal.checker import check, check_run
 from cpcal.common.errors import InputError
 from cpcal.common.files import write_file
-from cpcal.questions import ask
+from cpcal.questions import ask, verdict_of
 from cpcal.questions import leg as robust
 from cpcal.questions.leg import all_or_none
+from cpcal.robot import Robot
 from cpcal.simulate import simulate
 from cpcal.solver.optimize.bound import hitting_set
 
@@ -71,6 +73,23 @@ def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path,
     assert {path.name for path in tmp_path.glob("*.cert.jsonl")} == {leg.bracket.point_certificate, *others}
     (checked,) = check_run(tmp_path)
     assert (checked.refused, checked.robust.lo, float(checked.robust.hi)) == (None, None, leg.bracket.hi)
+
+
+def test_without_a_point_nothing_is_called_wrong_and_nothing_passes(tmp_path):
+    """In the whole box the legs would be shorter than nothing."""
+    asked = campaign(12, (3,))
+    known = asked.robot.parameters - np.array([0.0] * 6 + [2000.0])
+    asked = replace(asked, robot=Robot.from_parameters("short", known))
+    options = {"outliers": 1, "legs": (1,), "delta": 8.0, "center": "nominal", "certificates": tmp_path}
+    found = cpcal.certify(asked, **options)
+    (leg,) = found.legs
+    assert (leg.bracket.point, leg.bracket.hi, leg.bracket.left_out) == (None, np.inf, ())
+    assert (leg.bracket.verdict, leg.passes_from) == (cpcal.Verdict.UNKNOWN, None)
+    assert verdict_of(found, leg).word != "pass"
+    cpcal.save_result(found, tmp_path)
+    assert cpcal.load_result(tmp_path) == found
+    (checked,) = check_run(tmp_path)
+    assert (checked.refused, checked.robust.lo, checked.robust.hi) == (None, None, None)
 
 
 def test_proofs_of_which_one_is_missing_leave_no_files(tmp_path):

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 import cpcal
 from cpcal.checker import check_run
 from cpcal.common.values import Floats
-from cpcal.models import ReadingRange, leg_model
+from cpcal.models import ReadingRange, leg_model, reading_moves
 from cpcal.questions import LegResult, Result, recommendation, save_result, verdict_of
 from cpcal.questions.recommended import nearest_within
 from cpcal.robot import Campaign, Robot, Uncertainty, rotation_matrix
@@ -127,7 +127,7 @@ def test_what_is_recommended_conforms_with_the_least_sum_of_squares(
     # steps that lower the weighted sum of squares leave what conforms
     model, engine = leg_model("plain"), get_arithmetic("float64")
     every, x = ReadingRange(of, LEG, model, engine), np.array(found.point)
-    weight = 1.0 / every.deviations(np.array(free.recommended.point))
+    weight = 1.0 / np.linalg.norm(reading_moves(of, LEG, free.recommended.point), axis=1)
     cost = np.sum((weight * errors(of, x, np.zeros(7))) ** 2)
     for step in np.random.default_rng(1).standard_normal((200, 7)) * 1e-3:
         other = x + step

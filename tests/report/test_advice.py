@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.models import PLAIN, fit_model, model_jacobian, model_residuals
+from cpcal.models import PLAIN, ModelResiduals, fit_model
 from cpcal.report.words import Fitted, advise, fitted, misread
 from cpcal.robot import Campaign
 
@@ -42,7 +42,8 @@ def test_no_reading_is_named_where_all_are_as_noisy():
         campaign = cpcal.simulate(seed=seed, joint_error=0.0, factor=0.0, noise=1.0)
         for leg in range(1, 7):
             x = fit_model(campaign, leg, PLAIN)
-            made = Fitted(x, model_residuals(campaign, leg, x, PLAIN), model_jacobian(campaign, leg, x, PLAIN))
+            of = ModelResiduals(campaign, leg, PLAIN)
+            made = Fitted(x, of.values(x), of.jacobian(x))
             named += bool(misread(made, np.ones(len(campaign), bool)))
     assert named <= 1  # one of 500 legs by chance
 

@@ -19,9 +19,9 @@ from cpcal.cli.certify import show_result
 from cpcal.cli.terminal import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.models import PARAMETERS, PLAIN
+from cpcal.models import PARAMETERS, PLAIN, reading_moves
 from cpcal.questions import Ranges
-from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
+from cpcal.report import QUANTIFIER, write_report
 from cpcal.report.run_page import render
 from tests.report.made import made_leg, made_result
 
@@ -224,7 +224,7 @@ def test_one_exact_measurement_and_no_residual_at_all():
 def test_room_of_the_readings_agrees_with_corners_of_their_sets(campaign):
     leg = 3
     x = campaign.robot.parameters[leg - 1]
-    room = reading_sensitivity(campaign, leg, x)
+    room = reading_moves(campaign, leg, x).sum(axis=1)
     largest = np.zeros(len(campaign))
     centre = _residual(campaign, x, leg, np.zeros(6))
     for corner in np.ndindex(*(2,) * 6):

@@ -76,8 +76,8 @@ def test_hostile_names_do_nothing(study):
     sha = {"campaign_sha256": campaign_sha256(campaign)}
     errors = study.record.validation.x_c
     names = tuple(HOSTILE + str(k) for k in range(len(errors.names)))
-    after = dataclasses.replace(errors.after, position=(math.nan, *errors.after.position[1:]))
-    lost = dataclasses.replace(errors, names=names, after=after)
+    before, after = errors.position
+    lost = dataclasses.replace(errors, names=names, position=(before, (math.nan, *after[1:])))
     record = dataclasses.replace(
         study.record,
         robot=HOSTILE,

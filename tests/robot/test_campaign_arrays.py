@@ -125,11 +125,6 @@ def test_readings_that_are_no_real_numbers_are_refused_instead_of_taken(which):
         Campaign.from_arrays(masked, GOOD.quaternion, GOOD.length, robot="deltalab", exact=True)
 
 
-def test_the_old_order_of_arguments_is_explained():
-    with pytest.raises(InputError, match=r"are a Robot, not numbers -> .*Campaign\.of"):
-        Campaign.from_arrays(DELTALAB, GOOD.position, GOOD.quaternion, exact=True)
-
-
 def test_a_frame_comes_back_as_the_same_campaign():
     frame = GOOD.to_frame()
     assert list(frame.columns[:5]) == ["pose", "run", "x", "y", "z"]

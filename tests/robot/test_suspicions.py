@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.studies import clean
 from benchmarks.wrong_ways import WRONG_WAYS
+from cpcal.robot import ROBOTS
 from cpcal.robot.campaign import Given
 from cpcal.robot.mistakes import likely_causes, spread_of, suspicions
 from cpcal.simulate import simulate
@@ -36,6 +37,24 @@ def test_the_cause_is_named(campaign, cause):
     (sentence,) = suspicions(campaign)
     assert "likely cause: " in sentence
     assert cause in sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "deviation", "way"),
+    [
+        ("rubin-camera", 2, 0.1, "radians for degrees"),  # seven forms of angles, one mistake
+        ("planar-3rpr", 1, 1.0, "degrees for radians"),  # one angle that varies
+        ("cogiro", 1, 1.0, "target shifted"),  # by 0.8 % of a leg
+        pytest.param("cogiro", 1, 1.0, "metres and scalar last", marks=pytest.mark.nightly),
+    ],
+)
+def test_mistakes_are_named_on_robots_of_other_sizes(name, seed, deviation, way):
+    known = ROBOTS[name]
+    where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
+    campaign = simulate(known.robot, seed=seed, random_poses=20, deviation=deviation, **where)
+    assert suspicions(campaign) == ()
+    make, expected = WRONG_WAYS[way]
+    assert expected in suspicions(make(campaign))[0]
 
 
 def test_a_shifted_target_is_named_to_within_the_errors_of_the_drawing():

@@ -22,7 +22,6 @@ VALUES = {
     "study": STUDY,
     "table": STUDY.calibration,
     "truth": STUDY.truth,
-    "mechanisms": STUDY.truth.mechanisms,
 }
 WAYS = {
     "copy": copy.copy,
@@ -115,7 +114,7 @@ def test_the_registry():
         ([[0, 0, 0]], [[0, 0, 0], [1, 1, 1]], [1, 2, 3], 2),
         ([[0, 0, float("nan")]], [[0, 0, 0]], [float("inf")], 2),
         ([], [], [], 3),
-        ([[0, 0, 0], [0]], [["a", 0, 0]], [1], 2),
+        ([[0, 0, 0], [0]], [["a", 0, 0]], [1], 3),
     ],
 )
 def test_senseless_robots_are_refused_with_every_problem(base, mobile, offset, count):

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.common.errors import InputError
-from cpcal.robot import DELTALAB, KinematicsError, Mechanisms, Pose, inverse_kinematics, leg_vectors
+from cpcal.robot import DELTALAB, KinematicsError, Pose, inverse_kinematics, leg_vectors
 from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
-from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps
+from cpcal.simulate.studies import Mechanisms, assembled_with, clearance_sides, leg_gaps
 
 LARGE = {  # mm; the gain is relative
     "axis_offset": 20.0,
-    "joint_offset": 20.0,
     "backlash": 20.0,
     "sag": 20.0,
     "gain": 0.2,
@@ -75,40 +73,6 @@ def test_a_lower_axis_offset_moves_the_end_of_the_leg_towards_it():
     assert_allclose(np.hypot(along, across - mechanisms.base_offset), 345 + READINGS, rtol=1e-12)
 
 
-def test_upper_axis_offsets_are_those_of_a_chain_of_three_revolute_axes():
-    """Builds the joint forwards from its angles: the platform, two turns, then the leg along the third axis."""
-    mechanisms = sampled(joint_offset=9.0)
-    leg, length, (h, d, g) = 2, 400.0, mechanisms.mobile_offset[2]
-    first = mechanisms.mobile_axis[leg]
-    side = np.array([-first[1], first[0], 0.0])
-
-    def turn(vector, axis, angle):
-        return (
-            vector * np.cos(angle)
-            + np.cross(axis, vector) * np.sin(angle)
-            + axis * (axis @ vector) * (1 - np.cos(angle))
-        )
-
-    normal = turn(side, first, 0.4)  # from axis 1 to axis 2
-    for sense in (1.0, -1.0):
-        second = sense * np.cross(first, normal)
-        third = turn(normal, second, 0.3)  # the leg's line
-        across = np.cross(second, third)  # from axis 2 to the leg's line
-        for flip in (1.0, -1.0):
-            end = h * normal + d * second + flip * g * across
-            start = end + length * third
-            # lengths alone: the closed form that the iteration rests on
-            along = start @ first
-            reach = np.sqrt(start @ start - along**2 - d**2)
-            assert along**2 + (reach - h) ** 2 - g**2 == pytest.approx(length**2, rel=1e-12)
-    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
-    back = -np.einsum("kji,knj->kni", pose.rotation, leg_vectors(DELTALAB, pose))  # lower end from b, mobile frame
-    along = np.einsum("kni,ni->kn", back, mechanisms.mobile_axis)
-    h, d, g = mechanisms.mobile_offset.T
-    reach = np.sqrt(np.sum(back**2, axis=-1) - along**2 - d**2)
-    assert_allclose(np.sqrt(along**2 + (reach - h) ** 2 - g**2), 345 + READINGS, rtol=1e-12)
-
-
 def test_a_sagging_leg_is_the_shorter_the_flatter_and_the_longer_it_is():
     missing = -effect(sag=2.0)
     legs = leg_vectors(DELTALAB, solved(sag=2.0))
@@ -140,26 +104,4 @@ def test_friction_lets_the_approach_decide():
 
 def test_mechanisms_that_fit_no_pose_are_refused():
     with pytest.raises(KinematicsError, match="imperfections"):
-        solved(joint_offset=400.0)
-
-
-def test_values_without_a_meaning_are_all_named():
-    good = sampled()
-    with pytest.raises(InputError) as caught:
-        Mechanisms(
-            2.0 * good.base_axis,
-            good.base_offset[:5],
-            good.mobile_axis,
-            good.mobile_offset,
-            -1.0 - good.backlash,
-            -1.0,
-            good.sag + np.nan,
-            good.gain - 1.0,
-            70.0,
-            good.joint_error,
-            good.joint_phase,
-        )
-    named = [problem.where for problem in caught.value.problems]
-    assert named == [
-        f"mechanisms {name}" for name in ("base_axis", "base_offset", "backlash", "friction", "sag", "gain")
-    ]
+        solved(gain=-0.9)

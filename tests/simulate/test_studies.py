@@ -1,5 +1,7 @@
 """Simulated studies: the frames, the truth, the noise of tables 2 and 3, backlash in two modes, determinism."""
 
+import json
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,12 +12,12 @@ from cpcal.files.settings import study_bytes, table_bytes
 from cpcal.robot import DELTALAB, Pose, inverse, inverse_kinematics, quaternion_conjugate, quaternion_product
 from cpcal.simulate import simulate, simulate_study, true_robot
 from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
+from cpcal.simulate.studies import mechanisms_of
 
 SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}
 MECHANISMS = {
     "joint_error": 0.5,
     "axis_offset": 1.0,
-    "joint_offset": 1.0,
     "backlash": 1.0,
     "sag": 1.0,
     "gain": 0.001,
@@ -82,7 +84,7 @@ def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames
     for table in (study.calibration, study.validation):
         poses = study.truth.mobile_in_base(table)
         assert_allclose(inverse_kinematics(study.truth.robot, poses), table.length, atol=1e-9)
-    assert study.truth.mechanisms.perfect
+    assert mechanisms_of(json.loads(study.provenance["options"])).perfect
 
 
 def test_the_frames_are_a_camera_above_and_a_target_on_the_platform():

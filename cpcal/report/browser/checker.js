@@ -1,11 +1,11 @@
 "use strict";
-// Checks certificates of the format cpcal-certificate/5, as docs/certificate-format.md says: plain JavaScript, whole
+// Checks certificates of the format cpcal-certificate/6, as docs/certificate-format.md says: plain JavaScript, whole
 // numbers of any size, no library. It shares nothing with the checker in Python but that page.
 //
 //   checkCertificate(bytes, campaign) -> {claims, ...}      throws Refused {line, code, message}
 //   readCampaign(bytes)               -> campaign           bytes: Uint8Array
 
-const FORMAT = "cpcal-certificate/5", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
+const FORMAT = "cpcal-certificate/6", CAMPAIGN_FORMAT = "cpcal-campaign-exact/1";
 const LIMIT = {line: 4194304, unknowns: 1000, constraints: 100000, boxes: 100000, terms: 100000, bits: 4096, work: 40000000};
 
 class Refused extends Error {
@@ -231,12 +231,12 @@ class Leg {
     const read = plus(constant(L), e), eps = x[this.n - 1];
     let length = plus(read, x[6]);
     if (this.model === "gain" || this.model === "linear") length = plus(length, times(x[7], read));
-    if (this.model !== "linear") return {factor: kappa, body, least: minus(length, eps), most: plus(length, eps), root: true};
+    if (this.model !== "linear") return {kappa, factor: kappa, body, least: minus(length, eps), most: plus(length, eps), root: true};
     length = plus(length, total(place.map((v, i) => times(x[8 + i], v))));
     const skew = [minus(A[2][1], A[1][2]), minus(A[0][2], A[2][0]), minus(A[1][0], A[0][1])];
     const turn = scaled(total(skew.map((v, i) => times(x[11 + i], v))), D(1, -1));
     const along = plus(times(kappa, length), turn), eased = times(kappa, eps);
-    const found = {factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
+    const found = {kappa, factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
     const rho = this.rho(k);
     if (!eases || rho.every(v => v.m === 0n)) return found;
     // rows divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
@@ -457,6 +457,7 @@ function readPoint(problem, value) {
   if (typeof holds === "string") need(holds === "all", "holds is neither all nor a list");
   const held = holds === "all" ? problem.numbers : ascending(holds, Number.MAX_SAFE_INTEGER);
   need(held.every(k => problem.spoken.has(k)), "a point holds where a measurement is left out");
+  need(readings === null || factor === null, "readings of a point that holds for all of them");
   const signs = readings === null ? held.map(() => "0".repeat(problem.signs)) : list(readings, held.length).map(v => readSigns(problem, v));
   const failing = list(fails).map(row => readRow(problem, row));
   need(new Set(failing.map(row => row[1])).size === failing.length, "a measurement stands twice in fails");
@@ -476,16 +477,60 @@ function holdsAt(problem, k, x, signs, value) {
   if (second.most !== null && (second.most.m < 0n || cmp(second.body, mul(second.factor, mul(second.most, second.most))) > 0)) return false;
   return value(problem.lengthRow(k, x)).m <= 0n && !(problem instanceof Leg && value(x[problem.n - 1]).m < 0n);
 }
+// At the reading where each of the seven makes the leg longest, compared to what it reads, and at the opposite one; what
+// a reading may do that is not the same way over all of its set is given away.
 function holdsForAll(problem, k, x, signs, value, scale) {
-  const opposite = signs.replace(/[+-]/g, sign => sign === "+" ? "-" : "+");
-  const [first, second] = [opposite, signs].map(s => problem.parts(k, x, readingSet(problem, k, s, scale)));
-  if (!first.root) return holdsAt(problem, k, x, signs, value);
-  const never = (poly, s) => value(withoutReadings(poly, s)).m >= 0n;  // is it negative
-  const square = ({factor, body}, end) => minus(times(factor, times(end, end)), body), less = poly => scaled(poly, D(-1));
-  if (!never(first.body, opposite)) return false;
-  if (first.least !== null && !never(less(first.least), opposite) && !never(less(square(first, first.least)), opposite)) return false;
-  if (second.most !== null && !(never(second.most, signs) && never(square(second, second.most), signs))) return false;
-  return value(problem.lengthRow(k, x, scale)).m <= 0n && !(problem instanceof Leg && value(x[problem.n - 1]).m < 0n);
+  if (!(problem instanceof Leg)) return holdsAt(problem, k, x, signs, value);
+  const {P, q, L} = problem.row(k), rho = problem.rho(k).map(v => mul(v, scale)), at = x.map(value), eps = at[problem.n - 1];
+  if (value(problem.lengthRow(k, x, scale)).m > 0n || eps.m < 0n) return false;
+  const zero = constant(ZERO), parts = reading => { const p = problem.parts(k, x, reading); return {kappa: value(p.kappa), factor: value(p.factor), body: value(p.body), least: value(p.least), most: value(p.most)}; };
+  const p = rho.slice(0, 3), s = rho.slice(3, 6), sizes = v => v.map(size), sum = v => v.reduce(add), whole = D;
+  const [w0, ...v] = q, n = dot(q, q), b = at.slice(3, 6), w = P.map((c, i) => sub(c, at[i]));
+  const c = [0, 1, 2].map(i => {  // |q|^2 R(q) b
+    const twice = whole(2), first = mul(sub(mul(w0, w0), dot(v, v)), b[i]);
+    return add(add(first, mul(twice, mul(dot(v, b), v[i]))), mul(twice, mul(w0, cross(v, b)[i])));
+  });
+  const linear = problem.model === "linear", gain = linear || problem.model === "gain" ? add(ONE, at[7]) : ONE;
+  const along = linear ? at.slice(8, 11) : [ZERO, ZERO, ZERO], about = linear ? at.slice(11, 14) : [ZERO, ZERO, ZERO], heavy = sum(sizes(about));
+  const S = sum(s), most = mul(n, sum(sizes(b))), shift = sum(p);
+  let change = total_([mul(size(gain), rho[6]), eps, dot(sizes(along), p), mul(whole(2), mul(S, heavy))]), y = add(mul(gain, L), at[6]);
+  if (linear) {
+    change = add(change, D(1, -40));
+    y = floored(add(mul(n, add(y, dot(along, P))), mul(whole(2), mul(w0, dot(about, v)))), n, 40);
+  }
+  if (cmp(y, change) < 0) return false;
+  const trace = sub(mul(whole(4), mul(w0, w0)), n), back = [0, 1, 2].map(i => {  // |q|^2 R(q)' t
+    const first = mul(sub(mul(w0, w0), dot(v, v)), about[i]);
+    return add(add(first, mul(whole(2), mul(dot(v, about), v[i]))), mul(whole(-2), mul(w0, cross(v, about)[i])));
+  });
+  const turn = cross(c, w), bent = mul(mul(S, most), add(mul(whole(5), mul(S, add(sum(sizes(w)), shift))), mul(whole(3), shift)));
+  const reading = [], give = [];
+  for (const i of [0, 1, 2]) {
+    const [j, l] = [(i + 1) % 3, (i + 2) % 3], g = sub(add(mul(n, w[i]), c[i]), mul(mul(n, along[i]), y));
+    const moved = total_([mul(n, p[i]), mul(whole(2), add(mul(s[j], size(c[l])), mul(s[l], size(c[j])))), mul(whole(3), mul(mul(S, S), most)), mul(n, mul(size(along[i]), change))]);
+    reading[i] = g.m > 0n ? p[i] : neg(p[i]);
+    give.push(mul(mul(whole(4), p[i]), over(moved, g)));
+    const torque = half(mul(y, sub(mul(trace, about[i]), back[i]))), t = sub(turn[i], torque);
+    const swung = total_([
+      mul(size(c[i]), add(mul(s[j], size(w[j])), mul(s[l], size(w[l])))), mul(size(w[i]), add(mul(s[j], size(c[j])), mul(s[l], size(c[l])))),
+      mul(whole(2), mul(s[i], size(add(mul(c[j], w[j]), mul(c[l], w[l]))))), mul(p[j], size(c[l])), mul(p[l], size(c[j])), bent,
+      mul(mul(n, heavy), add(mul(whole(2), change), mul(S, add(mul(whole(6), size(y)), mul(whole(2), change)))))]);
+    reading[3 + i] = t.m > 0n ? s[i] : neg(s[i]);
+    give.push(mul(mul(whole(8), s[i]), over(swung, t)));
+  }
+  reading[6] = gain.m > 0n ? neg(rho[6]) : rho[6];
+  const [high, low] = [1, -1].map(sign => parts(reading.map(v => constant(mul(D(sign), v))))), slack = mul(add(ONE, dot(s, s)), sum(give));
+  const rest = linear ? mul(slack, high.kappa) : slack, other = linear ? mul(slack, low.kappa) : slack, bottom = sub(low.body, other);
+  if (high.most.m < 0n || cmp(add(high.body, rest), mul(high.factor, mul(high.most, high.most))) > 0 || bottom.m < 0n) return false;
+  return low.least.m <= 0n || cmp(mul(low.factor, mul(low.least, low.least)), bottom) <= 0;
+}
+const size = a => a.m < 0n ? neg(a) : a, dot = (a, b) => a.map((v, i) => mul(v, b[i])).reduce(add), total_ = parts => parts.reduce(add);
+const cross = (a, b) => [0, 1, 2].map(i => sub(mul(a[(i + 1) % 3], b[(i + 2) % 3]), mul(a[(i + 2) % 3], b[(i + 1) % 3])));
+const over = (most, slope) => { const left = sub(most, size(slope)); return left.m > 0n ? left : ZERO; };
+function floored(a, b, bits) {  // a / b for b > 0, down to a multiple of 2^-bits
+  const shift = BigInt(a.e - b.e + bits), [above, below] = shift < 0n ? [a.m, b.m << -shift] : [a.m << shift, b.m];
+  const found = above / below;
+  return D(above % below < 0n ? found - 1n : found, -bits);
 }
 function checkEnds(problem, {epsilon, point}) {  // eps hi is that of the point
   if (!epsilon || epsilon.hi === null) return;

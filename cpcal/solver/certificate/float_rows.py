@@ -8,6 +8,7 @@ covered by a factor.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.checker.leg import LegConstraint, eased, leg_formula
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed, unknown
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.certificate.exact_network import free
@@ -59,15 +60,6 @@ def _cheapest(low: float, high: float) -> str:
     """At an end it costs what the row may fall from there, at the centre half of it."""
     choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
     return min(choices, key=lambda choice: choice[0])[1]
-
-
-def linear_parts(plan: _Plan, given: Floats) -> tuple[Floats, Floats]:
-    """Of a part of the constraints the values (B,) at the centres of the sets, and the derivatives (B, 7) by each
-    reading there; they have one program."""
-    values, slopes = plan.swept(given)[0], np.zeros((len(given), READINGS))
-    alone = np.flatnonzero((plan.linear >= 0) & plan.alone)
-    slopes[:, plan.linear[alone]] = values[:, alone]
-    return values[:, plan.kept == 0].sum(axis=1), slopes
 
 
 @dataclass(frozen=True)
@@ -121,7 +113,7 @@ def _reading(leg: LegConstraint) -> list[float]:
         return []
     widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
     ends = [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
-    return ends + (widths[3:6] if eased(leg.model, leg.x.moves, leg.reads) else [])
+    return ends + (widths[3:6] if eased(leg.model, leg.x.moves, True) else [])
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:
@@ -130,7 +122,7 @@ def _plan(leg: LegConstraint, side: str) -> _Plan:
 
 @lru_cache(maxsize=64)
 def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
-    formed = leg_formula(model, moves, 2 * reads, (side,))
+    formed = leg_formula(model, moves, reads, (side,))
     program, (places,) = formed.program, formed.places
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
@@ -323,7 +315,7 @@ class FloatRule:
         side, k, signs = self._table[n]
         if self._problem.model is None:
             return None
-        leg = self._problem.constraint(k, self._rule.x, signs, True)
+        leg = self._problem.constraint(k, self._rule.x, signs)
         return leg if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure) else None
 
     def _column(self, monomial: int) -> int:
@@ -403,26 +395,9 @@ def rows_of(problem: Problem, x: Unknowns, places: Sequence[tuple[str, int]]) ->
 
 def _leg(problem: Problem, x: Unknowns, k: int) -> LegConstraint:
     """The constraint at the centres of its reading sets."""
-    leg = problem.constraint(k, x, "0" * len(problem.radii(k)), True)
+    leg = problem.constraint(k, x, "0" * len(problem.radii(k)))
     assert isinstance(leg, LegConstraint)
     return leg
-
-
-def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[str]:
-    """The ends of the reading sets, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
-    found = ["0" * len(problem.radii(k)) for k in numbers]
-    mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
-    if mine:
-        legs = [_leg(problem, x, numbers[n]) for n in mine]
-        names, given = ("under_root", "factor", "at_least", "at_most"), _given(legs)
-        parts = [linear_parts(_plan(legs[0], name), given) for name in names]
-        (body, of_body), (factor, of_factor), (_, of_least), (_, of_most) = parts
-        of_bounds = of_least + of_most
-        square = (body / factor)[:, None]
-        slopes = (of_body - square * of_factor) / factor[:, None] - np.sqrt(np.maximum(square, 0.0)) * of_bounds
-        for n, row in zip(mine, slopes.tolist(), strict=True):
-            found[n] = "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in row)
-    return found
 
 
 def at_point(point: Sequence[float]) -> Unknowns:
@@ -440,89 +415,122 @@ def failing(problem: Problem, x: Unknowns, k: int) -> Row | None:
 def holding(problem: Problem, x: Unknowns, k: int) -> str | None:
     """The signs of the readings that prove that it satisfies k."""
     signs = stretchings(problem, x, [k])[0]
-    return signs if problem.holds(x, k, signs) else None
+    return signs if problem.unproved(x, [(k, signs)]) is None else None
+
+
+def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[str]:
+    """The ends of the reading sets, in signs, at which ||v|| is largest compared to its bounds, at a point."""
+    found = ["0" * len(problem.radii(k)) for k in numbers]
+    mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
+    if mine:
+        of = _Readings(problem, [float(v) for v in x.box.lo], [numbers[n] for n in mine])
+        root = np.sqrt(np.maximum(of.square(of.w, of.c), 0.0))
+        slopes = np.column_stack([*of.slopes(root), -of.gain * root]) * of.radii
+        for n, row in zip(mine, np.sign(slopes).astype(int).tolist(), strict=True):
+            found[n] = "".join("0+-"[sign] for sign in row)
+    return found
+
+
+class _Readings:
+    """Measurements of a leg at a point (n,), eps last, in the checker's names (`held_leg`): arrays over them."""
+
+    def __init__(self, problem: Problem, point: Sequence[float], numbers: Sequence[int]) -> None:
+        x = at_point(point)
+        legs = [problem.constraint(k, x, "") for k in numbers]
+        given = np.array([leg.m.given for leg in legs], np.float64)
+        self.radii = np.array([leg.m.radii for leg in legs], np.float64)
+        q, self.place, self.read = given[:, :4].T, given[:, 4:7], given[:, 7]
+        self.turn = np.moveaxis(np.array(rotation_rows([*q])) / (q * q).sum(axis=0), 2, 0)
+        a, b, (self.offset, *extra) = np.array(point[:3]), np.array(point[3:6]), point[6:-1]
+        self.c, self.w = self.turn @ b, self.place - a
+        self.gain = 1.0 + (extra[0] if problem.model in ("gain", "linear") else 0.0)
+        self.height = extra[0] if problem.model == "lateral" else 0.0
+        linear = extra if problem.model == "linear" else [0.0] * 7
+        self.along, self.about = np.array(linear[1:4]), np.array(linear[4:])
+        trace = np.trace(self.turn, axis1=1, axis2=2)[:, None]
+        self.torque = 0.5 * (trace * self.about - self.about @ self.turn)
+        self.size = np.abs(b).sum()
+        own = np.abs(self.place).sum(axis=1) + np.abs(self.read) + np.abs(point[:-1]).sum() + self.radii.sum(axis=1)
+        self.rounding = _ROUNDINGS * _UNIT * own * (1.0 + np.abs(self.along).max() + np.abs(self.about).max())
+
+    def square(self, w: Floats, c: Floats) -> Floats:
+        """(N,) ||v||^2 - h"""
+        return np.asarray(((w + c) ** 2).sum(axis=1) - self.height)
+
+    def slopes(self, length: Floats) -> tuple[Floats, Floats]:
+        """Half the slopes (N, 3) of the square, less those of the length, by d and s, where its root is a length."""
+        beside = length[:, None]
+        return self.w + self.c - beside * self.along, np.cross(self.c, self.w) - beside * self.torque
+
+    def length(self, sign: float, d: Floats, s: Floats, e: Floats) -> Floats:
+        """(N,) L + e + l + t at sign times a reading."""
+        found = self.gain * (self.read + sign * e) + self.offset + (self.place + sign * d) @ self.along
+        columns = [_rotated(sign * s, self.turn[:, :, k]) for k in range(3)]
+        skew = np.stack([columns[k - 2][:, k - 1] - columns[k - 1][:, k - 2] for k in range(3)], axis=1)
+        return np.asarray(found + 0.5 * skew @ self.about)
+
+
+def _across(p: Floats, q: Floats) -> Floats:
+    """(N, 3) the largest components of a cross product of vectors with components of these sizes."""
+    return np.asarray(np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1))
+
+
+def _rotated(s: Floats, z: Floats) -> Floats:
+    """(N, 3) R(1, s) z"""
+    across = np.cross(s, z)
+    return np.asarray(z + 2.0 * (across + np.cross(s, across)) / (1.0 + (s * s).sum(axis=1))[:, None])
 
 
 class AllReadings:
     """A point of a leg (n,), without eps: where it is proved to satisfy measurements for all readings of their sets.
 
-    The checker's sums in float64, with a bound of their errors, for all measurements at once; at eps and with `factor`
-    times the half-widths. `least_eps` is what a certificate can claim; what `slack` does not prove the exact rule may.
+    The checker's rule in float64, for all measurements at once; what may be rounded is on the safe side.
     """
 
     def __init__(self, problem: Problem, point: Sequence[float], numbers: Sequence[int]) -> None:
-        x, self._eps = at_point([*point, 0.0]), 8 + len(problem.unknowns)
-        self.count = len(numbers)
-        signs, falling = stretchings(problem, x, numbers), str.maketrans("+-", "-+")
-        self._groups: list[tuple[Indices, list[_Plan], Floats, Bools]] = []
-        for sides, turned in ((("upper", "sign"), {}), (("lower", "length"), falling)):
-            given = zip(numbers, (one.translate(turned) for one in signs), strict=True)
-            every = [problem.constraint(k, x, one, True) for k, one in given]
-            for uncertain in (True, False):
-                places = np.array([n for n, leg in enumerate(every) if leg.m.uncertain is uncertain], np.intp)
-                if places.size:
-                    legs = [every[n] for n in places]
-                    plans = [_plan(legs[0], side) for side in sides]
-                    self._groups.append((places, plans, _given(legs), _ends(legs)))
+        self._of = _Readings(problem, [*point, 0.0], numbers)
 
-    def slack(self, eps: float, factor: float = 1.0, some: Bools | None = None) -> tuple[Floats, Indices]:
-        """How far each of their inequalities is proved to hold, in its own unit, and the place of its measurement."""
-        found, whose = list[Floats](), list[Indices]()
-        for places, plans, given, ends in self._groups:
-            mine = slice(None) if some is None else some[places]
-            values = given[mine].copy()
-            values[:, self._eps] = eps
-            values[:, self._eps + 1 :] *= factor
-            values[:, 8] = given[mine, 7] - factor * (given[mine, 7] - given[mine, 8])
-            values[:, 8] -= 4.0 * _UNIT * np.abs(given[mine, 7]) * (factor != 1.0)
-            for plan in plans:
-                coefficients, errors = plan.swept(values)
-                lowest, error = plan.settled(-coefficients, errors, ends[mine])
-                found.append(lowest[:, 0] - error)
-                whose.append(places[mine])
-        return np.concatenate(found), np.concatenate(whose)
-
-    def hold(self, eps: float, factor: float = 1.0) -> Bools:
-        """(N,) which measurements it is proved of."""
-        slack, whose = self.slack(eps, factor)
-        good = np.ones(self.count, np.bool_)
-        good[whose[~(slack >= 0.0)]] = False
-        return good
+    def needed(self, eps: float, factor: float = 1.0) -> float:
+        """If it is at most `eps`, the point with that eps holds for all readings of sets `factor` times as wide."""
+        of = self._of
+        r, t, rl = factor * of.radii[:, :3], 0.5 * factor * of.radii[:, 3:6], factor * of.radii[:, 6]
+        shift, swing, heavy = r.sum(axis=1), t.sum(axis=1), np.abs(of.about).sum()
+        change = abs(of.gain) * rl + eps + r @ np.abs(of.along) + 2.0 * swing * heavy
+        nothing = np.zeros_like(r)
+        middle = of.length(0.0, nothing, nothing, rl)
+        d, s = of.slopes(middle)
+        c, w = np.abs(of.c), np.abs(of.w)
+        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * of.size)[:, None] + np.outer(change, np.abs(of.along))
+        bent = swing * of.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
+        bent += heavy * (2.0 * change + swing * (6.0 * np.abs(middle) + 2.0 * change))
+        both = of.c * of.w
+        turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
+        turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + _across(r, c) + bent[:, None]
+        slack = 4.0 * (r * np.maximum(moved - np.abs(d), 0.0)).sum(axis=1)
+        slack += 8.0 * (t * np.maximum(turning - np.abs(s), 0.0)).sum(axis=1)
+        end = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t), -rl if of.gain > 0.0 else rl
+        most, least = (
+            of.square(of.w + sign * end[0], _rotated(sign * end[1], of.c)) + sign * slack for sign in (1.0, -1.0)
+        )
+        high, low = of.length(1.0, *end), of.length(-1.0, *end)
+        good = (middle > change + of.rounding) & (least > 0.0) & (of.read - rl + of.offset > eps + of.rounding)
+        if not good.all():
+            return math.inf
+        roots = np.sqrt(most), np.sqrt(least)
+        doubt = (
+            of.rounding * (1.0 + np.sqrt(most + abs(of.height)) / roots[1]) + _UNIT * (most + abs(of.height)) / roots[1]
+        )
+        return float((np.maximum(roots[0] - high, low - roots[1]) + doubt).max(initial=0.0))
 
     def least_eps(self, factor: float = 1.0) -> float:
-        """The least eps (to some 1e-12 of it) at which it is proved of all; infinite where there is none."""
-        low = 0.0
+        """The least eps, about, at which it is proved of all; infinite where there is none."""
+        eps = 0.0
         for _ in range(_TRIES):
-            below, whose = self.slack(low, factor)
-            bad = below < 0.0
-            if not bad.any():
-                return low
-            rise = (self.slack(low + _STEP, factor)[0] - below)[bad]
-            if not (rise > 0.0).all():
+            needed = self.needed(eps, factor)
+            if needed <= eps or needed == math.inf:
                 break
-            needed = -below[bad] * _STEP / rise
-            some = np.zeros(self.count, np.bool_)
-            some[whose[bad][np.argsort(needed)[-_WORST:]]] = True
-            low = self._least_of(some, low, low + 1.01 * float(needed.max()), factor)
-        return float("inf")
-
-    def _least_of(self, some: Bools, low: float, high: float, factor: float) -> float:
-        """The same of `some`, of which it is not proved at `low`: where the chords of all rows are above zero."""
-        below, above = (self.slack(eps, factor, some)[0] for eps in (low, high))
-        for _ in range(_TRIES):
-            if (above >= 0.0).all():
-                bad = below < 0.0
-                eps = low + float((-below[bad] * (high - low) / (above - below)[bad]).max()) * (1.0 + 2.0**-42)
-                if not low < eps < high * (1.0 - 2.0**-40):
-                    break
-            else:
-                eps = low + 2.0 * (high - low)
-            here = self.slack(eps, factor, some)[0]
-            if eps > high or (here >= 0.0).all():
-                high, above = eps, here
-            else:
-                low, below = eps, here
-        return high
+            eps = needed * (1.0 + 2.0**-50)
+        return eps if needed <= eps else math.inf
 
 
-_TRIES, _WORST, _STEP = 60, 64, 1e-3  # rounds; measurements that are tried alone; mm
+_TRIES, _ROUNDINGS = 60, 64.0  # rounds; of sums and products, in units of their sizes

@@ -85,8 +85,7 @@ def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
     sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
     points = [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample]
-    every = point["factor"] is not None
-    (problem.scaled(F(float.fromhex(point["factor"]))) if every else problem).unproved(x, points, every)
+    problem.unproved(x, points, None if point["factor"] is None else F(float.fromhex(point["factor"])))
     return sum(spent) * len(holds) // max(1, len(sample))
 
 
@@ -242,7 +241,7 @@ def with_readings(problem: Problem, claims: Claims) -> Claims:
         return claims
     x = _point(point)
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
-    signs = stretchings(problem, x, holds)
+    signs = [] if point["factor"] is not None else stretchings(problem, x, holds)
     rows = (failing(problem, x, k) for k in point["fails"])
     fails = [written(row) for row in rows if row is not None]
     return claims | {
@@ -344,7 +343,7 @@ def _unsaid(problem: Problem, claims: Claims) -> str:
         return ""
     x = _point(claims["point"])
     try:
-        return "" if all(problem.holds(x, k, "") for k in problem.chosen) else _NO_POINT
+        return "" if problem.unproved(x, [(k, "") for k in problem.chosen]) is None else _NO_POINT
     except Refused as refused:
         return f"the certificate proves the bound, not the point: {refused.reason}"
 

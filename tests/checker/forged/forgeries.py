@@ -58,7 +58,7 @@ ROW = ("rows", "first")  # the row of the step that the first bound has the firs
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/3")
-place("format is a list", "header", "format", value=["cpcal-certificate/5"])
+place("format is a list", "header", "format", value=["cpcal-certificate/6"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)
@@ -507,10 +507,10 @@ of_gain |= {
     "eps hi of a claim for all readings": ("claims", attained_by_all),
     "a factor too large": ("claims", lambda a, p: for_all_readings(a, p, 0.5, factor="0x1.02p-1")),
     "a point that holds for some readings alone": (
-        "claims", lambda a, p: (a[p.head]["epsilon"].update(hi=None), a[p.head]["point"].update(factor="0x1p+0"))),
-    "all readings from the opposite ends": (
-        "claims", lambda a, p: for_all_readings(
-            a, p, readings=lambda r: [t.translate(str.maketrans("+-", "-+")) for t in r])),
+        "claims", lambda a, p: (
+            a[p.head]["epsilon"].update(hi=None), a[p.head]["point"].update(factor="0x1p+0", readings=None))),
+    "all readings and some that are named": (
+        "claims", lambda a, p: for_all_readings(a, p, readings=["0" * 7] * p.problem.count)),
 }  # fmt: skip
 of_both: Changes = {
     "no factor": ("claims", lambda a, p: a[p.head]["point"].pop("factor")),

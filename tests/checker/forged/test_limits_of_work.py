@@ -129,7 +129,7 @@ def test_claims_about_no_measurements(verdict: Any, exact_proof: Any) -> None:
 def test_too_many_unknowns(verdict: Any, tmp_path: Path) -> None:
     """So that open boxes stay small."""
     many = 1001
-    header = {"format": "cpcal-certificate/5", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
+    header = {"format": "cpcal-certificate/6", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
     box = {"constraints": 0, "lo": ["0x0p+0"] * many, "hi": ["0x1p+0"] * many}
     with pytest.raises(Refused, match="unknowns") as caught:
         verdict([header | box], tmp_path)

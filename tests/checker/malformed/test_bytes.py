@@ -43,9 +43,9 @@ def test_every_truncation_is_refused(checked: Any, short_proof: Any) -> None:
 NO_CERTIFICATES = (
     *(b"", b"\n", b"{}\n", b"[]\n", b"null\n", b"\xff\xfe{\n", b"\xef\xbb\xbf{}\n", b"\x00" * 100),
     *(b'{"format": NaN}\n', b'{"format": Infinity}\n', b'{"leg": ' + b"9" * 5000 + b"}\n", b'{"format": "\\ud800"}\n'),
-    *(b'{"format": "cpcal-certificate/5", "leg": 1e999}\n', b'{"\\ud800": "\\ud800"}\n', b'{"format": 1.5}\n'),
+    *(b'{"format": "cpcal-certificate/6", "leg": 1e999}\n', b'{"\\ud800": "\\ud800"}\n', b'{"format": 1.5}\n'),
     *(b"[" * 100_000 + b"]" * 100_000, b'{"a":' * 100_000 + b"1" + b"}" * 100_000, b"{" + b" " * (5 << 20) + b"}\n"),
-    *(b'{"format": "cpcal-certificate/5"} {}\n', b'{"format": 01}\n', b'{"a": 1,}\n', b'{"a": "\t"}\n'),
+    *(b'{"format": "cpcal-certificate/6"} {}\n', b'{"format": 01}\n', b'{"a": 1,}\n', b'{"a": "\t"}\n'),
 )
 
 

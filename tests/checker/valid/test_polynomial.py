@@ -181,5 +181,5 @@ def test_a_point_on_the_boundary_holds_and_is_not_proved_to_fail() -> None:
     problem = Problem(("x",), None, 1, (0,), lambda k, x, *_: item.on(x.images))
     for value_, holds, fails in ((F(1), True, False), (F(1, 2), True, False), (1 + F(1, 1 << 60), False, True)):
         x = Unknowns(Box((value_,), (value_,)), free)
-        assert problem.holds(x, 0, "") is holds
+        assert (problem.unproved(x, [(0, "")]) is None) is holds
         assert problem.fails(x, "upper", 0, "") is fails

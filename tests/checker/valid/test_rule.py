@@ -46,7 +46,7 @@ EXAMPLES = int(os.environ.get("CPCAL_EXAMPLES", "25"))  # of a model, in each pr
 def unsettled(one: LegConstraint, side: str) -> Polynomial:
     """The row with its readings, from what its program computes."""
     names = (side,) if side == "upper" or one.sure else (side, "at_least", "factor")
-    formula = leg_formula(one.model, one.x.moves, one.reads, names)
+    formula = leg_formula(one.model, one.x.moves, one.m.uncertain, names)
     ((values, units),) = formed([one], names)
     left = iter(values)
     row, *others = (
@@ -68,7 +68,7 @@ def test_rows_are_the_formula_and_penalties_cover_the_set(model: str, side: str,
         problem, x = leg(m, model), unknowns(box)
         ends = "".join(rng.choice("-0+") for _ in range(7))
         for signs in (rows_of(problem, x, [(side, 0)])[0][2], ends, "0" * 7):
-            row = unsettled(LegConstraint(m.given(), model, x, signs, True), side)
+            row = unsettled(LegConstraint(m.given(), model, x, signs), side)
             settled = problem.row(x, side, 0, signs)
             assert all(monomial >> FIELD * READINGS or not monomial for monomial in settled.terms)
             for _ in range(3):
@@ -222,7 +222,7 @@ def test_no_reading_makes_up_for_a_negative_length(model: str) -> None:
     for extra, good in ((F(-3, 2), False), (F(-1, 2), True)):
         _, problem, at, _ = held(model, 100, 3, extra, 1, 50)
         assert (holding(problem, at, 0) is not None) == good
-        assert problem.holds(at, 0, "+000000") == good
+        assert (problem.unproved(at, [(0, "+000000")]) is None) == good
 
 
 def test_nor_for_a_vector_that_is_too_short() -> None:
@@ -238,7 +238,7 @@ def test_an_eps_below_zero_holds_nowhere(model: str) -> None:
     m, problem, _, x = held(model, 50, 8, F(0), 0, 50) if model != "plain" else held("gain", 50, 8, F(0), 0, 50)
     for eps in (F(0), F(-1, 4)):
         point = (*x[:-1], eps)
-        assert problem.holds(unknowns(ExactBox(point, point)), 0, "+000000") == (eps == 0)
+        assert (problem.unproved(unknowns(ExactBox(point, point)), [(0, "+000000")]) is None) == (eps == 0)
     assert m.radii[0] == 8
 
 
@@ -328,25 +328,31 @@ def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureReque
 @pytest.mark.parametrize("factor", [F(1), F(1, 2), F(0)])
 @pytest.mark.parametrize("model", EXTRA)
 def test_what_holds_for_all_readings_holds_for_each_and_eps_is_the_least(model: str, factor: F) -> None:
-    """At every corner and inside, with the leg's own formula; a little less is refused, and some reading needs it."""
+    """At every corner and inside, with the leg's own formula; a little less is refused, and some reading needs it. In
+    wide sets a leg may be longest at another end than where it grows from the middle."""
     rng = random.Random(f"all {model}")
-    for _ in range(3):
-        m, box = some(rng, 3, model)
+    for wide in (3, 3, 3, 100, 100, 100, 100, 100):
+        m, box = some(rng, wide, model)
         x = point_of(rng, box)
-        x[6] += F(1500) - m.length  # no leg is shorter than eps
-        eps = F(AllReadings(leg(m, model), [float(v) for v in x[:-1]], [0]).least_eps(float(factor)))
-        x = [F(float(v)) for v in x]
+        square, length = parts(m, model, x, [F(0)] * 7)
+        x[6] += root(square) - length + rng.choice([-2, -1, 1, 2])  # off by some mm
+        least = AllReadings(leg(m, model), [float(v) for v in x[:-1]], [0]).least_eps(float(factor))
+        assert math.isfinite(least) or wide > 3
+        eps, x = F(least if math.isfinite(least) else 250.0), [F(float(v)) for v in x]
 
         def holds(eps: F, factor: F = factor, m: Exact = m, x: Vector = x) -> bool:
             at = unknowns(ExactBox((*x[:-1], eps), (*x[:-1], eps)))
-            signs = stretchings(leg(m, model), at, [0])[0]
-            return leg(m, model).scaled(factor).holds(at, 0, signs, every=True)
+            return leg(m, model).unproved(at, [(0, "0" * 7)], factor) is None
 
-        assert holds(eps)
-        assert not holds(eps * (1 - F(1, 10**6)))
-        assert not factor or not holds(eps, factor=factor * F(9, 8)) or not any(m.radii)
         radii = [factor * r for r in m.radii]
         readings = [[*map(mul, radii, signs)] for signs in product((-1, 1), repeat=7)]
         readings += [[within(rng, r) for r in radii] for _ in range(20)]
         worst = max(abs(apart(m, model, x, reading)) for reading in readings)
-        assert eps * (1 - F(1, 1000)) <= worst <= eps + F(1, 10**6)
+        assert not holds(dyadic(worst) - F(1, 1 << 20))
+        if holds(eps):
+            assert not holds(eps * (1 - F(1, 1 << 20)))
+            assert worst <= eps + F(1, 10**6)
+            assert wide > 3 or eps * (1 - F(1, 1000)) <= worst
+            assert not factor or not any(m.radii) or not holds(eps, factor=factor * F(9, 8))
+        else:
+            assert eps == 250

@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker import ExactCampaign, check
+from cpcal.checker import ExactCampaign, Refused, check
 from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.models import leg_statement
 from cpcal.models.leg import exact_measurement
 from cpcal.questions import save_result
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.float_rows import AllReadings
 from tests.checker.valid.exact_legs import Exact, in_fractions, parts
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
@@ -258,3 +260,21 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
         assert "dL3" in (tmp_path / "odd" / "measurements.csv").read_text().splitlines()[0]
+
+
+def test_a_point_for_all_readings_has_the_values_of_its_forms(uncertain_proof: Any, verdict: Any) -> None:
+    """A form is no measurement: it has no readings, and the point must have its value exactly."""
+    every = AllReadings(uncertain_proof.problem, uncertain_proof.point[:-1], range(uncertain_proof.problem.count))
+    at = [number(v) for v in (*uncertain_proof.point[:-1], every.least_eps())]
+    form = [[[0], "0x1p+0"]]  # a_x
+    head = uncertain_proof.lines[0] | {"lo": at, "hi": at, "forms": [form]}
+    for more, holds in ((0.0, True), (0.5, False)):
+        x = [*at, number(uncertain_proof.point[0] + more)]
+        point = {"at": x, "holds": "all", "readings": None, "factor": "0x1p+0", "fails": []}
+        claims = {"cap": at[-1], "infeasible": False, "epsilon": None, "enclosure": None, "point": point}
+        if holds:
+            assert verdict([head, claims], uncertain_proof.folder).claims.point is not None
+        else:
+            count = uncertain_proof.problem.count
+            with pytest.raises(Refused, match=f"satisfies measurement {count} for all readings"):
+                verdict([head, claims], uncertain_proof.folder)
