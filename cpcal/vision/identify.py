@@ -228,7 +228,9 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
     """Of all (m, 3, 3) that take nodes (n, 2) to others (k, 2) those that meet the most, for each turn and shear; and
     how many they meet (m,)."""
     wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
-    maps, counts, seen = [], [], others @ [wide, 1]
+    maps: list[list[list[int]]] = []
+    counts: list[int] = []
+    seen = others @ [wide, 1]
     for k, turn in enumerate(_TURNS):
         if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
             break  # no shear is needed
@@ -238,7 +240,7 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
             x = (best + int(shifts.min()) + wide // 2) // wide
             y = best + int(shifts.min()) - x * wide
             maps.append([[*turn[0], x], [*turn[1], y], [0, 0, 1]])
-            counts.append(met[best])
+            counts.append(int(met[best]))
     return np.array(maps), np.array(counts)
 
 
