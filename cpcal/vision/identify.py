@@ -217,7 +217,10 @@ def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | Non
 
 
 _TURNS = np.array([m for m in itertools.product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1])
-_TURNS = _TURNS.reshape(-1, 2, 2)  # lattices onto themselves, but for shifts: of all shears those by one step
+_TURNS = _TURNS[np.argsort(np.abs(_TURNS).sum(axis=1), kind="stable")].reshape(
+    -1, 2, 2
+)  # plain ones first: lattices onto themselves, but for shifts: of all shears those by one step
+_PLAIN = 0.8  # of the nodes: what a plain turn meets where there is no shear
 _SHIFTS = 4  # of each, at most
 
 
@@ -225,15 +228,19 @@ def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
     """Of all (m, 3, 3) that take nodes (n, 2) to others (k, 2) those that meet the most, for each turn and shear; and
     how many they meet (m,)."""
     wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
-    maps, counts, seen = [], [], others @ [wide, 1]
-    for turn in _TURNS:
+    maps: list[list[list[int]]] = []
+    counts: list[int] = []
+    seen = others @ [wide, 1]
+    for k, turn in enumerate(_TURNS):
+        if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
+            break  # no shear is needed
         shifts = np.subtract.outer(seen, some @ turn.T @ [wide, 1]).ravel()
         met = np.bincount(shifts - shifts.min())
         for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
             x = (best + int(shifts.min()) + wide // 2) // wide
             y = best + int(shifts.min()) - x * wide
             maps.append([[*turn[0], x], [*turn[1], y], [0, 0, 1]])
-            counts.append(met[best])
+            counts.append(int(met[best]))
     return np.array(maps), np.array(counts)
 
 
@@ -291,7 +298,7 @@ _NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
 _STRAYED = 0.3  # of the spacing: how far dots may be from where the image before has them
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
 _LATTICES = 6  # of the found dots, at most
-_LAID, _FOLLOWED = 24, 2  # ways to lay the target whose errors are counted, those that meet the most; and the best
+_LAID, _COMPARED, _FOLLOWED = 16, 4, 2  # ways to lay the target that meet the most nodes; the most dots; and the best
 _ROUGH = 0.1  # of the spacing: how far dots may be off for that
 TRIED = _LATTICES * len(_TURNS) * 1000  # hypotheses, at most: for what chance alone would explain
 
@@ -322,9 +329,16 @@ def hypotheses(view: View, target: Target) -> Iterator[Hypothesis]:
         best = np.argsort(-counts, kind="stable")[:_LAID]
         homographies = seen.homography @ maps[best] @ np.linalg.inv(grid.homography)
         radius, rough = _radius(homographies[0], target), replace(view, reach=_ROUGH * view.spacing)
-        errors = [_compared(rough, laid, radius)[3] for laid in mapped(homographies, target.dots)]
+        laid = mapped(homographies, target.dots)
+        hits = [len(pairs(rough, one, rough.reach)[0]) for one in laid]
+        most = np.argsort(np.negative(hits), kind="stable")[:_COMPARED]
+        homographies, errors = homographies[most], [_compared(rough, laid[k], radius)[3] for k in most]
         order = np.lexsort(([_mirrored(one, target) for one in homographies], errors))[:_FOLLOWED]
-        fits = [fit for k in order if (fit := _grown(view, target, homographies[k])) is not None]
+        fits: list[Hypothesis] = []
+        for k in order:
+            if fits and fits[0].errors + MARGIN <= errors[k]:
+                break  # the other is no rival
+            fits += [fit] if (fit := _grown(view, target, homographies[k])) is not None else []
         if fits:
             yield min(fits, key=lambda fit: (fit.errors, fit.mirrored))
 
@@ -346,6 +360,8 @@ def _grown(view: View, target: Target, homography: Floats, reach: float = 0.0) -
         if len(found) < _BEYOND:
             return None
         homography = fitted(target.dots[numbers], view.points[found])
+        if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
+            break
     return hypothesis_of(view, target, homography)
 
 
