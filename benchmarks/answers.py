@@ -49,7 +49,7 @@ def leg_answer(leg: cpcal.LegResult, certificate: Path) -> Answer:
         "eps": [leg.bracket.lo, leg.bracket.hi],
         "point": None if leg.bracket.point is None else list(leg.bracket.point),
         "enclosure": [leg.bracket.enclosure.lo.tolist(), leg.bracket.enclosure.hi.tolist()],
-        "support": sorted(leg.support.ids),
+        "support": sorted(leg.support),
         "claimed": [float.fromhex(v) if isinstance(v, str) else v for v in claims["epsilon"].values()],
     }
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.questions import LegBracket, LegResult, Support, Work
+from cpcal.questions import LegBracket, LegResult, Work
 from cpcal.robot import PoseTable, Study, compose, normalised, pose_jacobian, quaternion_product, small_rotation
 from cpcal.simulate.campaigns import streams
 
@@ -54,8 +54,6 @@ def leg_with(leg, /, **changes):
     lo_hi = {name.removeprefix("eps_"): changes.pop(name) for name in ("eps_lo", "eps_hi") if name in changes}
     bracket = {name: changes.pop(name) for name in _OF_BRACKET & changes.keys()} | lo_hi
     work = {name: changes.pop(name) for name in _OF_WORK & changes.keys()}
-    if "support" in changes:
-        changes["support"] = Support(changes["support"])
     if leg is None:
         return LegResult(bracket=LegBracket(**bracket), work=Work(**work), **changes)
     return replace(leg, bracket=replace(leg.bracket, **bracket), work=replace(leg.work, **work), **changes)

@@ -85,9 +85,7 @@ class Cpcal:
         }
         if folder is None:
             answered = found.bracket.verdict is Verdict.PROVED
-            return MethodAnswer(
-                answered, figures | {"support": float(len(found.support.ids))}, found.bracket.verdict.value
-            )
+            return MethodAnswer(answered, figures | {"support": float(len(found.support))}, found.bracket.verdict.value)
         if found.bracket.certificate is None:
             return MethodAnswer(False, figures, "no certificate")
         began, file = time.perf_counter(), folder / found.bracket.certificate

@@ -13,8 +13,7 @@ the same to it, and the only length that it knows is the target's.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,18 +44,12 @@ class Inputs:
     sensor_scale: float = 0.0
     temperature: float = 0.0
 
-    @classmethod
-    def of(cls, values: Mapping[str, float]) -> Inputs:
-        """From names and numbers. Raises InputError for other names, and for what is no standard uncertainty."""
-        known, problems = [field.name for field in fields(cls)], []
-        for name, value in values.items():
-            if name not in known:
-                problems.append(Problem("budget", f"has no input {name!r}", f"known: {', '.join(known)}"))
-            elif not (math.isfinite(value) and value >= 0.0):
-                problems.append(Problem(f"budget {name}", f"is {value}", "give a standard uncertainty >= 0"))
-        if problems:
-            raise InputError(problems)
-        return cls(**values)
+    def __post_init__(self) -> None:
+        """Raises InputError for what is no standard uncertainty."""
+        wrong = [(name, value) for name, value in vars(self).items() if not 0.0 <= value < math.inf]
+        if wrong:
+            remedy = "give a standard uncertainty >= 0"
+            raise InputError([Problem(f"budget {name}", f"is {value}", remedy) for name, value in wrong])
 
 
 @dataclass(frozen=True)

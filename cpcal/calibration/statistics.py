@@ -165,7 +165,7 @@ def averaged(
         raise unusable("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")
     if not 0 < factor < np.inf:
         raise unusable("option factor", f"has no meaning: {factor!r}", "give a number > 0")
-    given = None if sigma is None else _deviations("sigma", sigma, (6 + campaign.legs,))
+    given = None if sigma is None else np.asarray(sigma, dtype=np.float64)
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))
     if of == "mean":
@@ -173,7 +173,7 @@ def averaged(
     said = f"{len(group)} readings of {len(names)} configurations; half-widths of "
     said += f"{'single readings' if of == 'single' else 'the means'}: {factor:g} standard deviations"
     if shared is not None:
-        square = group_means(_deviations("shared", shared, (len(campaign), 6)) ** 2, group, len(names))
+        square = group_means(np.asarray(shared, dtype=np.float64) ** 2, group, len(names))
         widths[:, :6] = np.hypot(widths[:, :6], factor * np.sqrt(square))
         said += "; errors of camera and target that all images share are counted in full"
     largest = widths.max(axis=0) / factor  # what holds for all rows
@@ -188,14 +188,6 @@ def averaged(
         length_radius=widths[:, 6:],
         provenance={**campaign.provenance, "averaged": said},
     )
-
-
-def _deviations(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Floats:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != shape or not (np.isfinite(array) & (array >= 0.0)).all():
-        what = f"has the shape {array.shape}, or a number that is no standard deviation"
-        raise unusable(f"option {name}", what, f"give {shape} numbers >= 0")
-    return array
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from .readers import (
 from .rule import Box, Problem, meeting
 
 RESULT_NAME, INFORMATION = "result.json", "information"
-RESULT_FORMAT = "cpcal-result/11"
+RESULT_FORMAT = "cpcal-result/12"
 _POINTS = ("recommended", "passes_from", "reduced")
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
@@ -42,10 +42,9 @@ class LegChecked:
     certificate: str | None
     accepted: Accepted | None = None
     refused: str | None = None
-    support: Accepted | None = None  # that the leg's support alone proves a lower bound
     ranges: Accepted | None = None  # of the parameters at a tolerance
     points: tuple[tuple[str, Accepted], ...] = ()  # by the keys of the result: what points meet whatever the readings
-    robust: RobustChecked | None = None  # with outliers: then no accepted, support or ranges
+    robust: RobustChecked | None = None  # with outliers: then no accepted or ranges
 
     @property
     def certified(self) -> bool:
@@ -87,7 +86,7 @@ def leg_checks(folder: Path, *, work: int = 0) -> list[Callable[[], LegChecked]]
         same("format", result["format"], RESULT_FORMAT)
         compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
-        others = [of for leg in legs for of in (leg["ranges"], leg["support"]["proof"], *map(leg.get, _POINTS)) if of]
+        others = [of for leg in legs for of in (leg["ranges"], *map(leg.get, _POINTS)) if of]
         brackets = [leg["bracket"] for leg in legs]
         named = [of["certificate"] for of in (*brackets, *others)]
         named += [name for of in brackets for name in (*of["proofs"], of["point_certificate"])]
@@ -163,12 +162,12 @@ class _Leg:
 
     def _certified(self, bracket: Json) -> LegChecked:
         options, campaign, leg = self.result["options"], self.campaign, self.leg
-        name, stated, proof = bracket["certificate"], leg["ranges"], leg["support"]["proof"]
+        name, stated = bracket["certificate"], leg["ranges"]
         every = range(len(campaign))
-        support = [campaign.place.get(name, -1) for name in leg["support"][INFORMATION]["ids"]]
+        support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
         same("support", len(set(support) - {-1}), len(support))
         same("proofs", (bracket["proofs"], bracket["point_certificate"]), ([], None))
-        found = few = ranges = None
+        found = ranges = None
         if stated is not None and stated["certificate"] is not None:
             ranges = self.accepted(stated["certificate"], every, stated["eps"])
             compare(self.of_the_ranges(stated, ranges))
@@ -177,10 +176,7 @@ class _Leg:
         else:
             found = self.accepted(name, every, options["eps"])
             compare(self.of_the_bracket(bracket, found))
-        if proof is not None:
-            few = self.accepted(proof["certificate"], sorted(support), options["eps"])
-            compare(self.of_the_support(proof, few))
-        return LegChecked(leg["leg"], name, found, support=few, ranges=ranges)
+        return LegChecked(leg["leg"], name, found, ranges=ranges)
 
     def accepted(self, file: Any, chosen: Iterable[int] | None, eps: Any) -> Accepted:
         """A certificate of this leg: of the `chosen` measurements (None: of any), in its box."""
@@ -280,13 +276,6 @@ class _Leg:
             return refuted, claims.cap if refuted else 0
         return refuted, "inf" if refuted else claims.eps_lo or 0
 
-    def of_the_support(self, stated: Json, accepted: Accepted) -> Stated:
-        """The lower bound by the support alone, and nothing more."""
-        claims, (refuted, lo) = accepted.claims, self.lowest(accepted)
-        yield "eps_lo of the support", stated["eps_lo"], lo
-        yield "eps of the support", True, refuted or claims.cap == lo
-        yield "claims of the support", (None, None), (claims.enclosure, claims.point)
-
     def of_the_ranges(self, stated: Json, accepted: Accepted) -> Stated:
         """The parameters at one eps."""
         yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
@@ -311,7 +300,7 @@ class _Leg:
         campaign, outliers, proofs = self.campaign, self.result["options"]["outliers"], bracket["proofs"]
         same("eps asked about", self.result["options"]["eps"], None)
         same("certificate of all measurements", bracket["certificate"], None)
-        same("ranges or support", (self.leg["ranges"], self.leg["support"]["proof"]), (None, None))
+        same("ranges", self.leg["ranges"], None)
         nothing_beside(bracket, "status", "enclosure")
         if len(set(proofs)) < len(proofs):
             raise Refused("names a proof twice")

@@ -60,7 +60,7 @@ def calibrate(
     if not 0.0 < factor < float("inf"):
         raise unusable("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")
     stated = {name: value for name, value in asdict(options).items() if value is not None}
-    inputs = Inputs.of(stated)
+    inputs = Inputs(**stated)
     check_writable(folder)
     found = calibrate_study(load_study(study), factor=factor, of=of)
     record = found.record

@@ -375,9 +375,7 @@ class CertifyFlags:
     node_limit: int | None = expert(None, "Boxes a leg, at most.", "N", min=1)
     contractors: str = expert("lifted", "See `cpcal plugins`.", "A,B")
     arithmetic: Literal["float64", "arb"] = expert("float64", "Rigorous arithmetic.")
-    support: Literal["few", "irreducible", "none"] = expert(
-        "few", "Few measurements that prove the bound alone, or none that could be left out."
-    )
+    support: Literal["few", "none"] = expert("few", "Seek few measurements that give the bound by themselves.")
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )

@@ -74,9 +74,8 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool 
         elif leg.accepted is None:
             yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
         ranges = None if found.ranges is None else found.ranges.certificate
-        support = None if found.support.proof is None else found.support.proof.certificate
         points = [(getattr(found, key).certificate, accepted) for key, accepted in leg.points]
-        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges), *points):
+        for name, accepted in ((leg.certificate, leg.accepted), (ranges, leg.ranges), *points):
             if accepted is not None and name is not None:
                 yield told(name, accepted)
         if found.ranges is not None and ranges is None:

@@ -18,7 +18,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
 from cpcal.questions.leg import all_or_none, certify_leg
-from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
+from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
 from cpcal.solver.execution.executors import (
@@ -93,9 +93,8 @@ def certify(
     recommended parameters are proved to be right to within it at every measured pose for ALL readings in their sets.
     With `outliers` all holds whichever so many measurements of a leg are wrong, nobody knows which.
 
-    `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
-    not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
-    answers to `cpcal verify` (and `legN.support.cert.jsonl`, that an irreducible support alone proves eps_lo): then
+    With `support` "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
+    answers to `cpcal verify`: then
     every step of a contractor that gives weights (lifted) is proved once more in exact arithmetic before it counts for
     the answer. All contractors take part; what they prove beyond the certificate is told as found (`found_lo`).
     Certificates replace those of an earlier run, and its answers, when all legs are done.
@@ -240,15 +239,13 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
             write_file(question.certificates / name, content)
         except InputError:
             lost.add(name)
-    bracket, ranges, proof = leg.bracket, leg.ranges, leg.support.proof
+    bracket, ranges = leg.bracket, leg.ranges
     for name in ("recommended", "passes_from", "reduced"):
         of = getattr(leg, name)
         if of is not None and of.certificate in lost:
             leg = replace(leg, **{name: replace(of, certificate=None)})
     if ranges is not None and ranges.certificate in lost:
         leg = replace(leg, ranges=replace(ranges, certificate=None))
-    if proof is not None and proof.certificate in lost:
-        leg = replace(leg, support=replace(leg.support, proof=None))
     if lost.intersection((bracket.certificate, bracket.point_certificate, *bracket.proofs)):
         kept = all_or_none(question, [None if name in lost else name for name in bracket.proofs])
         bracket = replace(
@@ -315,13 +312,14 @@ def comparison(
     for name in widths:
         if name not in names:
             wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
-    for name, model in zip(names, models, strict=True):
-        wrong += chosen_model(campaign, model, widths.get(name))[1]
     if center not in _CENTERS:
         wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
-    given = {"center": center if center in _CENTERS else "plain", "support": "none"} | given
-    question_of(campaign, wrong, model="plain", **given)
-    return [
-        question_of(campaign, model=model, half_widths=widths.get(name, {}), **given)
-        for name, model in zip(names, models, strict=True)
-    ]
+    given, questions = {"center": center if center in _CENTERS else "plain", "support": "none"} | given, []
+    for name, model in zip(names, models, strict=True):
+        try:
+            questions.append(question_of(campaign, model=model, half_widths=widths.get(name, {}), **given))
+        except InputError as error:
+            wrong += error.problems
+    if wrong:
+        raise InputError(list(dict.fromkeys(wrong)))
+    return questions

@@ -44,8 +44,6 @@ from cpcal.questions.result import (
     Options,
     Projection,
     Ranges,
-    Support,
-    SupportProof,
     Uncertified,
     VerifiedPoint,
     Work,
@@ -57,12 +55,12 @@ from cpcal.solver.contract import Limits, SupportFunction, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set, irreducible
+from cpcal.solver.optimize.bound import Alone, Bracket, Minimum, hitting_set
 from cpcal.solver.optimize.bound import support as find_support
 from cpcal.solver.optimize.local import Known, fit
 from cpcal.solver.optimize.witness import verify_point
 
-# at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
+# at most for each try if a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
 
 
@@ -81,7 +79,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
         answer = searched(prepared, the_answer, start=start, tell=tell)
     else:
         answer = by_timeout(prepared, start, tell)
-    result = _leg_result(prepared, answer, _support(prepared, start, answer.minimum))
+    result = _leg_result(prepared, answer, _support(prepared, answer.minimum))
     stopped = answer.minimum.interrupted or asked() is not None
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
@@ -109,7 +107,7 @@ def _of_parameters(question: Question, box: Box) -> Box:
     return Box(question.model.parameters, box.lo[:-1], box.hi[:-1])
 
 
-def _leg_result(leg: PreparedLeg, answer: Answered, support: Support) -> LegResult:
+def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) -> LegResult:
     question, options, found, center = leg.question, leg.question.options, answer.minimum, leg.center
     eps, lo = options.eps or 0.0, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
@@ -159,11 +157,11 @@ def _determination(
     return determination(campaign, leg, x, question.model)
 
 
-def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
-    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
+def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
+    """Few measurements that give the lower bound by themselves."""
     question = replace(leg.question, place=None, checkpoints=None)
     if question.options.support == "none":
-        return Support()
+        return ()
     leg, limits, best = replace(leg, question=question), question.limits, Known(found.witness, 0)
 
     def alone(elements: Indices) -> Alone:
@@ -174,19 +172,8 @@ def _support(leg: PreparedLeg, start: Floats, found: Minimum) -> Support:
         better = least.witness if least.hi < found.hi else None
         return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
 
-    few, proof = find_support(leg.problem, found, limits.gap, alone), None
-    if question.options.support == "irreducible" and few:
-        few = irreducible(found, few, limits.gap, alone)
-        if question.certificates is not None and not asked():
-            start = start if found.witness is None else found.witness.point
-            part = prepared_leg(question, leg.leg, center=leg.center, only=few)
-            proved = searched(part, the_lower_bound, file=".support", start=start, enclose=False)
-            if proved.certificate is not None:
-                lowest, highest = part.domain["eps"].lo, part.domain["eps"].hi
-                lo = highest if lowest == highest else float(proved.minimum.lo)
-                proof = SupportProof(lo, proved.certificate)
     ids = question.campaign.measurement_ids
-    return Support(tuple(ids[k] for k in few), proof)
+    return tuple(ids[k] for k in find_support(leg.problem, found, limits.gap, alone))
 
 
 def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertified:
@@ -273,7 +260,14 @@ def projections_of(prepared: PreparedLeg, ranges: Ranges) -> tuple[Projection, .
     bounds = (np.append(side, ranges.eps) for side in (ranges.box.lo, ranges.box.hi))
     box = Box(prepared.domain.names, *bounds)
     drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
-    pairs = [pair for pair in (*_WITHIN, _most_correlated(prepared, box.mid[:-1])) if drawn[list(pair)].all()]
+    # in floating point: of two joints the parameters that the measurements tell apart worst
+    of = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model)
+    jacobian = of.jacobian(box.mid[:-1])
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.abs(covariance / np.outer(spread, spread))
+    worst = max(_ACROSS, key=lambda pair: float(correlation[pair]))
+    pairs = [pair for pair in (*_WITHIN, worst) if drawn[list(pair)].all()]
     if not pairs:
         return ()
     directions = [_normals(box, pair) for pair in pairs]
@@ -294,18 +288,6 @@ def _normals(box: Box, pair: Pair) -> Floats:
     out[:, pair[0]] = np.cos(angles) / box.width[pair[0]]
     out[:, pair[1]] = np.sin(angles) / box.width[pair[1]]
     return out
-
-
-def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
-    """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
-
-    In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
-    """
-    jacobian = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model).jacobian(x)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = np.abs(covariance / np.outer(spread, spread))
-    return max(_ACROSS, key=lambda pair: float(correlation[pair]))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -369,8 +351,13 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     whole, at_point = network_of(question, leg, center), None
     without = frozenset() if best.witness is None else without  # without a point nothing is known to be wrong
     only = _others(question, without)
-    if best.witness is not None:
-        at_point = _point_certificate(question, leg, whole.domain, only, best)
+    statement = None
+    if best.witness is not None and question.certificates is not None:
+        statement = model_statement(question.campaign, leg, question.model, whole.domain, only)
+    if statement is not None:  # of all measurements but those left out
+        with Recording(statement, whole.domain) as recording:
+            said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
+            at_point = written(question, leg, ".point", partial(recording.write, claims=said))[0]
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
@@ -458,17 +445,3 @@ def _searched(part: PreparedLeg, file: str | None = None) -> Answered:
     if found.minimum.interrupted:  # its bracket is of no use to the next search
         raise Stopped(asked() or Reason.INTERRUPTED)
     return found
-
-
-def _point_certificate(
-    question: Question, leg: int, domain: Box, only: tuple[int, ...] | None, best: Minimum
-) -> str | None:
-    """The file that proves the best point, at all measurements but those left out."""
-    if question.certificates is None:
-        return None
-    statement = model_statement(question.campaign, leg, question.model, domain, only)
-    if statement is None:
-        return None
-    with Recording(statement, domain) as recording:
-        claims = claims_of(replace(best, lo=0.0), domain, "eps") | {"enclosure": None}
-        return written(question, leg, ".point", partial(recording.write, claims=claims))[0]

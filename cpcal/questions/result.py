@@ -39,7 +39,7 @@ _ALL = checked("the claim of the certificate, of all readings", "certificate")
 _BOX = checked("the box of each certificate", "certificate", "proofs", "point_certificate")
 
 CENTERS = ("fit", "nominal", "plain")
-SUPPORTS = ("few", "irreducible", "none")
+SUPPORTS = ("few", "none")
 METHODS = ("bound", "timeout")
 ARITHMETICS = ("float64", "arb")
 _ALWAYS = ("delta", "center", "gap", "contractors", "arithmetic")
@@ -161,35 +161,6 @@ class Options:
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 out += [f"--{name.replace('_', '-')}", text]
         return out
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What few measurements of a leg prove by themselves: plain values.
-
-
-@dataclass(frozen=True)
-class SupportProof:
-    """Proved: no parameters in the leg's box satisfy the equations of its support to within less than `eps_lo` (mm).
-
-    With one eps that was asked about it is that one, and refuted. `certificate`: the file that claims exactly this.
-    Raises ValueError for a bound that says nothing.
-    """
-
-    eps_lo: Annotated[float, checked("the bound of the certificate, by the support alone")]
-    certificate: Annotated[str, _FILE]
-
-    def __post_init__(self) -> None:
-        if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
-            raise ValueError("eps_lo of the support is no bound")
-
-
-@dataclass(frozen=True)
-class Support:
-    """`ids` of measurements that by themselves prove the lower bound up to the gap or, where no few were found to, of
-    all with a weight in some step. `proof`: that they do."""
-
-    ids: Informed[tuple[str, ...]] = ()
-    proof: SupportProof | None = None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -373,7 +344,7 @@ class Determination:
         return ""
 
 
-FORMAT = "cpcal-result/11"
+FORMAT = "cpcal-result/12"
 RESULT_NAME = "result.json"
 _OURS = {model.name: model.summary for model in BUILT_IN}
 
@@ -516,7 +487,8 @@ class LegResult:
     recommended    the parameters to load; None where there is no fit by least squares
     passes_from    the least tolerance found that some parameters meet for all readings
     reduced        where it is open if `recommended` meets the tolerance: with which smaller half-widths it does
-    support        few measurements that prove the lower bound
+    support        ids of few measurements found to give the lower bound by themselves, up to the gap; of all with a
+                   weight in some step where no few were
     ranges         of the parameters at a tolerance; see cpcal.questions.leg
     verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
     extra          the model's own parameters of the fit that the box is around; they are no part of the box
@@ -529,8 +501,8 @@ class LegResult:
     recommended: Recommended | None = None
     passes_from: PassesFrom | None = None
     reduced: Reduced | None = None
-    support: Support = Support()
     ranges: Ranges | None = None
+    support: Informed[tuple[str, ...]] = ()
     not_certified: Informed[Uncertified] = Uncertified.NOTHING
     verified: Annotated[VerifiedPoint | None, informed("center_verified")] = None
     extra: Informed[tuple[float, ...]] = ()

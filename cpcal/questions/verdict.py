@@ -229,9 +229,9 @@ def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: fl
 # What was proved of a leg, in a sentence that is made of the numbers whenever it is shown: none is stored.
 
 INFORMATION = (
-    "Information only, proved by no certificate: times, counts, which measurements are the support (unless it has a "
-    "certificate of its own), what is said of the center as a solution, polygons, second-order effects, calls of the "
-    "solver, and what was found beyond the certificates."
+    "Information only, proved by no certificate: times, counts, which measurements are the support, what is said of "
+    "the center as a solution, polygons, second-order effects, calls of the solver, and what was found beyond the "
+    "certificates."
 )
 
 

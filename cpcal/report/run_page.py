@@ -207,7 +207,7 @@ def bounds_table(result: Result) -> Table:
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
         bounds = bracket_words(leg) if eps is None else (stated(eps),)
-        certified, support = "yes" if leg.certified else "no", str(len(leg.support.ids))
+        certified, support = "yes" if leg.certified else "no", str(len(leg.support))
         rows.append((str(leg.leg), badge(result, leg), *bounds, certified, support))
     bounds_head = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
     return Table(("leg", "verdict", *bounds_head, "certified", "support"), rows, ("", "word"))
@@ -349,6 +349,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         rows.append((*cells, load, *_sides(of, box, leg, k, name, decimals)[:2]))
     head = ("parameter", "load", "at least", "at most")
     title = f"Leg {leg.leg}{marked}"
+    if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
+        held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
     return Section(title, [(*said, *held)], tables=[Table(head, rows, ("", "main"))])
 
 

@@ -347,7 +347,7 @@ def measurement_names(campaign: Campaign, numbers: Iterable[int]) -> list[str]:
 
 def support_numbers(campaign: Campaign, leg: LegResult) -> tuple[int, ...]:
     """The support, counted from 0, in the order of the campaign."""
-    chosen = set(leg.support.ids)
+    chosen = set(leg.support)
     return tuple(k for k, name in enumerate(campaign.measurement_ids) if name in chosen)
 
 

@@ -238,7 +238,14 @@ class Campaign(Value):
         Poses left out are named p0, p1, ...; runs left out are all "1". Raises InputError.
         """
         widths = position_radius, rotation_radius, length_radius
-        check_choice(uncertainty, exact, all(values is not None for values in widths))
+        both = exact and uncertainty is not None
+        if both or not (exact or uncertainty is not None or all(values is not None for values in widths)):
+            what = "is given, and readings are called exact" if both else "is missing"
+            remedy = (
+                "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), "
+                "uncertainty=Uncertainty(...), all three half-widths, or exact=True"
+            )
+            raise unusable("campaign uncertainty", what, remedy)
         try:
             arrays = [as_floats(values) for values in (position, quaternion, length)]
             given = [None if values is None else as_floats(values) for values in widths]
@@ -375,19 +382,6 @@ class Campaign(Value):
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
-
-
-def check_choice(uncertainty: Uncertainty | None, exact: bool, given: bool) -> None:
-    """InputError unless it was said how far readings may be off; `given`: whether all half-widths are."""
-    both = exact and uncertainty is not None
-    if not both and (exact or uncertainty is not None or given):
-        return
-    what = "is given, and readings are called exact" if both else "is missing"
-    remedy = (
-        "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), uncertainty=Uncertainty(...), "
-        "all three half-widths, or exact=True"
-    )
-    raise unusable("campaign uncertainty", what, remedy)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -180,6 +180,7 @@ def counts(given: Given) -> Variants:
 # Rotations that were entered in another form than was meant.
 
 _DEGREES = 180.0 / np.pi
+_TINY = np.finfo(np.float64).tiny
 _TURNING = tuple(name.upper() for name in TAIT_BRYAN + PROPER)  # turned axes; fixed ones are these backwards
 
 
@@ -229,26 +230,24 @@ def degrees_as_radians(given: Given) -> Variants:
     place, name = given.pose.position, "rotation angles are in degrees, and were taken for radians"
     wanted = _asked_rotations(given)
     vector = rotation_vector(given.pose.quaternion)
-    axis = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True) * axis
-    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(vector, along, axis)))
+    size = np.linalg.norm(vector, axis=1, keepdims=True)
+    axis = vector / np.maximum(size, _TINY)
+    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True)
+    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(size, along) * axis))
     for sequence in _TURNING:
         angles, near = _angles(sequence, given.pose.quaternion), _angles(sequence, wanted)
         both = [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]  # the same rotation
         if sequence[0] == sequence[2]:
             both[1] = np.array([np.pi, 0.0, np.pi]) + angles * [1.0, -1.0, 1.0]
-        tried = np.stack([_unwrapped(each, near, np.ones(3)) for each in both])
+        tried = np.stack([_unwrapped(each, near) for each in both])
         nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
         chosen = tried[nearer, np.arange(len(near))]
         yield name, given.posed(place, quaternion_from_euler(sequence, chosen))
 
 
-def _unwrapped(angles: Floats, near: Floats, turn: Floats) -> Floats:
-    """(angles + 2 pi k turn) as degrees, in rad, with the whole k that bring them nearest to `near` (N, 3)."""
-    if turn.ndim == 1:
-        return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
-    lack = np.sum((near * _DEGREES - angles) * turn, axis=1, keepdims=True)
-    return np.asarray((angles + 2.0 * np.pi * np.round(lack / (2.0 * np.pi)) * turn) / _DEGREES)
+def _unwrapped(angles: Floats, near: Floats) -> Floats:
+    """angles + 2 pi k, read as degrees, in rad, with the whole k that bring them nearest to `near`."""
+    return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
 
 
 _NEWTON = 12  # steps
@@ -338,7 +337,6 @@ _FLOOR, _FLOOR_DRAWING, _BROAD = 1e-6, 1e-4, 0.02  # of a leg's length: the leas
 _RADII = 6.0  # of the platform: a robot's size where legs are longer
 _TAIL = 4.0  # robust deviations from which a residual counts as its logarithm
 _NORMAL = 1.482602218505602  # times the median of |r|: the deviation of normal r
-_TINY = np.finfo(np.float64).tiny
 
 
 def scored(tried: Sequence[Given], steps: int, moves: Floats | None = None) -> Scores:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Any
 
@@ -42,47 +42,40 @@ from cpcal.robot import (
     small_rotation,
 )
 from cpcal.robot.campaign import SIMULATION
+from cpcal.robot.robot import LARGEST
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is asked of the options of simulated measurements: name, whether it is so, remedy.
 
-Rule = tuple[str, bool, str]
-Options = Mapping[str, Any]
+MEASUREMENTS_MAX = 10_000_000
+_MOST = 1_000_000  # of whole numbers, but the seed
+_WHOLE = {"seed": (0, math.inf), "runs": (1, _MOST), "random_poses": (0, _MOST), "validation_runs": (1, _MOST)}
+_WHOLE |= {"images": (0, _MOST)}
+_SIZES = ("noise", "pose_noise", "deviation", "joint_error", "factor", "axis_offset", "backlash", "friction", "sag")
+_BOUNDS = {**_WHOLE, **dict.fromkeys(_SIZES, (0, LARGEST)), "gain": (0, 0.99), "truncate": (0.1, LARGEST)}
 
 
-def demand(options: Options, rules: Iterable[Rule]) -> None:
-    """InputError that names every option without a meaning."""
-    wrong = [(name, remedy) for name, good, remedy in rules if not good]
+def check_options(options: Mapping[str, Any], rows: Callable[[], int]) -> None:
+    """InputError that names every option of a simulation without a meaning, and one of too many `rows`."""
+    stroke, robot, wrong = options["stroke"], options["robot"], dict[str, str]()
+    for name, value in options.items():
+        low, high = _BOUNDS.get(name, (0, 0))
+        if name in _BOUNDS and value is not None:
+            kind = type(value) is int if name in _WHOLE else isinstance(value, int | float)
+            if not (kind and low <= value <= high):
+                wrong[name] = f"give a {'whole ' * (name in _WHOLE)}number from {low:g} to {high:,g}"
+    if not isinstance(robot, Robot) or (robot.legs != 6 and options.get("workspace") is None):
+        wrong["robot"] = "give a Robot with six legs, or a workspace"
+    if not (isinstance(stroke, tuple) and len(stroke) == 2 and -LARGEST < stroke[0] < stroke[1] < LARGEST):
+        wrong["stroke"] = "give (shortest, longest) in mm"
+    if not options.get("extremal") and options["random_poses"] == 0:  # a study takes them to validate
+        wrong["random_poses"] = "give at least one, or the extremal poses"
+    if not wrong and rows() > MEASUREMENTS_MAX:
+        wrong["runs"] = f"keep the measurements within {MEASUREMENTS_MAX:,}"
     if wrong:
-        raise InputError([Problem(f"option {name}", f"has no meaning: {options[name]!r}", r) for name, r in wrong])
-
-
-def whole(options: Options, least: int, most: float, *names: str) -> list[Rule]:
-    """Whole numbers from `least` to `most`."""
-    remedy = f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else "")
-    return [(name, type(options[name]) is int and least <= options[name] <= most, remedy) for name in names]
-
-
-def sizes(options: Options, *names: str) -> list[Rule]:
-    return [(name, _finite(options[name]) and options[name] >= 0, "give a finite number >= 0") for name in names]
-
-
-def usual(options: Options, legs: bool = True) -> list[Rule]:
-    """Of options that every simulation has; `legs`: whether these must be six."""
-    robot, truncate, stroke = options["robot"], options["truncate"], options["stroke"]
-    good = isinstance(stroke, tuple) and len(stroke) == 2 and all(map(_finite, stroke)) and stroke[0] < stroke[1]
-    six = isinstance(robot, Robot) and robot.legs == 6
-    return [
-        ("robot", six or not legs, "give a Robot with six legs, or a workspace"),
-        *whole(options, 0, math.inf, "seed"),
-        *sizes(options, "noise", "deviation", "joint_error"),
-        ("truncate", truncate is None or (_finite(truncate) and truncate >= 0.1), "give a number >= 0.1"),
-        ("stroke", good, "give (shortest, longest) in mm"),
-    ]
-
-
-def _finite(value: object) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+        raise InputError(
+            [Problem(f"option {name}", f"has no meaning: {options[name]!r}", remedy) for name, remedy in wrong.items()]
+        )
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -114,8 +107,6 @@ POSITION_SIGMA = (6.33e-2, 2.30e-2, 6.08e-2)  # mm (Table 3)
 _WAVES = 3.0  # of the joint error, per radian of joint angle
 _INSIDE = 1.0 - 1e-6  # truncated noise stays this much inside, clear of rounding
 _MAX_TILT = 60.0  # degrees from upright; the DeltaLab's extremal poses reach 35
-_POSES_MAX = 1_000_000
-MEASUREMENTS_MAX = 10_000_000
 
 
 def simulate(
@@ -157,7 +148,8 @@ def simulate(
     when a configuration cannot be assembled.
     """
     given = dict(locals())
-    _check_options(given)
+    corners = extremal * (64 if workspace is None else 1 << int(workspace.free.sum()))
+    check_options(given, lambda: (corners + random_poses) * runs)
     shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
     deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
     truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
@@ -240,10 +232,10 @@ def check_branch(robot: Robot, poses: Pose, centre: Pose) -> None:
     sign = np.sign(np.linalg.det(pose_jacobian(robot, centre)))
     same = np.sign(np.linalg.det(pose_jacobian(robot, poses))) == sign
     upright = poses.rotation[:, 2, 2] > math.cos(math.radians(_MAX_TILT))
-    lost = np.flatnonzero(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max())))
-    if len(lost):
-        message = f"{len(lost)} of {len(same)} configurations leave the assembly branch of the upright pose"
-        raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
+    lost = int(np.sum(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max()))))
+    if lost:
+        message = f"{lost} of {len(same)} configurations leave the assembly branch of the upright pose"
+        raise KinematicsError(f"{message}: lessen the deviation or the stroke")
 
 
 def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
@@ -281,14 +273,3 @@ def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate
 def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
     """Independent PCG64 generators; asking for more of them does not change the first ones."""
     return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(count)]
-
-
-def _check_options(options: Options) -> None:
-    """InputError that names every option without a meaning."""
-    workspace: PoseRange | None = options["workspace"]
-    rules = usual(options, legs=workspace is None) + whole(options, 1, _POSES_MAX, "runs")
-    rules += whole(options, 0 if options["extremal"] else 1, _POSES_MAX, "random_poses") + sizes(options, "factor")
-    demand(options, rules)
-    corners = 64 if workspace is None else 1 << int(workspace.free.sum())
-    total = (corners * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
-    demand(options, [("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")])

@@ -33,7 +33,6 @@ from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
     Campaign,
-    KinematicsError,
     Pose,
     PoseTable,
     Robot,
@@ -52,25 +51,21 @@ from cpcal.robot import (
     small_rotation,
 )
 from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.kinematics import newton
+from cpcal.robot.kinematics import newton, unreached
 from cpcal.simulate.campaigns import (
     EULER_SIGMA,
     LENGTH_SIGMA,
-    MEASUREMENTS_MAX,
     POSITION_SIGMA,
     STROKE,
     assembled,
     check_branch,
+    check_options,
     configurations,
-    demand,
     joint_effect,
     joint_phases,
-    sizes,
     standard_noise,
     streams,
     true_robot,
-    usual,
-    whole,
 )
 
 Stream = np.random.Generator
@@ -126,7 +121,7 @@ def simulate_study(
     InputError for senseless options, KinematicsError when a configuration cannot be assembled.
     """
     options = dict(locals())
-    _check_options(options)
+    check_options(options, lambda: (64 * runs + random_poses * validation_runs) * max(images, 1))
     shape, _, pose, noise_c, _, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
     mechanisms = mechanisms_of(options)
@@ -212,16 +207,6 @@ def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     """A quaternion: any turn about z, then a tilt with a standard deviation of `tilt` rad about x and about y."""
     turn = quaternion_from_rotation_vector([0.0, 0.0, stream.uniform(-np.pi, np.pi)])
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
-
-
-def _check_options(options: dict[str, Any]) -> None:
-    stated = ("pose_noise",) if options["pose_noise"] is not None else ()
-    rules = usual(options) + whole(options, 0, MEASUREMENTS_MAX, "images") + sizes(options, *_MECHANISMS[1:], *stated)
-    demand(options, rules + whole(options, 1, MEASUREMENTS_MAX, "runs", "validation_runs", "random_poses"))
-    each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
-    total = each * max(options["images"], 1)
-    few = ("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
-    demand(options, [few, ("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -333,7 +318,7 @@ def assembled_with(
     The clearances' sides are those that belong to the pose, except where a leg's force changes sign with the side
     itself: that leg floats in its clearance, and ends on one side.
 
-    Raises KinematicsError, with the rows that failed, when there is no such pose near.
+    Raises KinematicsError when there is no such pose near.
     """
     if mechanisms.perfect:
         return ideal
@@ -343,7 +328,7 @@ def assembled_with(
         pose, good = newton(robot, partial(leg_gaps, robot, mechanisms, readings, side=side), pose, accuracy)
         if not good.all():
             message = f"no pose found for {np.sum(~good)} rows of readings of a robot with these imperfections"
-            raise KinematicsError.of(message, readings, np.flatnonzero(~good), "make them smaller")
+            raise unreached(message, readings, good, "make them smaller")
         before, side = side, clearance_sides(robot, mechanisms, pose, approach)
         if not mechanisms.backlash.any() or np.array_equal(before, side):
             break

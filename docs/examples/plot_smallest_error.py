@@ -23,7 +23,7 @@ for leg in result.legs:
 
 leg = result.legs[0]
 residual = model_residuals(campaign, leg.leg, leg.bracket.point)  # ||P + R b - a|| - (L + l)
-support = np.isin(campaign.measurement_ids, leg.support.ids)
+support = np.isin(campaign.measurement_ids, leg.support)
 
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
 axes.axhspan(-leg.bracket.hi, leg.bracket.hi, color="#e3ecf7", label="within eps_hi")

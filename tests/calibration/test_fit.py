@@ -71,7 +71,7 @@ def test_without_noise_every_fit_finds_the_true_parameters(weighted):
     assert_allclose(found.parameters, truth(exact), atol=1e-6)
     assert found.converged
     assert found.rank == 42
-    assert found.condition < 1e4
+    assert found.svd[1][0] < 1e4 * found.svd[1][-1]
 
 
 def test_least_squares_is_the_unweighted_fit_and_some_legs_do_as_all(campaign):
@@ -151,7 +151,6 @@ def test_too_few_poses_are_said_and_leave_parameters_undetermined():
     few = simulate(seed=1, extremal=False, random_poses=5)
     found = fit(few, noise=Noise.of(few))
     assert found.rank == 30
-    assert found.condition == np.inf
     assert "RANK-DEFICIENT, 30 of 42" in found.sentence
     assert np.isinf(found.standard_errors[found.undetermined]).all()
     assert np.abs(found.residuals).max() < 1e-6

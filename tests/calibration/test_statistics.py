@@ -161,9 +161,6 @@ def test_averaging_a_perfectly_repeatable_campaign_gives_it_back():
         (lambda c: campaign_deviations(simulate(seed=0)), "each of its 64 configurations once"),
         (lambda c: averaged(c, of="median"), "'single' or 'mean'"),
         (lambda c: averaged(c, factor=0.0), "factor"),
-        (lambda c: averaged(c, sigma=[1.0]), "option sigma: has the shape"),
-        (lambda c: averaged(c, sigma=[-1.0] * 12), "no standard deviation"),
-        (lambda c: averaged(c, shared=[0.0] * 6), "option shared: has the shape"),
     ],
 )
 def test_bad_input_is_refused_with_a_remedy(repeated, call, said):

@@ -54,8 +54,7 @@ def test_nothing_to_check_is_unusable(tmp_path, what):
     [
         ["--eps", "5"],
         ["--eps", "1e-3"],
-        ["--eps", "5", "--support", "irreducible"],
-        ["--support", "irreducible"],
+        ["--support", "none"],
         ["--tolerance", "5"],
         ["--method", "timeout", "--time-limit", "5", "--gap", "0.5"],
         ["--time-limit", "1e-3"],

@@ -71,8 +71,8 @@ def test_brackets_close_in_small_and_large_boxes_and_agree(joint_error: float, l
         worst = np.abs(model_residuals(campaign, leg, found.bracket.point)).max()
         assert worst == pytest.approx(found.bracket.hi, rel=1e-9)
         assert found.bracket.point in found.bracket.enclosure
-        assert found.support.ids
-        assert set(found.support.ids) <= set(campaign.measurement_ids)
+        assert found.support
+        assert set(found.support) <= set(campaign.measurement_ids)
     least_squares = np.abs(model_residuals(campaign, leg, near.bracket.center)).max()
     assert near.bracket.hi < least_squares
     if (np.abs(np.subtract(far.bracket.point, near.bracket.center)) < 99.0).all():  # type: ignore[arg-type]
@@ -91,7 +91,7 @@ def test_no_point_does_better_than_the_lower_bound(bent: Campaign, exact: LegRes
 
 def test_the_support_alone_forces_the_bound(bent: Campaign, exact: LegResult) -> None:
     campaign, found = without_sets(bent), exact
-    rows = [campaign.measurement_ids.index(name) for name in found.support.ids]
+    rows = [campaign.measurement_ids.index(name) for name in found.support]
     fewer = only(part(campaign, rows, exact=True), center="nominal", delta=110.0)
     assert len(rows) < len(campaign)
     assert fewer.bracket.hi <= found.bracket.hi * (1 + 1e-9)

@@ -40,10 +40,10 @@ def stopped(campaign, run, looks, **options):
 def same(one, two):
     """But for the time that it took."""
     assert [
-        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support.ids, leg.work.nodes, leg.work.programs)
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support, leg.work.nodes, leg.work.programs)
         for leg in one.legs
     ] == [
-        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support.ids, leg.work.nodes, leg.work.programs)
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support, leg.work.nodes, leg.work.programs)
         for leg in two.legs
     ]
     assert [leg.work.contractors_used for leg in one.legs] == [leg.work.contractors_used for leg in two.legs]

@@ -32,7 +32,7 @@ def campaign():
             "half_widths": {"s": 0.01},
             "tolerance": 0.5,
             "time_limit": 60.0,
-            "support": "irreducible",
+            "support": "none",
         },
         {"legs": [3], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],

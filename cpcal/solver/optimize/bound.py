@@ -536,30 +536,6 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     return tuple(sorted({k for _, k in found.rows}))
 
 
-def irreducible(found: Minimum, chosen: tuple[int, ...], gap: float, solve: Solve) -> tuple[int, ...]:
-    """A part of `chosen` that still proves `found.lo`, from which no element could be left out (deletion filter).
-
-    Groups are tried first, half of all and then ever smaller ones, each by a proof with the others alone; whatever has
-    no weight in a proof goes at once. An element whose need is not known stays.
-    """
-    kept, size = list(chosen), max(len(chosen) // 2, 1)
-    while True:
-        tried = 0
-        while tried < len(kept):
-            others = kept[:tried] + kept[tried + size :]
-            alone = solve(np.array(others, dtype=np.intp)) if others else None
-            if alone is not None and alone.interrupted:
-                return tuple(kept)
-            if alone is not None and _as_good(alone.lo, found, gap):
-                needed = sum(k in alone.members for k in kept[:tried])
-                kept, tried = [k for k in others if k in alone.members], needed
-            else:
-                tried += size
-        if size == 1:
-            return tuple(kept)
-        size = max(min(size, len(kept)) // 2, 1)
-
-
 def _as_good(lo: float, found: Minimum, gap: float) -> bool:
     return lo >= found.lo or lo >= found.lo - max(gap * abs(found.lo), found.hi - found.lo)
 

@@ -20,10 +20,10 @@ Data = dict[str, Any]
 
 @pytest.fixture(scope="session")
 def stating(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A leg with a certificate of each kind: of its bracket, ranges, support, and of what is met by all readings."""
+    """A leg with a certificate of each kind: of its bracket, ranges, and of what is met by all readings."""
     folder = tmp_path_factory.mktemp("stating")
     campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=1.0, factor=0.5)
-    asked = {"legs": [1], "delta": 2.0, "support": "irreducible", "ranges": True, "tolerance": 0.1537}
+    asked = {"legs": [1], "delta": 2.0, "support": "none", "ranges": True, "tolerance": 0.1537}
     save_result(cpcal.certify(campaign, certificates=folder, **asked), folder)
     return folder
 
@@ -72,13 +72,8 @@ def own_box(run: Path) -> Data:
     return {"lo": head["lo"], "hi": head["hi"]}
 
 
-def everything(run: Path) -> Data:
-    head = json.loads((run / SUPPORT).read_text().splitlines()[0])
-    return {"lo": head["lo"], "hi": head["hi"]}
-
-
 RECOMMENDED, PASSES, REDUCED = (f"leg1.{what}.cert.jsonl" for what in ("recommended", "passes", "reduced"))
-BRACKET, RANGES, SUPPORT = "leg1.cert.jsonl", "ranges-leg1.cert.jsonl", "leg1.support.cert.jsonl"
+BRACKET, RANGES = "leg1.cert.jsonl", "ranges-leg1.cert.jsonl"
 TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
     "the enclosure of fewer": (BRACKET, at_the_lower_bound, "eps up to which the enclosure holds"),
     "a wider enclosure": (BRACKET, wider, "enclosure"),
@@ -91,13 +86,6 @@ TRUE: dict[str, tuple[str, Callable[[Data, Path], object], str]] = {
     "wider ranges": (RANGES, wider, "enclosure"),
     "a point of the ranges": (RANGES, as_in(BRACKET, "point"), "point of the ranges"),
     "ranges at less": (RANGES, as_in(BRACKET, "cap"), "the cap is not an eps of the problem"),
-    "a support of less": (SUPPORT, least, "eps_lo of the support"),
-    "a support with an enclosure": (
-        SUPPORT,
-        lambda c, run: c.update(enclosure=everything(run)),
-        "claims of the support",
-    ),
-    "a support up to more": (SUPPORT, as_in(BRACKET, "cap"), "eps of the support"),
     "all readings of smaller sets": (RECOMMENDED, at_point(factor="0x1p-1"), "factor of recommended"),
     "some readings": (PASSES, at_point(factor=None), "factor of passes_from"),
     "a larger error": (
@@ -154,19 +142,7 @@ STATED: dict[str, tuple[Callable[[Data], object], str]] = {
     "a larger factor": (of("reduced", factor=up), "factor of reduced"),
     "a smaller factor": (of("reduced", factor=lambda f: f / 2), "factor of reduced"),
     "no recommendation, and its file beside": (lambda leg: leg.update(recommended=None), BESIDE),
-    "more": (
-        lambda leg: leg["support"]["proof"].update(eps_lo=up(leg["support"]["proof"]["eps_lo"])),
-        "eps_lo of the support",
-    ),
-    "less": (
-        lambda leg: leg["support"]["proof"].update(eps_lo=leg["support"]["proof"]["eps_lo"] / 2),
-        "eps_lo of the support",
-    ),
-    "of fewer": (lambda leg: leg["support"]["information"]["ids"].pop(), "measurements"),
-    "of others": (lambda leg: leg["support"]["information"].update(ids=["p1/1"]), "another support"),
-    "of another file": (lambda leg: leg["support"]["proof"].update(certificate=BRACKET), BESIDE),
-    "of none": (lambda leg: leg["support"].update(proof=None), BESIDE),
-    "nothing": (lambda leg: leg["support"].update(proof={}), BESIDE),
+    "a support of nobody": (lambda leg: leg["information"].update(support=["nobody/1"]), "another support"),
 }
 
 
@@ -189,13 +165,3 @@ def test_a_factor_is_of_the_tolerance_that_was_asked_about(stating: Path, tmp_pa
     (run / "result.json").write_text(json.dumps(data))
     (leg,) = check_run(run)
     assert leg.refused == "states another eps of reduced than is proved"
-
-
-def test_a_support_in_a_smaller_box_is_refused(stating: Path, tmp_path: Path) -> None:
-    """Its lower bound says nothing of the rest of the leg's box."""
-    run = Path(shutil.copytree(stating, tmp_path / "run"))
-    head, *others = (run / SUPPORT).read_text().splitlines()
-    value = json.loads(head)
-    value["hi"][0] = (float.fromhex(value["hi"][0]) - 2.0**-20).hex()
-    (run / SUPPORT).write_text("\n".join([json.dumps(value), *others]) + "\n")
-    assert refused(run)

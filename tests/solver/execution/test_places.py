@@ -32,7 +32,7 @@ def here(campaign, tmp_path_factory):
 def certified(campaign, run, **place):
     result = cpcal.certify(campaign, certificates=run, **OPTIONS, **place)
     brackets = [
-        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.support.ids, leg.work.nodes, leg.bracket.certificate)
+        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.support, leg.work.nodes, leg.bracket.certificate)
         for leg in result.legs
     ]
     return brackets, {path.name: path.read_bytes() for path in sorted(run.glob("*.cert.jsonl"))}
