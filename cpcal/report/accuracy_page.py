@@ -78,7 +78,7 @@ def sentences(found: Accuracy) -> list[str]:
         rise = "" if far[0].stated else " What is assumed of them was raised: a precaution, no estimate."
         out.append(
             f"FAR FROM MEASURED: leg {', '.join(str(error.leg) for error in far)} must reach lengths that are "
-            f"{round(100 * max(e.far for e in far))} % of the measured stroke away from every measured one"
+            f"{nearest(100.0 * max(e.far for e in far), 0)} % of the measured stroke away from every measured one"
             f"{at * bool(poses)}. No measurement shows the model error there.{rise} Measure poses in between."
         )
     if worst is not None:
