@@ -272,7 +272,7 @@ def test_unknown_models_and_parameters_are_refused_with_all_other_problems(exact
     assert [p.where for p in refused.value.problems] == ["half_widths", "half_widths", "gap"]
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.compare(exact, ["plain", "plain", "gian"], tolerance=-1.0, half_widths={"linear": {}}, center="fit")
-    assert [p.where for p in refused.value.problems] == ["models", "half_widths", "model", "center", "tolerance"]
+    assert [p.where for p in refused.value.problems] == ["models", "half_widths", "center", "tolerance", "model"]
     with pytest.raises(cpcal.InputError, match="none is named"):
         cpcal.compare(exact, [])
 
