@@ -93,7 +93,7 @@ def campaigns(folder: Path) -> None:
 def pose_sets(folder: Path) -> None:
     """Of seven dots, whose places are uncertain."""
     rng = np.random.default_rng(7)
-    few = Target("few dots", DELTALAB_TARGET.dots[::12], 6.0, ())
+    few = Target("few dots", DELTALAB_TARGET.dots[::12], 6.0)
     targets, cameras = TargetSet.within(few, 0.01), CameraSet(DELTALAB_CAMERA)
     numbers, centers = shown(rng, drawn_pose(rng), cameras, targets)
     boxes = PixelBoxes.around(numbers, centers, 0.05, of_images=True)

@@ -119,7 +119,7 @@ def shown(rng: np.random.Generator, pose: Pose, cameras: CameraSet, targets: Tar
     t = t / max(1.0, float(np.linalg.norm(t))) if cameras.ball else t
     camera = cameras.camera.with_numbers(cameras.camera.numbers + cameras.spread @ t)
     off = targets.half_widths * rng.uniform(-1.0, 1.0, targets.half_widths.shape)
-    flat = replace(targets.target, dots=targets.target.dots + off[:, :2], lines=())
+    flat = replace(targets.target, dots=targets.target.dots + off[:, :2])
     high = transformed(pose, flat.points + [0.0, 0.0, 1.0] * off)
     centers = predicted_centers(flat, camera, pose) + camera.project(high)
     centers = centers - camera.project(transformed(pose, flat.points))

@@ -91,7 +91,7 @@ FINE = 2  # places in a pixel, each way
 _STEPS = 12  # of the fixed point iteration that unbends rays
 _MARGIN = 16.0  # mm of plate around the outermost dots
 _TICKS = 27.0 * (np.arange(11.0) - 5.0)
-FOREIGN = Target("a regular grid", np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2), 6.0, ())
+FOREIGN = Target("a regular grid", np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2), 6.0)
 
 
 @dataclass(frozen=True)

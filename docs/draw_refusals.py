@@ -28,7 +28,7 @@ DEGENERATE = {
     "blurred by 15 pixels": "Far out of focus.",
     "half out, to the right": "Half of the plate is out of the image.",
     "mirrored": "Seen in a mirror, or flipped by a program.",
-    "without its rows": "Both identifying rows are covered: the grid that is left looks the same from four sides.",
+    "without its rows": "The dots off the grid are covered: the grid that is left looks the same from four sides.",
     "a regular grid of dots": "Another plate.",
 }
 

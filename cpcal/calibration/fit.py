@@ -279,27 +279,22 @@ class Fit:
         if self.source == "residuals" and self.freedom <= 0:  # a fit through all points leaves no scatter to judge by
             size = self.parameters.size
             return np.where(np.eye(size) == 1.0, np.inf, np.nan)
-        left, values, right = self.svd
-        seen = self.determined
+        (left, values, right), seen, weight = self.svd, self.determined, self.weight
         count, legs = self.residuals.shape
+        if self.source == "noise":  # C_k, (N, n, n): the covariance of the weighted equations' errors
+            scatter = np.asarray(weight @ self.sigma @ weight.transpose(0, 2, 1))
+        else:
+            white = np.einsum("kij,kj->ki", weight, self.residuals)
+            square = np.eye(legs) * np.sum(white**2) if self.weighted else white.T @ white
+            scatter = np.broadcast_to(square / self.freedom, weight.shape)
         inverse = (right[seen].T / values[seen]) @ left[:, seen].T
-        blocks = inverse.reshape(-1, count, legs)
-        spread = np.einsum("pki,kij->pkj", blocks, self._scatter())
+        spread = np.einsum("pki,kij->pkj", inverse.reshape(-1, count, legs), scatter)
         result = spread.reshape(len(inverse), -1) @ inverse.T
         result = 0.5 * (result + result.T)
         lost = self.undetermined.ravel()
         result[lost, :] = result[:, lost] = np.nan
         result[lost, lost] = np.inf
         return np.asarray(result)
-
-    def _scatter(self) -> Floats:
-        """C_k, (N, n, n): the covariance of the weighted equations' errors."""
-        weight = self.weight
-        if self.source == "noise":
-            return np.asarray(weight @ self.sigma @ weight.transpose(0, 2, 1))
-        white = np.einsum("kij,kj->ki", weight, self.residuals)
-        square = np.eye(len(self.legs)) * np.sum(white**2) if self.weighted else white.T @ white
-        return np.broadcast_to(square / self.freedom, weight.shape)
 
     @property
     def standard_errors(self) -> Floats:

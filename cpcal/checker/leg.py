@@ -42,35 +42,34 @@ from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 # `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial. They are run for many
 # measurements side by side: each v is a column, so that the loop over notes costs little.
 #
-# Each number is whole over a power of two, 2 ** units[kind] for a number of that kind. A coefficient that is a product
-# of d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
+# Each number is whole over one power of two, 2 ** unit. A coefficient that is a product of d of them is whole over
+# 2 ** (d unit): d is its degree.
 
-Degree = tuple[int, int]
 Column = int | list[int]  # of all measurements the same, or one for each
 Parts = list[tuple[int, int, int]]
 T = TypeVar("T")
 
 
 class Program:
-    """Notes (k, i, j): v[k] += v[i] * v[j]. `kinds`, ascending: of the numbers that it is given, which come first.
-    `shared`: whether these are the same for all measurements."""
+    """Notes (k, i, j): v[k] += v[i] * v[j]. `shared`: whether the numbers that it is given, which come first, are the
+    same for all measurements."""
 
-    def __init__(self, kinds: Sequence[int], shared: Sequence[bool]) -> None:
-        self.kinds, self.shared = tuple(kinds), tuple(shared)
+    def __init__(self, shared: Sequence[bool]) -> None:
+        self.shared = tuple(shared)
         self.notes: list[tuple[int, int, int]] = []
         self.whole: dict[int, int] = {}  # fixed numbers by their places
-        self.ones: dict[int, Degree] = {}  # places of the number one in some degree
-        self.size = len(self.kinds)
+        self.ones: dict[int, int] = {}  # places of the number one in some degree
+        self.size = len(self.shared)
         self._known: dict[Hashable, int] = {}
         self.unit = self._number(1)
-        self.highest: Degree = (0, 0)  # degree of what is asked for
+        self.highest = 0  # degree of what is asked for
 
     def given(self) -> list[Traced]:
         """The numbers that it is given, as polynomials without variables."""
-        return [Traced(self, {0: [(k, self.unit, 1)]}, (1 - kind, kind)) for k, kind in enumerate(self.kinds)]
+        return [Traced(self, {0: [(k, self.unit, 1)]}, 1) for k in range(len(self.shared))]
 
     def one(self) -> Traced:
-        return Traced(self, {0: [(self.unit, self.unit, 1)]}, (0, 0))
+        return Traced(self, {0: [(self.unit, self.unit, 1)]}, 0)
 
     def settled(self, sums: dict[tuple[int, int], int]) -> tuple[int, int]:
         """Place and factor of a sum of factor * v[i] * v[j]; it is noted if it is more than a multiple of one place."""
@@ -83,9 +82,9 @@ class Program:
         self.notes += [(k, i, j) for i, j in pairs]
         return k, 1
 
-    def raised(self, i: int, degree: Degree) -> int:
+    def raised(self, i: int, degree: int) -> int:
         """The place of v[i] with a degree raised by that."""
-        one = self._place(degree, self.ones, degree)
+        one = self._place(("one", degree), self.ones, degree)
         return one if i == self.unit else self._times(i, one)
 
     def _number(self, value: int) -> int:
@@ -122,9 +121,8 @@ class Formula:
             if k in needed:
                 needed.update(i for pair in sums[k] for i in pair)
         self.notes = sum(len(pairs) for k, pairs in sums.items() if k in needed)
-        degrees: dict[int, Degree] = {k: (1 - kind, kind) for k, kind in enumerate(program.kinds)}
-        degrees |= {**dict.fromkeys(program.whole, (0, 0)), **program.ones}
-        products = [0, 0, 0]  # of the bits of numbers of the kinds 0 0, 0 1, 1 1: in all multiplications together
+        degrees = {**dict.fromkeys(range(len(program.shared)), 1), **dict.fromkeys(program.whole, 0), **program.ones}
+        self._products = 0  # of degrees, in all multiplications together
         own = {k for k, shared in enumerate(program.shared) if not shared}  # differ from measurement to measurement
         self._shared: list[tuple[int, list[tuple[int, int]]]] = []
         self._columns: list[tuple[int, tuple[int, int], list[tuple[int, int]]]] = []
@@ -132,36 +130,31 @@ class Formula:
             if k not in needed:
                 continue
             for i, j in pairs:
-                (p, q), (r, t) = degrees[i], degrees[j]
-                products = [products[0] + p * r, products[1] + p * t + q * r, products[2] + q * t]
-            degrees[k] = p + r, q + t
+                self._products += degrees[i] * degrees[j]
+            degrees[k] = degrees[i] + degrees[j]
             if own.isdisjoint(i for pair in pairs for i in pair):
                 self._shared.append((k, pairs))
             else:
                 own.add(k)
                 pairs.sort(key=own.isdisjoint)  # the first of them is a column
                 self._columns.append((k, pairs[0], pairs[1:]))
-        self._products = tuple(products)
 
-    def cost(self, given: Sequence[Column], units: Degree) -> tuple[int, int]:
+    def cost(self, given: Sequence[Column], unit: int) -> tuple[int, int]:
         """The work for each measurement, and the bits of the longest number that may come up."""
-        longest = list(units)
-        for kind, column in zip(self._program.kinds, given, strict=True):
-            one = column.bit_length() if isinstance(column, int) else max(map(int.bit_length, column))
-            longest[kind] = max(longest[kind], one)
-        a, b = longest
-        one, other, last = self._products
-        bits = self._program.highest[0] * a + self._program.highest[1] * b
-        return self.notes + (one * a * a + other * a * b + last * b * b >> 17), bits
+        each = (
+            column.bit_length() if isinstance(column, int) else max(map(int.bit_length, column)) for column in given
+        )
+        longest = max(unit, *each)
+        return self.notes + (self._products * longest * longest >> 17), self._program.highest * longest
 
-    def run(self, given: Sequence[Column], units: Degree) -> list[Iterable[int]]:
-        """The numbers at the places for what the program is given, in these units; shared ones without end."""
+    def run(self, given: Sequence[Column], unit: int) -> list[Iterable[int]]:
+        """The numbers at the places for what the program is given, in this unit; shared ones without end."""
         program, first = self._program, len(given)
         v = [*(column if isinstance(column, int) else 0 for column in given), *[0] * (program.size - first)]
         for k, value in program.whole.items():
             v[k] = value
-        for k, (p, q) in program.ones.items():
-            v[k] = 1 << p * units[0] + q * units[1]
+        for k, degree in program.ones.items():
+            v[k] = 1 << degree * unit
         for k, pairs in self._shared:
             v[k] = sum([v[i] * v[j] for i, j in pairs])
         w: list[Iterable[int]] = list(map(repeat, v))
@@ -181,7 +174,7 @@ class Traced:
 
     __slots__ = ("degree", "program", "terms")
 
-    def __init__(self, program: Program, terms: dict[int, Parts], degree: Degree) -> None:
+    def __init__(self, program: Program, terms: dict[int, Parts], degree: int) -> None:
         self.program, self.terms, self.degree = program, terms, degree
 
     def __add__(self, other: Traced) -> Traced:
@@ -191,17 +184,16 @@ class Traced:
         return self._summed(other, -1)
 
     def _summed(self, other: Traced, sign: int) -> Traced:
-        (a, b), (c, d) = self.degree, other.degree
-        degree = max(a, c), max(b, d)
+        degree = max(self.degree, other.degree)
         terms: dict[int, Parts] = {}
         for p, factor in ((self, 1), (other, sign)):
             for m, parts in p._raised(degree).items():
                 terms[m] = terms.get(m, []) + [(i, j, factor * own) for i, j, own in parts]
         return Traced(self.program, terms, degree)
 
-    def _raised(self, degree: Degree) -> dict[int, Parts]:
-        more = degree[0] - self.degree[0], degree[1] - self.degree[1]
-        if not any(more):
+    def _raised(self, degree: int) -> dict[int, Parts]:
+        more = degree - self.degree
+        if not more:
             return self.terms
         raised = self.program.raised
         return {m: [(raised(i, more), j, factor) for i, j, factor in parts] for m, parts in self.terms.items()}
@@ -228,8 +220,7 @@ class Traced:
         for m, (i, f) in ours.items():
             for n, (j, g) in theirs.items():
                 terms.setdefault(m + n, []).append((i, j, f * g))
-        degree = self.degree[0] + other.degree[0], self.degree[1] + other.degree[1]
-        return Traced(self.program, terms, degree)
+        return Traced(self.program, terms, self.degree + other.degree)
 
     def places(self) -> dict[int, int]:
         """The place of every coefficient itself."""
@@ -262,7 +253,7 @@ EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "t
 _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
 _FINE = 40  # bits behind the point: of the length that the slopes of `linear` are taken at
-_POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
+POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
 
@@ -333,41 +324,39 @@ class LegConstraint:
         return self.model in _SURE
 
 
-def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], Degree]:
-    """What the program takes of legs that have one: whole numbers, and the powers of two that they are divided by."""
+def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], int]:
+    """What the program takes of legs that have one: whole numbers, and the power of two that they are divided by."""
     x, reads = legs[0].x.numbers, legs[0].m.uncertain
-    given = dyadics([v for leg in legs for v in leg.m.given[:4]])
-    at = dyadics([v for leg in legs for v in leg.m.given[4:]])
+    given = dyadics([v for leg in legs for v in leg.m.given])
     reach = dyadics([v for leg in legs for v in leg.m.radii] if reads else [])
-    unit = max(at.power, reach.power + 1, x.power)
-    places, widths = at.over(unit), reach.over(unit)
-    columns: list[Column] = [given.values[j::4] for j in range(4)]
-    columns += [places[j::4] for j in range(4)]
-    columns.append([v - width for v, width in zip(places[3::4], widths[6::7], strict=True)] if reads else columns[-1])
+    unit = max(given.power, reach.power + 1, x.power)
+    own, widths = given.over(unit), reach.over(unit)
+    columns: list[Column] = [own[j::8] for j in range(8)]
+    columns.append([v - width for v, width in zip(own[7::8], widths[6::7], strict=True)] if reads else own[7::8])
     columns += x.over(unit)
     for part in range(2 * reads):
         for j in range(READINGS):
             signs = [ENDS[leg.signs[j]][part] for leg in legs]
-            own = zip(signs, widths[j::7], strict=True)
-            columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in own])
-    if eased(legs[0].model, legs[0].x.moves, reads):
-        columns += [[width >> 1 for width in widths[j::7]] for j in range(3, 6)]
-    return columns, (given.power, unit)
+            both = zip(signs, widths[j::7], strict=True)
+            columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in both])
+    if legs[0].model == "linear":
+        columns += [[width >> 1 for width in widths[j::7]] for j in range(3, 6 if reads else 3)]
+    return columns, unit
 
 
-def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tuple[Sequence[int], Degree]]:
-    """For each of legs that have one program the coefficients of some parts, and the units that they are in."""
+def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tuple[Sequence[int], int]]:
+    """For each of legs that have one program the coefficients of some parts, and the unit that they are in."""
     formula = _formula(legs, names).formula
     for start in range(0, len(legs), _BATCH):
         batch = legs[start : start + _BATCH]
-        columns, units = taken(batch)
-        work, bits = formula.cost(columns, units)
+        columns, unit = taken(batch)
+        work, bits = formula.cost(columns, unit)
         batch[0].x.spend(3 * formula.notes + len(batch) * (60 + work))
         step = max(1, _HELD // (formula.notes * (64 + bits // 8) + 1))
         for k in range(0, len(batch), step):
             some = [column if isinstance(column, int) else column[k : k + step] for column in columns]
-            found = formula.run(some, units)
-            yield from ((values, units) for _, *values in zip(batch[k : k + step], *found))  # noqa: B905 - endless ones
+            found = formula.run(some, unit)
+            yield from ((values, unit) for _, *values in zip(batch[k : k + step], *found))  # noqa: B905 - endless ones
 
 
 def settled_legs(x: Unknowns, items: Sequence[LegConstraint | Constraint], side: str) -> Iterator[Polynomial]:
@@ -381,10 +370,10 @@ def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[
     bounded = side == "lower" and not legs[0].sure
     names = (side, "at_least", "factor") if bounded else (side,)
     formula = _formula(legs, names)
-    for leg, (values, units) in zip(legs, formed(legs, names), strict=True):
+    for leg, (values, unit) in zip(legs, formed(legs, names), strict=True):
         x.spend(2 * len(values))
         mask = signed(len(x), leg.signs)
-        exponents = [-(units[0] * p + units[1] * q) for p, q in formula.degrees]
+        exponents = [-unit * degree for degree in formula.degrees]
         parts = formula.split(values)
         row = shortened(formula.remainder(0, leg.signs, mask).of(parts[0]), exponents[0], x.spend)
         if bounded:
@@ -403,8 +392,8 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     docs/certificate-format.md, "The claims", for every name here.
     """
     given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
-    p = max(given.power, radii.power + below.bit_length(), x.numbers.power, _FINE)
-    one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.numbers.over(p)
+    p = max(given.power, radii.power + below.bit_length(), x.at.power, _FINE)
+    one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.at.over(p)
     q0, q1, q2, q3, *place, read = given.over(p)
     r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
     t1, t2, t3 = (width >> 1 for width in turns)
@@ -465,7 +454,7 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
     slack *= over
     most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
-    x.spend((1 + linear) * _POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+    x.spend((1 + linear) * POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
     high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
     if linear:
         high, low = (
@@ -485,13 +474,8 @@ def _turned(q: Sequence[int], s: Sequence[int], about: Sequence[int], p: int) ->
     return int(2 * ((q[0] << p) - inner(s, q[1:])) * inner(about, vector))
 
 
-def eased(model: str, moves: bool, reads: bool) -> bool:
-    """Whether rows are eased by what the rotation's half-widths allow: see `_constraint`."""
-    return model == "linear" and moves and reads
-
-
 def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
-    return leg_formula(legs[0].model, legs[0].x.moves, legs[0].m.uncertain, names)
+    return leg_formula(legs[0].model, legs[0].m.uncertain, names)
 
 
 class LegFormula(NamedTuple):
@@ -499,7 +483,7 @@ class LegFormula(NamedTuple):
 
     program: Program
     places: list[dict[int, int]]
-    degrees: list[Degree]
+    degrees: list[int]
     formula: Formula
     remainders: dict[tuple[int, str, int], Remainder]
 
@@ -517,15 +501,15 @@ class LegFormula(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def leg_formula(model: str, moves: bool, reads: bool, names: tuple[str, ...]) -> LegFormula:
-    """Of polynomials in u if the box `moves`, that is, has a width, and in y if it `reads` sets."""
+def leg_formula(model: str, reads: bool, names: tuple[str, ...]) -> LegFormula:
+    """Of polynomials in u, and in y if it `reads` sets."""
     n = 8 + len(EXTRA[model])
-    box, own = n * (1 + moves), 2 * READINGS * reads + 3 * eased(model, moves, reads)
-    program = Program([0] * 4 + [1] * (5 + box + own), [False] * 9 + [True] * box + [False] * own)
+    own = (2 * READINGS + 3 * (model == "linear")) * reads
+    program = Program([False] * 9 + [True] * 2 * n + [False] * own)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
-    x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)] if moves else centers
-    nothing = Traced(program, {}, (0, 0))
+    x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)]
+    nothing = Traced(program, {}, 0)
     reading = [nothing] * READINGS
     if reads:
         at = [next(given) for _ in reading]
@@ -533,7 +517,7 @@ def leg_formula(model: str, moves: bool, reads: bool, names: tuple[str, ...]) ->
     widest = list(given)
     found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading, widest)
     parts = [found.part(name) for name in names]
-    program.highest = max(p.degree[0] for p in parts), max(p.degree[1] for p in parts)
+    program.highest = max(part.degree for part in parts)
     places = [part.places() for part in parts]
     formula = Formula(program, [k for part in places for k in part.values()])
     return LegFormula(program, places, [part.degree for part in parts], formula, {})

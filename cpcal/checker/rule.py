@@ -67,15 +67,14 @@ class Unknowns:
         return (self.box.hi[i] - self.box.lo[i]) / 2
 
     @cached_property
-    def moves(self) -> bool:
-        """Whether the box has a width."""
-        return self.box.lo != self.box.hi
+    def numbers(self) -> Numbers:
+        """Centers and radii, as programs take them: where the unknowns are few."""
+        return dyadics([of(i) for of in (self.center, self.radius) for i in range(len(self))])
 
     @cached_property
-    def numbers(self) -> Numbers:
-        """Centers, and radii of a box that has a width, as programs take them: where the unknowns are few."""
-        each = range(len(self))
-        return dyadics([*map(self.center, each), *(map(self.radius, each) if self.moves else ())])
+    def at(self) -> Numbers:
+        """The coordinates of a point."""
+        return dyadics(self.box.lo)
 
     def variable(self, field: int, middle: F, factor: F) -> Polynomial:
         """middle + factor * the variable in that field."""

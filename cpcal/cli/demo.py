@@ -137,7 +137,7 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Tal
             continue
         legs = {word: [str(fit.leg) for fit in verified if fit.verified.verdict is word] for word in Verdict}
         said = [f"{word.value} for leg {', '.join(some)}" for word, some in legs.items() if some]
-        talk.say(f"Does {name} solve the equations, to within the stated reading uncertainty? {'; '.join(said).capitalize()}.")
+        talk.say(f"Is {name} a solution, within the stated reading uncertainty? {'; '.join(said).capitalize()}.")
 
 
 def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.cli.options import FORCE, Status, argument, check_new, option, output, refuse, warn
+from cpcal.cli.options import FIRST_ROW, FORCE, Status, argument, check_new, option, output, refuse
 from cpcal.cli.terminal import Talk, answer
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
@@ -25,15 +25,11 @@ from cpcal.models.hand_eye import (
     study_json,
 )
 from cpcal.models.hand_eye_sources import (
-    REMEDY,
-    TARGET,
-    PrintedBoard,
     platform_poses,
     read_pose_pairs,
     study_of_pairs,
     study_of_photos,
     study_of_robot,
-    study_of_target_photos,
     with_half_widths,
 )
 from cpcal.questions import load_result
@@ -49,7 +45,9 @@ from cpcal.questions.hand_eye import (
 )
 from cpcal.questions.next_measurement import next_images
 from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
+from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
+from cpcal.vision.target import TEXTS
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal handeye study`: from photographs, from pairs of poses, or simulated.
@@ -59,7 +57,8 @@ def study(
     folder: Path = output("DIR", "Folder for the study."),
     setup: Setup = option("eye-in-hand", "Where the camera is."),
     photos: Path | None = option(None, "Photographs of a board.", "DIR"),
-    board: str | None = option(None, REMEDY.replace("write ", "Write ") + ".", "BOARD"),
+    board: str | None = option(None, f"target.toml, or {TEXTS}.", "TARGET"),
+    first_row: str | None = FIRST_ROW,
     camera: Path | None = option(None, "Of the photographs.", "FILE"),
     poses: Path | None = option(None, "Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.", "CSV"),
     pairs: Path | None = option(None, "Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.", "YAML"),
@@ -87,7 +86,7 @@ def study(
     check_new(folder, force=force)
     left: list[str] = []
     if photos is not None:
-        made, left = _of_photos(photos, board, camera, poses, robot, setup)
+        made, left = _of_photos(photos, board, camera, poses, robot, setup, first_row)
     elif robot is not None:
         made = study_of_robot(load_study(robot))
     elif pairs is not None:
@@ -113,14 +112,14 @@ def study(
     )
 
 
-_TURNED = (
-    "photographs in which it is turned by more than a right angle have their points exchanged. Take one even and one "
-    "odd count of inner corners, or ChArUco"
-)
-
-
 def _of_photos(
-    photos: Path, board: str | None, camera: Path | None, poses: Path | None, robot: Path | None, setup: Setup
+    photos: Path,
+    board: str | None,
+    camera: Path | None,
+    poses: Path | None,
+    robot: Path | None,
+    setup: Setup,
+    first_row: str | None,
 ) -> tuple[HandEyeStudy, list[str]]:
     if board is None or camera is None or (poses is None) == (robot is None):
         remedy = "give --board, --camera and --poses (or --robot) too"
@@ -131,13 +130,8 @@ def _of_photos(
         assert robot is not None
         given, setup = platform_poses(load_study(robot)), "eye-to-hand"
     lens = load_camera(camera).camera
-    if board.startswith(TARGET):
-        target = load_target(board.removeprefix(TARGET))
-        return study_of_target_photos(photos, target, camera=lens, poses=given, setup=setup)
-    printed = PrintedBoard.parsed(board)
-    if printed.looks_the_same_turned:
-        warn(f"warning: the board {board} looks the same upside down: {_TURNED}")
-    return study_of_photos(photos, printed, camera=lens, poses=given, setup=setup)
+    turn, target = hinted(first_row), load_target(board.removeprefix("target:"))
+    return study_of_photos(photos, target, camera=lens, poses=given, setup=setup, first_row=turn)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cpcal.cli.options import TARGET_FILE, Status, argument, option, output, refuse
+from cpcal.cli.options import FIRST_ROW, TARGET_FILE, Status, argument, option, output, refuse
 from cpcal.cli.terminal import Talk, counted, record
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import Problems, unusable
@@ -20,7 +20,7 @@ from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.detections_page import write_detections_page
-from cpcal.robot import Robot, Study
+from cpcal.robot import Pose, Robot, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
@@ -31,6 +31,7 @@ from cpcal.vision.batch.detect import (
     ImageFolder,
     by_reason,
     detections_bytes,
+    hinted,
     in_parallel,
     load_readings,
     readings_bytes,
@@ -50,11 +51,12 @@ from cpcal.vision.files.plate_and_camera import (
     load_target,
     save_camera,
     save_target,
+    target_bytes,
 )
 from cpcal.vision.files.target_print import on_paper, print_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
-from cpcal.vision.target import DELTALAB_TARGET, Target, resized
+from cpcal.vision.target import DELTALAB_TARGET, TEXTS, Target, resized
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
@@ -119,14 +121,14 @@ def camera(
 
 def target(
     file: Path = output("FILE", "What to write: target.toml, or a .pdf or .svg page."),
-    source: Path | None = option(None, "Print the target of this target.toml.", "FILE", "--from"),
+    source: Path | None = option(None, f"Of this target.toml, or {TEXTS}.", "TARGET", "--from"),
     side: float | None = option(None, "As large as this: between the centres of the outermost dots.", "MM"),
     dark: bool = option(False, "Dark dots on a bright plate."),
     paper: Literal["a4", "a3", "a2", "a1", "a0", "letter"] | None = option(
         None, "Sheet to print on; the default target is made to fit it."
     ),
 ) -> None:
-    """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.
+    """Write a target: a grid of dots with others off it that tell where its axes are, or one of OpenCV's boards.
 
     Without --from, --side and --paper it is the one that the demo's images show, 300 mm wide, on A2.
     """
@@ -143,7 +145,7 @@ def target(
         save_target(plate, file)
     else:
         print_target(plate, file, paper)
-    Talk().say(f"{plate.name}: {len(plate.dots)} dots: {file}")
+    Talk().say(f"{plate.name}: {len(plate.dots)} {'corners' if plate.printed else 'dots'}: {file}")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -172,6 +174,7 @@ def detect(
         None, "With --readings: the table of a study to write, such as calibration.csv.", "FILE"
     ),
     overlays: Path | None = option(None, "Pictures of what was found, and why not.", "DIR", "--overlay"),
+    first_row: str | None = FIRST_ROW,
     workers: int | None = WORKERS,
     scheduler: str | None = option(None, "Dask scheduler of a cluster, instead; its workers read IMAGES.", "ADDRESS"),
     calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
@@ -207,22 +210,40 @@ def detect(
         lens = load_camera(camera)
     with problems.noted():
         known = {} if readings is None else load_readings(readings)
+    with problems.noted():
+        turn = hinted(first_row)
     problems.raise_any()
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
-    found = detected(source, plate, lens, file, talk, workers=workers, scheduler=scheduler, overlays=overlays)
+    where = {"workers": workers, "scheduler": scheduler, "overlays": overlays}
+    found = detected(source, plate, lens, file, talk, first_row=turn, **where)
     if table is not None:
         write_file(table, table_bytes(study_table(found.rows, known)))
         talk.say(f"Table of a study: {table}")
 
 
 def detected(
-    source: ImageFolder, plate: Target, lens: CameraRecord, file: Path, talk: Talk, **where: Any
+    source: ImageFolder,
+    plate: Target,
+    lens: CameraRecord,
+    file: Path,
+    talk: Talk,
+    first_row: str | Pose = "",
+    **where: Any,
 ) -> Detections:
     """The poses in a folder of images: the table and the page of them, and what is said of it."""
     journal = file.with_name(f"{file.name}.journal")
     journal.absolute().parent.mkdir(parents=True, exist_ok=True)
     with heard(terminate=True), counted("images", talk.console()) as progress:
-        found = detect_poses(source, plate, lens.camera, lens.covariance, journal=journal, progress=progress, **where)
+        found = detect_poses(
+            source,
+            plate,
+            lens.camera,
+            lens.covariance,
+            journal=journal,
+            progress=progress,
+            first_row=first_row,
+            **where,
+        )
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
     record("images", images=len(found.rows), poses=poses, measured=found.measured)
@@ -241,7 +262,7 @@ def detected(
         talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
     for reason, files in by_reason(found.rows).items():
         talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
-    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance, first_row)
     talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
     return found
 
@@ -289,6 +310,7 @@ def sets(
         show_default="--factor times dot_sigma",
     ),
     outliers: int = option(0, "Dots of an image that may be anywhere, at most.", min=0, max=3),
+    first_row: str | None = FIRST_ROW,
     workers: int | None = WORKERS,
     *,
     talk: Talk,
@@ -307,8 +329,10 @@ def sets(
             what = f"{name} and {other} would have certificates of one name"
             raise unusable(str(images), what, "rename one of them")
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
-    sources = {path.name: path.read_bytes() for path in (camera, target)}
-    rows = enclosed(Enclosing(source, plates, cameras, half_width, outliers, folder, sources), names, talk, workers)
+    sources = {camera.name: camera.read_bytes()}
+    sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
+    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources, hinted(first_row))
+    rows = enclosed(work, names, talk, workers)
     found = [one.found for one in rows if one.found is not None]
     proved = [one for one in found if one.verdict is Verdict.PROVED]
     refuted = sum(one.verdict is Verdict.REFUTED for one in found)

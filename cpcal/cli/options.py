@@ -79,7 +79,13 @@ def options(group: type[T]) -> type[T]:
 
 
 ORIGINAL_CAMPAIGN = option(None, "Folder of the original campaign, to compare the run's with.", "CAMPAIGN")
-TARGET_FILE = option(..., "The target's dots: target.toml.", "FILE")
+TARGET_FILE = option(..., "target.toml, or a board: acircles:7x11:10:8, chessboard:8x5:30 (`image target`).", "TARGET")
+FIRST_ROW = option(
+    None,
+    "Of a target that looks the same turned: top, bottom, left or right, where the images show its first row; or a "
+    "poses.csv whose first pose is near.",
+    "SIDE",
+)
 FORCE = option(False, "Write into a folder that is not empty.")
 NO_CHECKER = expert(False, "A page that does not check itself.")
 

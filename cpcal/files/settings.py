@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
 from cpcal.common.values import Floats
 from cpcal.files.tables import csv_table, toml_document
 from cpcal.robot import (
@@ -426,13 +426,8 @@ def read_settings(path: Path, problems: Problems, absent: str, saw: Callable[[by
         return Settings()
     robot, legs = _robot(reader)
     remedy = 'add a name, such as name = "gain"'
-    model, choice = reader.section("model", {"name": text}, {"half_widths": _widths}, needed=False, remedy=remedy), None
-    if model is not None:  # which models there are is known where they are used
-        try:
-            choice = ModelChoice(**model)
-        except InputError as error:
-            for problem in error.problems:
-                reader.wrong(("model", "name"), problem.what, problem.remedy)
+    model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
+    choice = None if model is None else ModelChoice(**model)
     return Settings(robot, legs, _uncertainty(reader, legs), choice, provenance=reader.provenance())
 
 
@@ -484,10 +479,20 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
         return None
 
 
+def _model_name(reader: TomlReader, path: KeyPath, value: object) -> str:
+    """Which models there are is known where they are used."""
+    if not (isinstance(value, str) and value.isidentifier() and len(value) <= NAME_MAX):
+        reader.wrong(path, f"{shown(value)} cannot be a name", 'add a name, such as name = "gain"')
+    return str(value)
+
+
 def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float]:
     if not isinstance(value, dict):
         reader.wrong(path, "half_widths is not a table", "write half_widths = { s = 0.05 }")
         return {}
+    for key in value:
+        if not (key.isidentifier() and len(key) <= NAME_MAX):
+            reader.wrong(path, f"{shown(key)} cannot be a parameter", "give its name, such as s")
     return {k: reader.number(path, f"the half-width of {shown(k)}", v, signed=False) for k, v in value.items()}
 
 

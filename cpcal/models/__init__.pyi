@@ -7,7 +7,6 @@ from .leg import (
     Measured,
     ModelResiduals,
     Parameter,
-    ReadingRange,
     beyond_legs,
     built_in,
     exactly_read,
@@ -22,6 +21,7 @@ from .leg import (
     model_statement,
     of_measurements,
     reading_moves,
+    reading_range,
 )
 from .platform import Workspace
 
@@ -34,7 +34,6 @@ __all__ = [
     "Measured",
     "ModelResiduals",
     "Parameter",
-    "ReadingRange",
     "Workspace",
     "beyond_legs",
     "built_in",
@@ -50,4 +49,5 @@ __all__ = [
     "model_statement",
     "of_measurements",
     "reading_moves",
+    "reading_range",
 ]

@@ -25,7 +25,7 @@ from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import Informed, checked
 from cpcal.robot import Campaign, Pose, leg_vectors
@@ -36,7 +36,7 @@ from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.network.tape import ReadingSets, Tape
+from cpcal.solver.network.tape import Tape
 from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -508,8 +508,7 @@ class ModelResiduals:
     def __init__(self, campaign: Campaign, leg: int, model: LegModel) -> None:
         self._plain = LegEquations.of(campaign, [leg]) if model.name == PLAIN.name else None
         if self._plain is None:
-            zeros = {f"{name}_radius": np.zeros_like(getattr(campaign, f"{name}_radius")) for name in _READ}
-            still, box = replace(campaign, uncertainty=None, **zeros), leg_box(np.zeros(7), 0.0, model)
+            still, box = _with_sets(campaign, 0.0), leg_box(np.zeros(7), 0.0, model)
             equation = leg_equation(still, leg, box, engine=get_arithmetic("float64"), model=model)
             equation.network.add(equation.unscaled <= 0.0)
             self._rows = Rows(equation.network)
@@ -523,7 +522,11 @@ class ModelResiduals:
         return self._rows.linearize(at).jacobian if self._plain is None else self._plain.by_parameters(at[None])[:, 0]
 
 
-_READ = ("position", "rotation", "length")
+def _with_sets(campaign: Campaign, factor: float) -> Campaign:
+    """With half-widths of `factor` times those stated, rounded up."""
+    radii = {name: factor * getattr(campaign, name) for name in ("position_radius", "rotation_radius", "length_radius")}
+    wider = {name: np.nextafter(radius, np.inf) * (radius > 0.0) for name, radius in radii.items()}
+    return campaign if factor == 1.0 else replace(campaign, uncertainty=None, **wider)
 
 
 def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
@@ -571,65 +574,17 @@ def fit_model(
     return full(optimize.least_squares(values, start[free], jac=jacobian, bounds=bounds, x_scale=scale).x)
 
 
-class ReadingRange:
-    """The range of g of one leg over ALL readings in their sets, PROVED in outward-rounded arithmetic.
-
-    A reading in which g is monotone over the whole set decides at an end; the others enter by the mean-value theorem,
-    with enclosures of their derivatives. So the range is too wide by a part of second order only.
-    """
-
-    def __init__(self, campaign: Campaign, leg: int, model: LegModel, engine: Arithmetic) -> None:
-        box = leg_box(np.zeros(7), 0.0, model)
-        equation = leg_equation(campaign, leg, box, engine=engine, model=model)
-        self._engine, self._tape = engine, Tape(equation.network, [equation.unscaled])
-        leaves, paths = self._tape.readings, self._tape.reach
-        self._where = [self._tape.reading_slots[leaf.digest].ravel() for leaf in leaves]
-        self._sets = [(leaf.digest, leaf.data.mid, leaf.data.rad) for leaf in leaves]
-        self._mine = paths.leaf >= self._tape.program.given
-        self._leaf, self._row, self._entry = (a[self._mine] for a in (paths.leaf, paths.row, paths.entry))
-
-    def of(self, x: Floats, factor: float = 1.0) -> IntervalArray:
-        """Lower and upper bounds (N,) in mm at x (n,), of half-widths of `factor` times those stated. Infinite where
-        nothing is proved."""
-        tape, sets = self._tape, self._readings(factor)
-        nothing = IntervalArray(np.full(tape.count, -np.inf), np.full(tape.count, np.inf))
-        with np.errstate(all="ignore"):
-            factors, slopes = self._slopes(x, sets)
-            if factors is None:
-                return nothing
-            grows, falls = (np.zeros(tape.program.first, dtype=bool) for _ in range(2))
-            grows[self._leaf], falls[self._leaf] = slopes.lo[self._entry] >= 0.0, slopes.hi[self._entry] <= 0.0
-            ends = [self._end(x, factors, sets, *ways) for ways in ((falls, grows), (grows, falls))]
-            lo, hi = ends[0].lo, ends[1].hi
-        return IntervalArray(np.where(np.isnan(lo), -np.inf, lo), np.where(np.isnan(hi), np.inf, hi))
-
-    def _readings(self, factor: float) -> ReadingSets:
-        out = {}
-        for digest, middle, radius in self._sets:
-            reach = np.nextafter(radius * factor, np.inf) * (radius > 0.0)
-            out[digest] = IntervalArray.around(middle, reach)
-        return out
-
-    def _slopes(self, x: Floats, sets: ReadingSets) -> tuple[Floats | None, IntervalArray]:
-        """Enclosures of the derivatives along `reach.order`; None beside them where g is not continuous on the sets."""
-        slots = self._tape.forward(self._engine, IntervalArray.point(np.asarray(x, np.float64)[None]), sets)
-        factors = self._tape.derivatives(self._engine, slots[0])
-        good = self._tape.continuous(self._engine, slots)
-        return factors if good else None, self._tape.gradients(self._engine, factors)
-
-    def _end(self, x: Floats, factors: Floats, sets: ReadingSets, to_hi: Bools, to_lo: Bools) -> IntervalArray:
-        """g with those readings at an end, the others at the centre, and moved from there by the mean-value theorem."""
-        tape, at = self._tape, dict[bytes, IntervalArray]()
-        moves = np.zeros((2, tape.program.first - tape.size))
-        for where, (digest, of) in zip(self._where, sets.items(), strict=True):
-            up, down = to_hi[where].reshape(of.lo.shape), to_lo[where].reshape(of.lo.shape)
-            at[digest] = IntervalArray.point(np.where(up, of.hi, np.where(down, of.lo, of.mid)))
-            free = ~(up | down)
-            spread = self._engine.sub(of, at[digest])
-            moves[0, where - tape.size] = np.where(free, spread.lo, 0.0).ravel()
-            moves[1, where - tape.size] = np.where(free, spread.hi, 0.0).ravel()
-        slots = tape.forward(self._engine, IntervalArray.point(np.asarray(x, np.float64)[None]), at)
-        return tape.moved(self._engine, factors, tape.values(slots)[0], IntervalArray(*moves))
+def reading_range(
+    campaign: Campaign, leg: int, model: LegModel, x: Floats, engine: Arithmetic, factor: float = 1.0
+) -> IntervalArray:
+    """PROVED: lower and upper bounds (N,) in mm of g at x (n,) over ALL readings of sets `factor` times as wide;
+    infinite where nothing is. By interval evaluation, so too wide where g holds a reading more than once."""
+    equation = leg_equation(_with_sets(campaign, factor), leg, leg_box(x, 0.0, model), engine=engine, model=model)
+    tape = Tape(equation.network, [equation.unscaled])
+    slots = tape.forward(engine, IntervalArray.point(np.asarray(x, np.float64)[None]))
+    if tape.continuous(engine, slots):
+        return tape.values(slots)[0]
+    return IntervalArray(np.full(len(campaign), -np.inf), np.full(len(campaign), np.inf))
 
 
 def reading_moves(campaign: Campaign, leg: int, x: npt.ArrayLike) -> Floats:

@@ -33,7 +33,7 @@ from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import exact_box, leg_sides
 from cpcal.solver.certificate.prover import WeightProver, write_steps
-from cpcal.solver.contract import Contractor, Repeat, SupportFunction, elements, gives_weights, shrunk
+from cpcal.solver.contract import Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
@@ -104,12 +104,22 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
     Raises InputError when none of the contractors has a support function.
     """
     engine, controller = get_arithmetic(arithmetic), asked.controller
-    network = _with_products(asked.network(engine), controller)
-    contractor, support_function = _supporting(network, asked.contractors, arithmetic)
+    network = asked.network(engine)
+    a, b, offset, _ = network.variables
+    alpha, beta, rest = a - controller[:3], b - controller[3:6], offset - controller[6]
+    w = network.variable("w", (), (-_WIDE, _WIDE))
+    products = network.variable("C", (3, 3), (-_WIDE, _WIDE))
+    network.add(w == sqr(alpha).sum() + sqr(beta).sum() - sqr(rest))
+    network.add([products[i] == alpha[i] * beta for i in range(3)])
+    loaded = (plugins.load(name)(network, objective=None, arithmetic=arithmetic) for name in asked.contractors)
+    contractor: Any = next((one for one in loaded if isinstance(one, SupportFunction)), None)
+    if contractor is None:
+        what = f"none of {', '.join(asked.contractors)} has a support function"
+        raise unusable("contractors", what, "certify with the contractor lifted")
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    ranges = partial(_ranges, support_function, domain, controller, engine)
+    ranges = partial(_ranges, contractor, domain, controller, engine)
     # in floating point: it chooses directions, and any serve
     basis = np.linalg.svd(ModelResiduals(asked.campaign, asked.leg, PLAIN).jacobian(controller), full_matrices=True)[
         2
@@ -216,26 +226,3 @@ def _with_forms(network: ConstraintNetwork, forms: Sequence[Given], box: Box) ->
     total = total + squares[:, :3] @ sqr(a) + squares[:, 3:6] @ sqr(b) + squares[:, 6] * sqr(offset)
     network.add(total - value == 0.0)
     return network
-
-
-def _with_products(network: ConstraintNetwork, controller: Floats) -> ConstraintNetwork:
-    """With the unknowns w and C of the module's text."""
-    a, b, offset, _ = network.variables
-    alpha, beta, rest = a - controller[:3], b - controller[3:6], offset - controller[6]
-    w = network.variable("w", (), (-_WIDE, _WIDE))
-    products = network.variable("C", (3, 3), (-_WIDE, _WIDE))
-    network.add(w == sqr(alpha).sum() + sqr(beta).sum() - sqr(rest))
-    network.add([products[i] == alpha[i] * beta for i in range(3)])
-    return network
-
-
-def _supporting(
-    network: ConstraintNetwork, names: Sequence[str], arithmetic: str
-) -> tuple[Contractor, SupportFunction]:
-    """The same object, for what it does and for what it offers besides."""
-    for name in names:
-        contractor: Contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
-        if isinstance(contractor, SupportFunction):
-            return contractor, contractor
-    what = f"none of {', '.join(names)} has a support function"
-    raise unusable("contractors", what, "certify with the contractor lifted")

@@ -174,14 +174,12 @@ class PoseBounds:
 
     box       (K, 6): (p, s) of the true pose, mm and half a rotation vector, for all poses of the cell
     position  (K,) mm: ||p|| is at most this; rotation (K,) rad: the angle of R(1, s) is at most this
-    share     (K, n) mm: how far, to first order and at the center, what is not known of each leg moves the platform
     """
 
     proved: Bools
     box: IntervalArray
     position: Floats
     rotation: Floats
-    share: Floats
 
 
 def cell_bounds(cells: Cells, sets: Sequence[CertifiedSet], held: Sequence[int] = ()) -> tuple[PoseBounds, PoseBounds]:
@@ -271,15 +269,15 @@ class Equations:
 
     def bounds(self, deviation: Intervals) -> PoseBounds:
         """From F(0) without errors e."""
-        value = self._with_error(deviation)
+        value = self.with_error(deviation)
         step = -applied(intervals(self.inverse), value)
         image, proved = proved_image(self.spread, step, self.regular & np.isfinite(value.lo).all(axis=1))
         sizes_ = sizes(self.inverse, value, self.spread(_with_zero(image)))
         position, angle = (np.where(proved, size, np.inf) for size in sizes_)
         box = IntervalArray(np.where(proved[:, None], image.lo, -np.inf), np.where(proved[:, None], image.hi, np.inf))
-        return PoseBounds(proved, box, position, angle, np.linalg.norm(self.inverse[:, :3], axis=1) * value.rad)
+        return PoseBounds(proved, box, position, angle)
 
-    def _with_error(self, deviation: Intervals) -> Intervals:
+    def with_error(self, deviation: Intervals) -> Intervals:
         """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
         eps = np.array([one.eps for one in self.sets])[None]
         length = self.length + self.box[None, :, 6]  # L + l

@@ -682,6 +682,7 @@ class Enclosing:
     half_width  pixels: the centre of each dot's image is stated to be so near to where it was found
     outliers    dots of an image that may be farther off, at most
     sources     the bytes of the files of camera and target, by name
+    first_row   how a target is turned that looks the same when it is (`measure_pose`)
     """
 
     source: ImageSource
@@ -691,6 +692,7 @@ class Enclosing:
     outliers: int
     folder: Path
     sources: Mapping[str, bytes]
+    first_row: str | Pose = ""
 
     def __call__(self, names: Sequence[str]) -> list[Enclosed]:
         return [self.one(name) for name in names]
@@ -699,7 +701,7 @@ class Enclosing:
         target, camera = self.target.target, self.camera.camera
         try:
             image = self.source.read(name)
-            measured = measure_pose(image, target, camera)
+            measured = measure_pose(image, target, camera, first_row=self.first_row)
         except (UnreadableImageError, NotMeasured) as reason:
             return Enclosed(name, reason=str(reason))
         except InputError as error:

@@ -443,7 +443,8 @@ def _over(
         workspace = Workspace(tuple((middle - half).tolist()), tuple((middle + half).tolist()))
 
     def tell(lo: float, hi: float) -> None:
-        say("the worst of the workspace is between {} and {} mm".format(*bracket_text(lo, hi, 4)))
+        least, most = bracket_text(lo, hi, 4)
+        say(f"the worst of the workspace is between {least} and {most} mm")
 
     found = cover(workspace, sets, held=held, gap=gap, most=cells, tell=tell)
     factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])

@@ -18,7 +18,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.models import LegModel
 from cpcal.questions.leg import all_or_none, certify_leg
-from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, chosen_model, question_of
+from cpcal.questions.question import Checkpoints, Progress, Question, beyond_all_legs, question_of
 from cpcal.questions.result import CampaignNote, LegResult, ModelNote, Result, Uncertified
 from cpcal.robot import Campaign
 from cpcal.solver.execution.executors import (
@@ -312,13 +312,14 @@ def comparison(
     for name in widths:
         if name not in names:
             wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
-    for name, model in zip(names, models, strict=True):
-        wrong += chosen_model(campaign, model, widths.get(name))[1]
     if center not in _CENTERS:
         wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
-    given = {"center": center if center in _CENTERS else "plain", "support": "none"} | given
-    question_of(campaign, wrong, model="plain", **given)
-    return [
-        question_of(campaign, model=model, half_widths=widths.get(name, {}), **given)
-        for name, model in zip(names, models, strict=True)
-    ]
+    given, questions = {"center": center if center in _CENTERS else "plain", "support": "none"} | given, []
+    for name, model in zip(names, models, strict=True):
+        try:
+            questions.append(question_of(campaign, model=model, half_widths=widths.get(name, {}), **given))
+        except InputError as error:
+            wrong += error.problems
+    if wrong:
+        raise InputError(list(dict.fromkeys(wrong)))
+    return questions

@@ -260,7 +260,14 @@ def projections_of(prepared: PreparedLeg, ranges: Ranges) -> tuple[Projection, .
     bounds = (np.append(side, ranges.eps) for side in (ranges.box.lo, ranges.box.hi))
     box = Box(prepared.domain.names, *bounds)
     drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
-    pairs = [pair for pair in (*_WITHIN, _most_correlated(prepared, box.mid[:-1])) if drawn[list(pair)].all()]
+    # in floating point: of two joints the parameters that the measurements tell apart worst
+    of = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model)
+    jacobian = of.jacobian(box.mid[:-1])
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.abs(covariance / np.outer(spread, spread))
+    worst = max(_ACROSS, key=lambda pair: float(correlation[pair]))
+    pairs = [pair for pair in (*_WITHIN, worst) if drawn[list(pair)].all()]
     if not pairs:
         return ()
     directions = [_normals(box, pair) for pair in pairs]
@@ -281,18 +288,6 @@ def _normals(box: Box, pair: Pair) -> Floats:
     out[:, pair[0]] = np.cos(angles) / box.width[pair[0]]
     out[:, pair[1]] = np.sin(angles) / box.width[pair[1]]
     return out
-
-
-def _most_correlated(prepared: PreparedLeg, x: Floats) -> Pair:
-    """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
-
-    In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
-    """
-    jacobian = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model).jacobian(x)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = np.abs(covariance / np.outer(spread, spread))
-    return max(_ACROSS, key=lambda pair: float(correlation[pair]))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -356,8 +351,13 @@ def robust_leg(question: Question, leg: int) -> LegResult:
     whole, at_point = network_of(question, leg, center), None
     without = frozenset() if best.witness is None else without  # without a point nothing is known to be wrong
     only = _others(question, without)
-    if best.witness is not None:
-        at_point = _point_certificate(question, leg, whole.domain, only, best)
+    statement = None
+    if best.witness is not None and question.certificates is not None:
+        statement = model_statement(question.campaign, leg, question.model, whole.domain, only)
+    if statement is not None:  # of all measurements but those left out
+        with Recording(statement, whole.domain) as recording:
+            said = claims_of(replace(best, lo=0.0), whole.domain, "eps") | {"enclosure": None}
+            at_point = written(question, leg, ".point", partial(recording.write, claims=said))[0]
     # a family that some choice meets proves nothing, and leaves no files
     proofs = all_or_none(question, [*(one.certificate for one in supports), *(() if settled else (None,))])
     closed = best.witness is not None and best.hi - lo <= 2.0 * max(_BELOW * best.hi, _SMALLEST)
@@ -445,17 +445,3 @@ def _searched(part: PreparedLeg, file: str | None = None) -> Answered:
     if found.minimum.interrupted:  # its bracket is of no use to the next search
         raise Stopped(asked() or Reason.INTERRUPTED)
     return found
-
-
-def _point_certificate(
-    question: Question, leg: int, domain: Box, only: tuple[int, ...] | None, best: Minimum
-) -> str | None:
-    """The file that proves the best point, at all measurements but those left out."""
-    if question.certificates is None:
-        return None
-    statement = model_statement(question.campaign, leg, question.model, domain, only)
-    if statement is None:
-        return None
-    with Recording(statement, domain) as recording:
-        claims = claims_of(replace(best, lo=0.0), domain, "eps") | {"enclosure": None}
-        return written(question, leg, ".point", partial(recording.write, claims=claims))[0]

@@ -163,12 +163,10 @@ class Question:
         return np.append(known, np.zeros(len(self.model.extra)))
 
 
-def question_of(
-    campaign: Campaign, others: Sequence[Problem] = (), *, progress: Progress | None = None, **given: Any
-) -> Question:
+def question_of(campaign: Campaign, *, progress: Progress | None = None, **given: Any) -> Question:
     """What is asked with the options that are `given`, if this campaign can be asked it.
 
-    Raises InputError with every problem at once, `others` among them; PluginError for a contractor that is not there.
+    Raises InputError with every problem at once; PluginError for a contractor that is not there.
     """
     model, wrong = chosen_model(campaign, given.get("model"), given.get("half_widths"))
     numbers = [leg for leg in given.get("legs") or () if isinstance(leg, int)]  # what is no number the options refuse
@@ -182,12 +180,12 @@ def question_of(
     try:
         options = Options(**given)
     except InputError as error:
-        raise InputError([*others, *wrong, *error.problems]) from None
+        raise InputError([*wrong, *error.problems]) from None
     if options.outliers >= len(campaign):
         remedy = f"give a whole number below {len(campaign)}, such as 1"
         wrong.append(Problem("outliers", f"{options.outliers} is no number of measurements that may be wrong", remedy))
-    if others or wrong:
-        raise InputError([*others, *wrong])
+    if wrong:
+        raise InputError(wrong)
     plugins.check_names(options.contractors)
     return Question(campaign=campaign, options=options, model=model, progress=progress)
 

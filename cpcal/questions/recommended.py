@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import ModelResiduals, ReadingRange, built_in, fit_model, leg_statement, reading_moves
+from cpcal.models import ModelResiduals, built_in, fit_model, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import written
 from cpcal.questions.question import Question
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
-from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.float_rows import AllReadings
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording
@@ -72,6 +71,7 @@ class _Leg:
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
         self._known: dict[bytes, AllReadings] = {}
+        self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
 
     @cached_property
@@ -93,38 +93,24 @@ class _Leg:
         question = self._question
         return fit_model(question.campaign, self._leg, question.model, self._residuals, weight)
 
-    @cached_property
-    def _range(self) -> ReadingRange:
-        question = self._question
-        return ReadingRange(question.campaign, self._leg, question.model, question.engine)
-
     def largest(self, x: Floats, factor: float = 1.0) -> float:
         """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved.
 
-        Where there is going to be a certificate, the least that its exact proof reaches."""
-        exact = self._exact(x)
+        Of a model that comes with cpcal the least that the exact proof of a certificate reaches."""
+        exact, question = self._exact(x), self._question
         if exact is not None:
             return exact.least_eps(factor)
-        found = self._range.of(x, factor)
+        found = reading_range(question.campaign, self._leg, question.model, x, question.engine, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
 
     def _exact(self, x: Floats) -> AllReadings | None:
-        if self._statement is None:
-            return None
-        if x.tobytes() not in self._known:
+        if self._statement is not None and x.tobytes() not in self._known:
             self._known[x.tobytes()] = AllReadings(self._statement.problem, x.tolist(), self._mine.tolist())
-        return self._known[x.tobytes()]
-
-    @cached_property
-    def _statement(self) -> Statement | None:
-        question = self._question
-        if question.certificates is None or not built_in(question.model):
-            return None
-        return leg_statement(question.campaign, self._leg, self._only, question.model.name)
+        return self._known.get(x.tobytes())
 
     def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
         """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""
-        if self._statement is None or not math.isfinite(eps):
+        if self._statement is None or self._question.certificates is None or not math.isfinite(eps):
             return None
         at, names = np.append(x, eps), (*self._question.model.parameters, "eps")
         with Recording(self._statement, Box(names, at, at)) as recording:

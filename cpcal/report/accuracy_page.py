@@ -53,7 +53,7 @@ def assumption(found: Accuracy) -> str:
     whence = "stated by the user" if found.legs[0].stated else "suggested by the residuals of least squares"
     out = sorted({name for leg in found.legs for name in leg.left_out})
     where = f"at the calibration poses{f' but {listed(out)}' * bool(out)} and at every pose spoken of here ({whence})"
-    axes = ", ".join("x y z rx ry rz".split()[k] for k in found.held)
+    axes = ", ".join(("x", "y", "z", "rx", "ry", "rz")[k] for k in found.held)
     return (
         f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
         f"equation to within {size} mm, {where}. At a pose the platform is within {stated(found.within[0])} mm and "
@@ -77,7 +77,7 @@ def sentences(found: Accuracy) -> list[str]:
         rise = "" if far[0].stated else " What is assumed of them was raised: a precaution, no estimate."
         out.append(
             f"FAR FROM MEASURED: leg {', '.join(str(error.leg) for error in far)} must reach lengths that are "
-            f"{round(100 * max(e.far for e in far))} % of the measured stroke away from every measured one"
+            f"{nearest(100.0 * max(e.far for e in far), 0)} % of the measured stroke away from every measured one"
             f"{at * bool(poses)}. No measurement shows the model error there.{rise} Measure poses in between."
         )
     if worst is not None:

@@ -349,6 +349,8 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         rows.append((*cells, load, *_sides(of, box, leg, k, name, decimals)[:2]))
     head = ("parameter", "load", "at least", "at most")
     title = f"Leg {leg.leg}{marked}"
+    if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
+        held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
     return Section(title, [(*said, *held)], tables=[Table(head, rows, ("", "main"))])
 
 

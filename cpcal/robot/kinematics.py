@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError
-from cpcal.common.values import Bools, ByValue, Floats, Ints
+from cpcal.common.values import Bools, ByValue, Floats
 from cpcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -131,17 +131,14 @@ _ACCURACY = 1e-9  # of a step before the last one, relative to the leg lengths: 
 
 
 class KinematicsError(CpcalError):
-    """No pose was found for some leg readings. `indices` are the rows of the readings that failed."""
+    """No pose was found for some leg readings."""
 
-    def __init__(self, message: str, indices: tuple[int, ...] = ()) -> None:
-        super().__init__(message)
-        self.indices = indices
 
-    @classmethod
-    def of(cls, message: str, readings: Floats, failed: Ints, remedy: str) -> KinematicsError:
-        """Of those rows of the readings (K, n)."""
-        first = ", ".join(f"{value:.6g}" for value in readings[failed[0]])
-        return cls(f"{message} (row {failed[0]}: {first} mm): {remedy}", tuple(failed.tolist()))
+def unreached(message: str, readings: Floats, good: Bools, remedy: str) -> KinematicsError:
+    """Of those rows of the readings (K, n) that are not good."""
+    row = int(np.argmin(good))
+    first = ", ".join(f"{value:.6g}" for value in readings[row])
+    return KinematicsError(f"{message} (row {row}: {first} mm): {remedy}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,15 +202,14 @@ def central_pose(robot: Robot, readings: npt.ArrayLike, side: float = 1.0) -> Po
 def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Pose:
     """The poses whose readings are `readings`, (..., n) mm, on the assembly branch of `guess`.
 
-    As `forward_poses`, but raises KinematicsError, with the rows that failed, when some cannot be reached.
+    As `forward_poses`, but raises KinematicsError when some cannot be reached.
     """
     pose, converged = forward_poses(robot, readings, guess)
-    failed = np.flatnonzero(~converged.ravel())
-    if not len(failed):
+    if converged.all():
         return pose
     rows = np.asarray(readings, dtype=np.float64).reshape(-1, robot.legs)
-    message = f"no pose found for {len(failed)} of {len(rows)} rows of readings"
-    raise KinematicsError.of(message, rows, failed, "give a guess nearer to it, or check the robot's parameters")
+    message = f"no pose found for {np.sum(~converged)} of {len(rows)} rows of readings"
+    raise unreached(message, rows, converged.ravel(), "give a guess nearer to it, or check the robot's parameters")
 
 
 def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[Pose, Bools]:

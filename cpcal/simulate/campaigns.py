@@ -232,10 +232,10 @@ def check_branch(robot: Robot, poses: Pose, centre: Pose) -> None:
     sign = np.sign(np.linalg.det(pose_jacobian(robot, centre)))
     same = np.sign(np.linalg.det(pose_jacobian(robot, poses))) == sign
     upright = poses.rotation[:, 2, 2] > math.cos(math.radians(_MAX_TILT))
-    lost = np.flatnonzero(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max())))
-    if len(lost):
-        message = f"{len(lost)} of {len(same)} configurations leave the assembly branch of the upright pose"
-        raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
+    lost = int(np.sum(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max()))))
+    if lost:
+        message = f"{lost} of {len(same)} configurations leave the assembly branch of the upright pose"
+        raise KinematicsError(f"{message}: lessen the deviation or the stroke")
 
 
 def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:

@@ -33,7 +33,6 @@ from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
     Campaign,
-    KinematicsError,
     Pose,
     PoseTable,
     Robot,
@@ -52,7 +51,7 @@ from cpcal.robot import (
     small_rotation,
 )
 from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.kinematics import newton
+from cpcal.robot.kinematics import newton, unreached
 from cpcal.simulate.campaigns import (
     EULER_SIGMA,
     LENGTH_SIGMA,
@@ -319,7 +318,7 @@ def assembled_with(
     The clearances' sides are those that belong to the pose, except where a leg's force changes sign with the side
     itself: that leg floats in its clearance, and ends on one side.
 
-    Raises KinematicsError, with the rows that failed, when there is no such pose near.
+    Raises KinematicsError when there is no such pose near.
     """
     if mechanisms.perfect:
         return ideal
@@ -329,7 +328,7 @@ def assembled_with(
         pose, good = newton(robot, partial(leg_gaps, robot, mechanisms, readings, side=side), pose, accuracy)
         if not good.all():
             message = f"no pose found for {np.sum(~good)} rows of readings of a robot with these imperfections"
-            raise KinematicsError.of(message, readings, np.flatnonzero(~good), "make them smaller")
+            raise unreached(message, readings, good, "make them smaller")
         before, side = side, clearance_sides(robot, mechanisms, pose, approach)
         if not mechanisms.backlash.any() or np.array_equal(before, side):
             break

@@ -122,7 +122,7 @@ def _made(function: Callable[..., Any]) -> tuple[Callable[..., Any], dict[str, A
         return function, {}
     scope = dict(function.__globals__)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
-    dispatcher = numba.njit(nogil=True, error_model="numpy")(update_wrapper(copy, function))
+    dispatcher = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(update_wrapper(copy, function))
     _keep(dispatcher, function)
     return dispatcher, scope
 

@@ -22,11 +22,12 @@ from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
 from cpcal.solver.optimize.least_squares import Blocks, least_squares
+from cpcal.vision.boards import board_points
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.dots import Dots, observe_dots, refitted
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.identify import Unidentified, identify
+from cpcal.vision.identify import Identification, Unidentified, identify
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import plane_poses
 from cpcal.vision.projection import centers_of, fitted, mapped, predict
@@ -507,8 +508,12 @@ class _Seen:
             if isinstance(self.image, str | os.PathLike):
                 self.name = printable(self.image)
             pixels = _pixels(self.image)
-            self.dots, self.size = observe_dots(pixels, bright=target.bright), (pixels.shape[1], pixels.shape[0])
-        except UnreadableImageError as error:
+            self.size = (pixels.shape[1], pixels.shape[0])
+            if target.printed:
+                self._show(*board_points(pixels, target))
+            else:
+                self.dots = observe_dots(pixels, bright=target.bright)
+        except (UnreadableImageError, Unidentified) as error:
             self.reason = str(error)
         except InputError as error:
             self.reason = "; ".join(problem.what for problem in error.problems)
@@ -517,11 +522,12 @@ class _Seen:
         if self.dots is None:
             return
         try:
-            pairs = identify(self.dots.centers, target, camera, size=size)
+            self._show(self.dots, identify(self.dots.centers, target, camera, size=size))
         except Unidentified as error:
             self.view, self.reason = None, str(error)
-            return
-        of_dot = self.dots.centers[pairs.found], self.dots.covariance[pairs.found]
+
+    def _show(self, dots: Dots, pairs: Identification) -> None:
+        of_dot = dots.centers[pairs.found], dots.covariance[pairs.found]
         self.view, self.reason = TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), ""
 
 
@@ -543,7 +549,8 @@ def calibrate_from_images(images: Sequence[Image], target: Target, *, refine_dot
     ((size, _),) = sizes.most_common(1)
     for one in seen:
         if one.size is not None and one.size != size:  # a camera's numbers belong to a size
-            one.reason, one.dots = "has {} x {} pixels, most have {} x {}".format(*one.size, *size), None
+            one.reason = "has {} x {} pixels, most have {} x {}".format(*one.size, *size)
+            one.dots = one.view = None
 
     def calibrated(some: list[_Seen], refine: bool = False) -> Calibration:
         try:

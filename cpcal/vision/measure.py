@@ -11,11 +11,13 @@ import numpy.typing as npt
 from cpcal.common.errors import CpcalError
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose
+from cpcal.vision.boards import DEVIATION, board_points
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, populations, refitted
 from cpcal.vision.identify import FEWEST as FEWEST_DOTS
-from cpcal.vision.identify import Identification, Unidentified, identify
+from cpcal.vision.identify import Identification, Unidentified, identify, turned
 from cpcal.vision.pose import DOUBTFUL, NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.pose import FEWEST as FEWEST_POINTS
 from cpcal.vision.target import Target
 
 FEWEST = 20  # dots of the target
@@ -77,47 +79,64 @@ def measure_pose(
     camera_covariance: Floats | None = None,
     *,
     near: Pose | None = None,
+    first_row: str | Pose = "",
 ) -> MeasuredImage:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
 
     `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. A camera or a target that is
     not as stated can move the pose by much more than is stated: `doubt` says so. `near` is a pose that may be near the
     true one, as that of the image before. It saves time, and changes no answer: what it leads to passes the same tests.
+    `first_row` tells how a target is turned that looks the same when it is: see `turned`.
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    dots, identification = _identified(image, target, camera, near)
-    if len(identification.found) < FEWEST:
-        raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
-    mine = identification.found
-    dots = refitted(image, dots, mine)
+    dots, identification = sighted(image, target, camera, near=near, first_row=first_row)
+    mine, fewest = identification.found, min(FEWEST, max(len(target.dots) // 2, FEWEST_POINTS))
+    if len(mine) < fewest:
+        raise NotMeasured(f"{len(mine)} dots of the target are too few: at least {fewest} are needed")
     try:
         seen = dots.centers[mine], dots.covariance[mine], identification.numbers
         estimate = estimate_pose(*seen, target, camera, camera_covariance)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    if estimate.rms > RESIDUAL:
+    limit = max(RESIDUAL, 3.0 * DEVIATION.get(target.board.partition(":")[0], 0.0))
+    if estimate.rms > limit:
         raise NotMeasured(
-            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {RESIDUAL:g}: "
+            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {limit:g}: "
             "the camera or the target is not as stated"
         )
     return MeasuredImage(dots, identification, estimate)
 
 
-def _identified(
-    image: npt.NDArray[np.generic], target: Target, camera: Camera, near: Pose | None
+def sighted(
+    image: npt.NDArray[np.generic],
+    target: Target,
+    camera: Camera,
+    *,
+    near: Pose | None = None,
+    first_row: str | Pose = "",
 ) -> tuple[Dots, Identification]:
-    """The first population of dots that is the target. Raises NotMeasured for what is said of the largest."""
-    guess = None if near is None else np.column_stack([near.rotation[:, :2], near.position])
-    reason, most = f"0 dots are too few: at least {FEWEST_DOTS} are needed", -1
-    for dots in populations(image, bright=target.bright):
-        try:
-            return dots, identify(dots.centers, target, camera, near=guess)
-        except Unidentified as refusal:
-            if len(dots) > most:
-                reason, most = str(refusal), len(dots)
-    raise NotMeasured(f"not identified: {reason}")
+    """The points of a target that an image shows: of dots the first population that is the target. Arguments are those
+    of `measure_pose`. Raises NotMeasured for what is said of the largest population, and InputError."""
+    try:
+        if target.printed:
+            dots, pairs = board_points(image, target)
+            return dots, turned(pairs, dots.centers, target, first_row, camera)
+        guess = None if near is None else np.column_stack([near.rotation[:, :2], near.position])
+        why, most = Unidentified(f"0 dots are too few: at least {FEWEST_DOTS} are needed"), -1
+        for dots in populations(image, bright=target.bright):
+            try:
+                pairs = identify(dots.centers, target, camera, near=guess)
+            except Unidentified as refusal:
+                if len(dots) > most:
+                    why, most = refusal, len(dots)
+                continue
+            pairs = turned(pairs, dots.centers, target, first_row, camera)
+            return refitted(image, dots, pairs.found), pairs
+        raise why
+    except Unidentified as reason:
+        raise NotMeasured(f"not identified: {reason}") from None
 
 
 def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from types import ModuleType
+from typing import Any
 
-from cpcal.common.errors import CpcalError
+from cpcal.common.errors import CpcalError, unusable
 
 
 class MissingExtraError(CpcalError):
@@ -19,3 +20,11 @@ def opencv() -> ModuleType:
         raise MissingExtraError(f"images need OpenCV: pip install 'cpcal[vision]' ({error})") from error
     module: ModuleType = cv2
     return module
+
+
+def marker_dictionary(name: str) -> Any:
+    """OpenCV's dictionary of markers, such as 4X4_50. Raises InputError."""
+    aruco, full = opencv().aruco, "DICT_" + name.removeprefix("DICT_")
+    if not hasattr(aruco, full):
+        raise unusable("target", f"has the dictionary {name!r:.40}", "give one such as 4X4_50 or APRILTAG_36h11")
+    return aruco.getPredefinedDictionary(getattr(aruco, full))

@@ -64,11 +64,12 @@ def render(
     Dots behind the camera or out of sight are left out; those on the border are cut.
     """
     scene = scene or Scene()
-    return exposed(_covered(target, camera, pose, scene.blur, hidden), scene, bright=target.bright, seed=seed)
+    return exposed(_covered(target, camera, pose, scene.blur, hidden), scene, bright=bool(target.bright), seed=seed)
 
 
 def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True, seed: int = 0) -> Image:
-    """The image of a surface, (height, width): light, noise and quantisation.
+    """The image of a surface, (height, width): light, noise and quantisation. Light falls on the surface before the
+    optics blur it: where it grows, an edge seems to move (exactly so for light that grows linearly).
 
     `share`, (height, width), is how much of each pixel's light comes from the drawing, which is brighter than its
     ground when `bright`. The optics' blur is already in it.
@@ -79,7 +80,10 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
         height, width = grey.shape
         x = np.linspace(-0.5, 0.5, width, dtype=np.float32)
         y = np.linspace(-0.5, 0.5, height, dtype=np.float32)
-        grey *= 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
+        light = 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
+        growth = (scene.blur**2 + 1.0 / 12.0) * np.array(scene.gradient, dtype=np.float32) / (width, height)
+        down, right = np.gradient(grey)
+        grey = (light * grey + growth[0] * right + growth[1] * down).astype(np.float32)
     if scene.noise > 0.0:
         rng = np.random.default_rng(seed)
         grey += np.float32(scene.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
@@ -88,10 +92,11 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
     return image
 
 
-def contours(target: Target, camera: Camera, pose: Pose) -> Floats:
-    """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera."""
+def contours(target: Target, camera: Camera, pose: Pose, radius: float | None = None) -> Floats:
+    """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera. `radius`
+    (mm) instead of the dots' own."""
     angle = np.linspace(0.0, 2.0 * np.pi, _CONTOUR, endpoint=False)
-    circle = target.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    circle = (radius or target.radius) * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     points = transformed(pose, (target.points[:, None, :] + circle).reshape(-1, 3)).reshape(-1, _CONTOUR, 3)
     points[(points[..., 2] <= 0.0).any(axis=1)] = np.nan
     return camera.project(points)
@@ -155,9 +160,10 @@ def _sides(points: Floats, at: Floats) -> tuple[Floats, Floats]:
 # An image with what was found in it, for people to look at.
 
 # blue, green, red
-_USED, _ROW, _X_AXIS, _Y_AXIS = (200, 120, 40), (60, 180, 250), (60, 60, 230), (90, 190, 60)
+_USED, _X_AXIS, _Y_AXIS = (200, 120, 40), (60, 60, 230), (90, 190, 60)
 _MISSING, _FALSE, _OUTLIER, _TEXT = (60, 60, 230), (0, 200, 230), (200, 60, 200), (255, 255, 255)
 _AXIS = 0.3  # of the target's size
+_RING = 0.01  # the same: of the ring round a corner
 _QUALITY = 82
 _CROSS = 6.0  # pixels of the picture, half of a cross
 _LETTERS, _LINE = 0.45, 18  # size of a letter, OpenCV's unit; pixels of the picture a line
@@ -166,14 +172,11 @@ _LETTERS, _LINE = 0.45, 18  # size of a letter, OpenCV's unit; pixels of the pic
 def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target, camera: Camera, width: int) -> bytes:
     """JPEG of the image, `width` pixels wide: blue rings round the dots that were used, red ones where dots of the
     target are missing, violet ones where a dot was screened; yellow crosses on dots that are none of the target's; the
-    target's rows and axes, and what makes the pose doubtful."""
+    target's axes, and what makes the pose doubtful."""
     scale = width / image.shape[1]
     picture = _reduced(image, scale)
     pose = found.estimate.pose
-    seen = camera.project(transformed(pose, target.points))
-    for line in target.lines:
-        _lines(picture, seen[list(line)], scale, _ROW)
-    rings = contours(target, camera, pose)
+    rings = contours(target, camera, pose, _RING * float(np.ptp(target.dots, axis=0).max()) if target.printed else None)
     screened = found.identification.numbers[found.estimate.outliers]
     for numbers, colour in ((found.numbers, _USED), (found.identification.missing, _MISSING), (screened, _OUTLIER)):
         for ring in rings[numbers]:
@@ -187,7 +190,7 @@ def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target
     return _jpeg(picture)
 
 
-def refusal(image: npt.NDArray[np.integer], reason: str, bright: bool, width: int) -> bytes:
+def refusal(image: npt.NDArray[np.integer], reason: str, bright: bool | None, width: int) -> bytes:
     """JPEG of an image without a pose: yellow crosses on the dots that were found in it, and the reason."""
     scale = width / image.shape[1]
     picture = _reduced(image, scale)

@@ -1,4 +1,4 @@
-"""The target: dots on a plate, two of whose rows tell where its axes are, whatever it is seen from."""
+"""The target: round dots, or the points of a printed board, with places in mm; a short text names the usual boards."""
 
 from __future__ import annotations
 
@@ -8,28 +8,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problem, shown, unusable
-from cpcal.common.values import Floats, Value, fill, frozen_array
+from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.values import Floats, Ints, Value, fill, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
-MOST_LINES = 20  # identifying rows
 LARGEST = 1e6  # mm: of coordinates and radii
 SMALLEST = 1e-6  # mm: of radii
-MOST_SCALE_SIGMA = 0.1  # a plate less known than so is no target
+MOST_SCALE_SIGMA, MOST_DOT_SIGMA = 0.1, 10.0  # (mm) a plate less known than so is no target
+POINT = 1e-3  # mm: the radius of a corner, as good as none
 
 _TOLD = 10  # overlapping pairs, in a message
-_OFF_LINE = 0.1  # of the radius: a measured plate's dots lie on a line as well as it was printed
 
 
 @dataclass(frozen=True, eq=False)
 class Target(Value):
-    """Equal round dots in the plane z = 0 of the target frame.
+    """Equal round dots, or corners, in the plane z = 0 of the target frame.
 
-    dots    (n, 2) mm, their centres
-    radius  mm
-    lines   for each identifying row the numbers of its dots in order; the cross-ratios of its first four and its last
-            four dots differ, so that a row is recognised together with its direction (the paper, section 2.3.1)
-    bright  whether the dots are brighter than the plate
+    dots    (n, 2) mm, their centres; a part of them is a regular grid, and the others tell its turns apart
+    radius  mm; of corners `POINT`
+    bright  whether the dots are brighter than the plate; None: that is found out
+    board   "" or what OpenCV's boards are called (`target_from`): their x goes right as they are printed, their y down,
+            z into the board; y of other targets goes up, z out of the plate
     scale_sigma  standard deviation of the plate's true size over the stated one: how well the scale was measured
     dot_sigma    mm, standard deviation of a dot's x and of its y on the plate about the stated ones
 
@@ -39,75 +38,49 @@ class Target(Value):
     name: str
     dots: Floats
     radius: float
-    lines: tuple[tuple[int, ...], ...]
-    bright: bool = True
+    bright: bool | None = True
     scale_sigma: float = 0.0
     dot_sigma: float = 0.0
+    board: str = ""
 
     def __post_init__(self) -> None:
-        lines = tuple(tuple(int(i) for i in line) for line in self.lines)
-        fill(self, dots=frozen_array(self.dots), lines=lines)
+        fill(self, dots=frozen_array(self.dots))
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise unusable("target dots", "are not rows of two finite numbers", "give x and y in mm")
-        problems = self.problems_of(self.dots, self.radius, self.lines)
-        problems += wrong_deviations(self.scale_sigma, self.dot_sigma, self.radius)
-        if problems:
-            raise InputError(problems)
-
-    @staticmethod
-    def problems_of(dots: Floats, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
-        """What keeps finite dots (n, 2) from being a target."""
+        if not SMALLEST <= self.radius <= LARGEST:
+            raise unusable("target radius", f"is {self.radius:g}", f"give mm, from {SMALLEST:g} to {LARGEST:g}")
+        if not (far := np.abs(self.dots).max(axis=1, initial=0.0) <= LARGEST).all():
+            k = int(np.argmin(far))
+            what = "place dot {} at ({:g}, {:g}): no plate is so large".format(k, *self.dots[k])
+            raise unusable("target dots", what, f"give mm, at most {LARGEST:g}")
+        if len(self.dots) > MOST_DOTS:
+            raise unusable("target dots", f"are {len(self.dots):,}", f"give at most {MOST_DOTS}")
+        if self.board and len(Board.parsed(self.board).dots) != len(self.dots):
+            raise unusable("target board", f"{self.board} has not {len(self.dots)} dots", "give the board's, in order")
         out: list[Problem] = []
-        if not SMALLEST <= radius <= LARGEST:
-            return [Problem("target radius", f"is {radius:g}", f"give mm, from {SMALLEST:g} to {LARGEST:g}")]
-        if not (np.abs(dots) <= LARGEST).all():
-            k = int(np.argmax((np.abs(dots) > LARGEST).any(axis=1)))
-            what = "place dot {} at ({:g}, {:g}): no plate is so large".format(k, *dots[k])
-            return [Problem("target dots", what, f"give mm, at most {LARGEST:g}")]
-        if len(dots) > MOST_DOTS:
-            return [Problem("target dots", f"are {len(dots):,}", f"give at most {MOST_DOTS}")]
-        distances = np.linalg.norm(dots[:, None] - dots, axis=2) if len(dots) else np.zeros((0, 0))
-        for i, j in np.argwhere(np.triu(distances <= 2.0 * radius, 1))[:_TOLD].tolist():
+        distances = np.linalg.norm(self.dots[:, None] - self.dots, axis=2)
+        for i, j in np.argwhere(np.triu(distances <= 2.0 * self.radius, 1))[:_TOLD].tolist():
             apart = float(distances[i, j])
             what = f"{i} and {j} are {apart:g} mm apart and overlap" if apart else f"{i} and {j} are in the same place"
             out.append(Problem("target dots", what, "give each dot once, farther apart than its diameter"))
-        if len(lines) > MOST_LINES:
-            out.append(Problem("target lines", f"are {len(lines):,}", f"give at most {MOST_LINES}"))
-        for line in lines[:MOST_LINES]:
-            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(dots) for i in line):
-                out.append(
-                    Problem("target lines", f"{shown(line)} are not four or more of the dots", "number dots from 0")
-                )
-            elif not off_line(dots[list(line)]) <= _OFF_LINE * radius:
-                out.append(
-                    Problem("target lines", f"the dots {shown(line)} are not collinear", "correct their centres")
-                )
-        return out
+        if not 0.0 <= self.scale_sigma <= MOST_SCALE_SIGMA:
+            remedy = f"give a share from 0 to {MOST_SCALE_SIGMA:g}: 0.0001 is 0.03 mm of 300"
+            out.append(Problem("target scale_sigma", f"is {self.scale_sigma:g}", remedy))
+        if not 0.0 <= self.dot_sigma <= MOST_DOT_SIGMA:
+            what, remedy = f"is {self.dot_sigma:g}", f"give mm, from 0 to {MOST_DOT_SIGMA:g}"
+            out.append(Problem("target dot_sigma", what, remedy))
+        if out:
+            raise InputError(out)
+
+    @property
+    def printed(self) -> bool:
+        """Whether its points are corners of a board, not round dots."""
+        return self.board.startswith(("chessboard", "charuco", "grid"))
 
     @property
     def points(self) -> Floats:
         """The centres (n, 3) mm in the target frame."""
         return np.concatenate([self.dots, np.zeros((len(self.dots), 1))], axis=1)
-
-
-def wrong_deviations(scale_sigma: float, dot_sigma: float, radius: float) -> list[Problem]:
-    """What keeps two numbers from being deviations of a plate with dots of that radius (mm)."""
-    out = []
-    if not 0.0 <= scale_sigma <= MOST_SCALE_SIGMA:
-        remedy = f"give a share from 0 to {MOST_SCALE_SIGMA:g}: 0.0001 is 0.03 mm of 300"
-        out.append(Problem("target scale_sigma", f"is {scale_sigma:g}", remedy))
-    if not 0.0 <= dot_sigma <= radius:
-        out.append(Problem("target dot_sigma", f"is {dot_sigma:g}", "give mm, from 0 to the radius"))
-    return out
-
-
-def off_line(points: Floats) -> float:
-    """The largest distance of points (n, 2) to the line through the first and the last."""
-    along = points[-1] - points[0]
-    length = float(np.linalg.norm(along))
-    if not length > 0.0:
-        return np.inf
-    return float(np.abs((points - points[0]) @ np.array([-along[1], along[0]])).max()) / length
 
 
 def two_diagonals(
@@ -127,22 +100,16 @@ def two_diagonals(
     ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
     dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.reshape(grid, (-1, 2))])
-    rows = (tuple(range(len(up))), tuple(range(len(up), len(up) + len(down))))
-    return Target(name, dots, radius, tuple(row for row in rows if row), bright)
+    return Target(name, dots, radius, bright)
 
 
 def resized(target: Target, factor: float) -> Target:
-    """So many times as large: cross-ratios do not know sizes, so rows are told apart at so many times the errors."""
+    """So many times as large."""
     across = factor * float(np.ptp(target.dots, axis=0).max())
     name = f"asymmetric dots, {across:.4g} mm across"
     return replace(target, name=name, dots=factor * target.dots, radius=factor * target.radius)
 
 
-# The places of the rows' dots are those of a random search. A row is recognised by the cross-ratio of its first or its
-# last four dots (a signature). Dots found with errors of deviation sigma (mm) give log c the deviation
-# sigma |grad log c|, so that two fours are told apart at |log c_1 - log c_2| / (sigma sqrt(|grad|^2 + |grad|^2))
-# deviations. For this target that number times sigma is 2.0 mm at least, between a signature and every other four
-# neighbours, or nearly so, of a row or of a line of the grid.
 DELTALAB_TARGET = two_diagonals(
     "asymmetric dots 300 mm",
     (-187.0, -96.0, -75.0, -27.0, 43.0, 132.0, 152.0),
@@ -151,3 +118,76 @@ DELTALAB_TARGET = two_diagonals(
     pitch=25.0,
     radius=6.0,
 )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The boards that people have, as OpenCV numbers their points: row by row, left to right, from the upper left corner.
+
+TEXTS = (
+    "acircles:COLUMNSxROWS:PITCH:DIAMETER (asymmetric; PITCH of the rows), circles:COLUMNSxROWS:PITCH:DIAMETER"
+    ", chessboard:COLUMNSxROWS:PITCH (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY (squares), "
+    "grid:COLUMNSxROWS:MARKER:GAP:DICTIONARY (ArUco or AprilTag); dictionaries such as 4X4_50, APRILTAG_36h11"
+)
+_LENGTHS = {"acircles": 2, "circles": 2, "chessboard": 1, "charuco": 2, "grid": 2}
+
+
+@dataclass(frozen=True)
+class Board:
+    """What a short text says. `lengths` in mm: pitch and diameter; pitch; square and marker; or marker and gap."""
+
+    kind: str
+    columns: int
+    rows: int
+    lengths: tuple[float, ...]
+    dictionary: str
+
+    @classmethod
+    def parsed(cls, text: str) -> Board:
+        """Raises InputError."""
+        kind, _, rest = text.partition(":")
+        try:
+            size, *more = rest.split(":")
+            columns, rows = (int(part) for part in size.lower().split("x"))
+            lengths = tuple(float(part) for part in more[: _LENGTHS[kind]])
+            (dictionary,) = more[_LENGTHS[kind] :] or [""]
+        except (ValueError, KeyError):
+            raise unusable("target", f"is {text!r:.80}", f"give a target.toml or {TEXTS}") from None
+        named = bool(dictionary) == (kind in ("charuco", "grid"))
+        good = len(lengths) == _LENGTHS[kind] and all(0.0 < length <= LARGEST for length in lengths)
+        if not (named and good and min(columns, rows) >= 2 and columns * rows <= MOST_DOTS):
+            raise unusable("target", f"is {text!r:.80}", f"give mm and at most {MOST_DOTS} points: {TEXTS}")
+        return cls(kind, columns, rows, lengths, dictionary)
+
+    def nodes(self, columns: int, rows: int) -> Floats:
+        """Column and row (n, 2) of every place, row by row."""
+        return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(np.float64)
+
+    @property
+    def dots(self) -> Floats:
+        """(n, 2) mm; of a grid four corners of each marker, clockwise from its upper left one."""
+        nodes, first = self.nodes(self.columns, self.rows), self.lengths[0]
+        if self.kind == "acircles":
+            nodes[:, 0] = 2.0 * nodes[:, 0] + nodes[:, 1] % 2.0
+        elif self.kind == "charuco":
+            nodes = self.nodes(self.columns - 1, self.rows - 1) + 1.0
+        elif self.kind == "grid":
+            corners = first * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+            return (sum(self.lengths) * nodes[:, None] + corners).reshape(-1, 2)
+        return np.asarray(first * nodes)
+
+    def turns(self) -> list[Ints]:
+        """The numbers (n,) of the points of a chessboard that stand in the places of its points when it is turned and
+        looks the same."""
+        numbers, out = np.arange(self.columns * self.rows).reshape(self.rows, self.columns), []
+        for quarters in (1, 2, 3):
+            looks_so = self.columns == self.rows and self.columns % 2 == 0
+            if looks_so or (quarters == 2 and (self.columns + self.rows) % 2 == 0):
+                out.append(np.rot90(numbers, quarters).ravel())
+        return out
+
+
+def target_from(text: str) -> Target:
+    """The board of a short text, `TEXTS`. Raises InputError."""
+    board = Board.parsed(text)
+    round_dots = board.kind in ("acircles", "circles")
+    return Target(text, board.dots, 0.5 * board.lengths[1] if round_dots else POINT, None, board=text)

@@ -58,7 +58,7 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     written = sum(len(list((folder / part).glob("*.cert.jsonl"))) for part in ("fits", "run"))
     for text in (
-        "the stated reading uncertainty: refuted for leg 6.",
+        "the stated reading uncertainty? Refuted for leg 6.",
         "The paper's timeout method",
         f"accepted all {written} certificates",
         "report.html",

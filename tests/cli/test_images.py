@@ -151,7 +151,7 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
     said = refused(
         "image", "detect", shots / "images" / "validation", "-o", tmp_path / "new" / "poses.csv", *files, *joined
     )
-    for part in ("cpcal-target/1", "cpcal-camera/1", "readings.csv:2"):
+    for part in ("cpcal-target/2", "cpcal-camera/1", "readings.csv:2"):
         assert part in said
     assert not (tmp_path / "new").exists()
 

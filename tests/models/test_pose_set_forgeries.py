@@ -20,7 +20,7 @@ from cpcal.vision.target import DELTALAB_TARGET, Target
 from tests.changed import put
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])
-FEW = Target("few dots", DELTALAB_TARGET.dots[::8], 6.0, ())
+FEW = Target("few dots", DELTALAB_TARGET.dots[::8], 6.0)
 NAME = "e00-1"
 
 

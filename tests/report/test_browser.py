@@ -28,6 +28,7 @@ _MEASURE = """<!doctype html><meta charset="utf-8"><pre id="out"></pre><script>
 const found = {};
 function measure(frame) {
   const page = frame.contentDocument, root = page.documentElement, width = root.clientWidth;
+  const height = root.scrollHeight;
   page.querySelectorAll("details").forEach((d) => { d.open = true; });
   const shown = (e) => e.textContent.trim() || e.tagName;
   const wide = [...page.querySelectorAll("body *")]
@@ -57,7 +58,7 @@ function measure(frame) {
     }
   });
   const looks = getComputedStyle(page.body), texts = boxes.length, scroll = root.scrollWidth;
-  found[frame.id] = {width, scroll, wide, overlaps, cut, texts, ink: looks.color, paper: looks.backgroundColor};
+  found[frame.id] = {width, height, scroll, wide, overlaps, cut, texts, ink: looks.color, paper: looks.backgroundColor};
   document.getElementById("out").textContent = JSON.stringify(found);
 }
 </script>
@@ -169,12 +170,31 @@ def test_both_themes(folder, seen):
     assert min(light(day["paper"]) - light(day["ink"]), light(night["ink"]) - light(night["paper"])) > 0.7
 
 
-def test_a_study_prints_on_eight_sheets(folder):
-    paper = folder / "study.pdf"
-    chromium(folder, f"--print-to-pdf={paper}", (folder / "study.html").as_uri())
+@pytest.mark.nightly
+def test_a_run_of_six_failing_legs_is_short_on_a_desk_a_phone_and_paper(tmp_path):
+    campaign = cpcal.simulate(seed=78, joint_error=5.0)
+    result = cpcal.certify(campaign, tolerance=0.3, certificates=tmp_path / "run")
+    assert all(leg.bracket.lo > 0.3 for leg in result.legs)
+    (tmp_path / "page.html").write_text(render(campaign, result, run=tmp_path / "run"), encoding="utf-8")
+    frames = "".join(_FRAME.format("page", width, "page.html") for width in (390, 1400))
+    _, found = opened(tmp_path, _MEASURE + frames)
+    assert 3000 < found["page-1400"]["height"] <= 4000
+    assert 4000 < found["page-390"]["height"] <= 6000
+    assert found["page-390"]["scroll"] == 390
+    assert _sheets(tmp_path, "page") <= 4
+
+
+def _sheets(folder, name):
+    """On how many sheets of A4 a page is printed."""
+    paper = folder / f"{name}.pdf"
+    chromium(folder, f"--print-to-pdf={paper}", (folder / f"{name}.html").as_uri())
     content = paper.read_bytes()
     assert content.startswith(b"%PDF")
-    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 8
+    return len(re.findall(rb"/Type\s*/Page\b", content))
+
+
+def test_a_study_prints_on_eight_sheets(folder):
+    assert 3 <= _sheets(folder, "study") <= 8
 
 
 # ------------------------------------------------------------------------------------------------------------------

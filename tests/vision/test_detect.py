@@ -85,7 +85,7 @@ def test_pictures_show_what_was_found_and_why_not(folder, alone, tmp_path):
         opencv().imread(str(drawn / f"{name}.jpg")) for name in ("bad_noise.png", names[0].replace("/", "_"))
     )
     assert shown.shape == (768, 1024, 3)
-    assert (np.ptp(shown.astype(int), axis=2) > 60).sum() > 2000  # coloured rings; the image is grey
+    assert (np.ptp(shown.astype(int), axis=2) > 60).sum() > 1500  # coloured rings; the image is grey
     assert refused[-20:].mean() < 0.5 * refused[:400].mean()  # the reason's dark ground
     again = detect(ImageFolder(some), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=table, overlays=drawn)
     assert again.rows == first.rows

@@ -207,6 +207,6 @@ def test_a_target_as_large_as_allowed_and_none_larger(tmp_path):
     from cpcal.vision.target import MOST_DOTS, Target
 
     dots = np.stack([np.arange(MOST_DOTS + 1.0), np.zeros(MOST_DOTS + 1)], axis=1)
-    Target("long", dots[:-1], 0.1, ())
+    Target("long", dots[:-1], 0.1)
     with pytest.raises(InputError, match="are 501"):
-        Target("longer", dots, 0.1, ())
+        Target("longer", dots, 0.1)

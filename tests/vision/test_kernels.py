@@ -11,7 +11,7 @@ from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation
 from cpcal.vision.dots.segmentation import Spots, ellipses, gaps, noise_level
-from cpcal.vision.identify.views import View, pairs
+from cpcal.vision.identify import View, pairs
 from cpcal.vision.pose import Pixels, fit, fit_pose
 from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.render import Scene, render
@@ -93,7 +93,7 @@ def test_pairs_are_each_others_nearest():
     points, places = rng.random((60, 2)), rng.random((50, 2))
     places[3] = np.nan
     found = np.full(50, -1)
-    nearest, numbers = pairs(View(points, 1.0, 0.0, 0.0), places, 0.1)
+    nearest, numbers = pairs(View(points, 1.0, 0.0), places, 0.1)
     found[numbers] = nearest
     square = ((places[:, None] - points) ** 2).sum(axis=2)
     square[3] = np.inf

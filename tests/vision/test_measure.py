@@ -44,7 +44,7 @@ REASONS = {
     "half out, to the right": "not identified",
     "half out, below": "not identified",
     "mirrored": "mirror image",
-    "without its rows": "no two rows",
+    "without its rows": "ambiguous",
     "chessboard": "not identified",
     "a regular grid of dots": "not identified",
     "1 x 1": "1 x 1 pixels",

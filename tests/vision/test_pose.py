@@ -75,7 +75,7 @@ def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigm
     squares, without, p_values = [], [], []
     for k in range(80):
         shape = (1.0 + scale_sigma * rng.standard_normal()) * plate.dots + dot_sigma * rng.standard_normal((133, 2))
-        seen = predicted_centers(replace(plate, dots=shape, lines=()), DELTALAB_CAMERA, one(poses, k))
+        seen = predicted_centers(replace(plate, dots=shape), DELTALAB_CAMERA, one(poses, k))
         spread = 0.003**2 * np.tile(np.eye(2), (133, 1, 1))
         found = estimate_pose(seen + 0.003 * rng.standard_normal((133, 2)), spread, ALL, plate, DELTALAB_CAMERA)
         error = pose_error(one(poses, k), found)
@@ -163,7 +163,7 @@ def test_a_misfit_that_neighbours_share_is_not_averaged_out() -> None:
 
 def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
     """A small, distant target: its depths turned over look nearly the same. Nearer and sharper, only one fits."""
-    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2, DELTALAB_TARGET.lines)
+    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2)
     rng = np.random.default_rng(5)
     far = tilted(30.0, 20.0, 4000.0, 25.0)
     for _ in range(10):
@@ -178,7 +178,7 @@ def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
 
 def test_a_small_distant_target_gives_the_right_pose_or_none() -> None:
     """Between the two regimes: here a start from the homography alone is often the wrong one of the two."""
-    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2, DELTALAB_TARGET.lines)
+    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2)
     rng = np.random.default_rng(6)
     poses = facing_poses(rng, 60, depth=(2000.0, 2000.0))
     right = 0

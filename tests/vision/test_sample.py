@@ -67,7 +67,7 @@ def test_pictures_are_few_whatever_the_images(monkeypatch):
     """Refused ones first, one a reason, then the worst doubtful ones."""
     monkeypatch.setattr("cpcal.vision.batch.study_images.refusal", lambda *given: b"x" * 1000)
     monkeypatch.setattr("cpcal.vision.batch.study_images.overlay", lambda *given: b"x" * 200_000)
-    monkeypatch.setattr("cpcal.vision.batch.study_images.measure_pose", lambda *given: object())
+    monkeypatch.setattr("cpcal.vision.batch.study_images.measure_pose", lambda *given, **hints: object())
     monkeypatch.setattr("cpcal.vision.batch.study_images.residuals_of", lambda *given: Residuals.joined([]))
 
     class Grey:

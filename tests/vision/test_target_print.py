@@ -108,19 +108,18 @@ def test_settings_of_matplotlib_do_not_show():
 )
 def test_the_page_is_the_smallest_that_holds_the_target(extent, paper, size):
     corners = np.array([[0.0, 0.0], extent, [0.0, extent[1]]])
-    found = sheet(Target("t", corners, 2.0, ()))
+    found = sheet(Target("t", corners, 2.0))
     assert (found.paper, found.size) == (paper, pytest.approx(size))
 
 
 @pytest.mark.parametrize("paper", PAPERS)
 def test_a_target_made_for_a_paper_is_the_largest_that_fits_it(paper):
-    """Its rows are told apart as the default's are: cross-ratios do not know the size."""
     made = on_paper(DELTALAB_TARGET, paper)
     assert sheet(made, paper).paper == paper
     factor = made.radius / DELTALAB_TARGET.radius
     np.testing.assert_allclose(made.dots, factor * DELTALAB_TARGET.dots)
     more = (factor + 0.05) / factor
-    larger = Target("t", more * made.dots, more * made.radius, made.lines)
+    larger = Target("t", more * made.dots, more * made.radius)
     with pytest.raises(InputError, match=f"does not fit {paper}"):
         sheet(larger, paper)
 

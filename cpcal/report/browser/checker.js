@@ -209,8 +209,8 @@ class Leg {
     const {campaign: {rows, legs}, number} = this, v = rows[k], at = j => floatNumber(v[j]), cut = (from, to) => Array.from(v.subarray(from, to), floatNumber);
     return {P: cut(0, 3), q: cut(3, 7), L: at(6 + number), rho: [...cut(7 + legs, 10 + legs), ...cut(10 + legs, 13 + legs).map(half), at(12 + legs + number)]};
   }
-  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials; eased: the rows of `linear` on a box
-  parts(k, x, m, eases = false) {
+  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials; upper and lower: the rows of `linear`
+  parts(k, x, m) {
     const {P, q, L} = this.row(k), [w0, x0, y0, z0] = q.map(constant), [a1, a2, a3, s1, s2, s3, e] = m;
     const w = minus(w0, total([times(s1, x0), times(s2, y0), times(s3, z0)]));
     const X = plus(plus(x0, times(s1, w0)), minus(times(s2, z0), times(s3, y0)));
@@ -238,7 +238,7 @@ class Leg {
     const along = plus(times(kappa, length), turn), eased = times(kappa, eps);
     const found = {kappa, factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
     const rho = this.rho(k);
-    if (!eases || rho.every(v => v.m === 0n)) return found;
+    if (rho.every(v => v.m === 0n)) return found;
     // rows divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
     const norm = constant(q.reduce((sum, v) => add(sum, mul(v, v)), ZERO)), widest = rho.slice(3, 6).reduce((sum, v) => add(sum, mul(v, v)), ZERO);
     const over = end => plus(times(kappa, times(end, end)), twice(times(end, turn))), of = times(turn, turn);
@@ -295,8 +295,7 @@ class Stated {
 // ---- rows in u -----------------------------------------------------------------------------------------------------
 function rowInU(problem, [side, k, signs], box) {
   const x = box.lo.map((lo, i) => line1(half(add(lo, box.hi[i])), half(sub(box.hi[i], lo)), U(i)));
-  const wide = box.lo.some((v, i) => cmp(v, box.hi[i]));
-  return withoutReadings(side === "length" ? problem.lengthRow(k, x) : sideOf(problem, side, problem.parts(k, x, readingSet(problem, k, signs), wide), signs), signs);
+  return withoutReadings(side === "length" ? problem.lengthRow(k, x) : sideOf(problem, side, problem.parts(k, x, readingSet(problem, k, signs)), signs), signs);
 }
 const readingSet = (problem, k, signs, scale = ONE) => problem.rho(k).map(v => mul(v, scale)).map((rho, j) =>
   signs[j] === "0" ? line1(ZERO, rho, Y(j)) : signs[j] === "+" ? line1(rho, mul(rho, D(-2)), Y(j)) : line1(neg(rho), mul(rho, D(2)), Y(j)));

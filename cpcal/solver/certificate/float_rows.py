@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpcal.checker.leg import LegConstraint, eased, leg_formula
+from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, rotation_rows, signed, unknown
 from cpcal.checker.rule import ENDS, Box, Problem, Row, Rule, Unknowns
 from cpcal.common.values import Bools, Floats, Indices
@@ -68,7 +68,6 @@ class _Plan:
     none), the odd exponents as bits, whether its monomial is that reading `alone`, the one reading that it is `linear`
     in (-1: none), its number among `monomials` (-1: it has a reading)."""
 
-    reads: bool
     notes: Indices
     places: Indices
     fixed: Indices
@@ -91,10 +90,17 @@ class _Plan:
 
 
 def _given(legs: Sequence[LegConstraint]) -> Floats:
-    """(B, G) what their program takes: measurements, unknowns, readings."""
-    x = legs[0].x.numbers
-    floats = [value / (1 << x.power) for value in x.values]
-    return np.array([[*_measured(leg), *floats, *_reading(leg)] for leg in legs])
+    """(B, G) what their program takes: measurements, unknowns, and where readings begin and how far they go."""
+    x, uncertain = legs[0].x.numbers, legs[0].m.uncertain
+    m, widths = np.array([leg.m.given for leg in legs], np.float64), np.array([leg.m.radii for leg in legs], np.float64)
+    floats = np.broadcast_to([value / (1 << x.power) for value in x.values], (len(legs), len(x.values)))
+    parts = [m, m[:, 7:] - widths[:, 6:], floats]
+    if uncertain:
+        widths[:, 3:6] *= 0.5
+        ends = np.array([[ENDS[sign] for sign in leg.signs] for leg in legs])
+        parts += [ends[:, :, 0] * widths, ends[:, :, 1] * widths]
+        parts += [widths[:, 3:6]] if legs[0].model == "linear" else []
+    return np.concatenate(parts, axis=1)
 
 
 def _ends(legs: Sequence[LegConstraint]) -> Bools:
@@ -102,27 +108,13 @@ def _ends(legs: Sequence[LegConstraint]) -> Bools:
     return np.array([[leg.m.uncertain and sign != "0" for sign in leg.signs or "0" * READINGS] for leg in legs])
 
 
-def _measured(leg: LegConstraint) -> list[float]:
-    m = leg.m  # of one kind of numbers, so that the difference is rounded once
-    return [*map(float, m.given), float(m.given[-1] - m.radii[-1])]
-
-
-def _reading(leg: LegConstraint) -> list[float]:
-    """Of the set that the signs begin, each number exactly."""
-    if not leg.m.uncertain:
-        return []
-    widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
-    ends = [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
-    return ends + (widths[3:6] if eased(leg.model, leg.x.moves, True) else [])
-
-
 def _plan(leg: LegConstraint, side: str) -> _Plan:
-    return _planned(leg.model, leg.x.moves, leg.m.uncertain, side)
+    return _planned(leg.model, leg.m.uncertain, side)
 
 
 @lru_cache(maxsize=64)
-def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
-    formed = leg_formula(model, moves, reads, (side,))
+def _planned(model: str, reads: bool, side: str) -> _Plan:
+    formed = leg_formula(model, reads, (side,))
     program, (places,) = formed.program, formed.places
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
@@ -130,7 +122,6 @@ def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
     powers = [_exponents(m) for m in places]
     readings = [_exponents(m & of_readings) for m in places]
     return _Plan(
-        reads=reads,
         notes=np.array(program.notes, dtype=np.intp).reshape(-1, 3),
         places=np.array(list(places.values()), dtype=np.intp),
         fixed=np.array([*program.whole, *program.ones], dtype=np.intp),

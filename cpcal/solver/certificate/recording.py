@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from fractions import Fraction as F
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from cpcal.checker import Refused
 from cpcal.checker.certificate import check_lines, problem_of
 from cpcal.checker.files import WORK, Budget, Lines, leg_work
+from cpcal.checker.leg import POINT_WORK
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns
 from cpcal.common import errors
@@ -45,7 +45,6 @@ from cpcal.solver.search import Event, EventKind
 
 _LEGS = 6  # of a run, for whose legs a check has its budget
 _WORK_A_BYTE = 100  # of the steps; 18 to 60 were seen, the most with the leg model "linear" and uncertain readings
-_SAMPLE = 4  # measurements
 _NEAR = 2  # an estimate within this factor of the limit is not trusted
 
 
@@ -56,7 +55,8 @@ class UncheckableError(InputError):
 def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Mapping[str, Any]) -> None:
     """Raise UncheckableError where the checker would refuse these lines, which are for the file `where`."""
     most = WORK if problem.model is None else leg_work(_LEGS, problem.count)
-    needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims))
+    points = 0 if claims["point"] is None else problem.count
+    needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + 2 * POINT_WORK * points)
     if needed <= most and (problem.model is not None or problem.objective is None):
         return
     lines.seek(0)
@@ -73,20 +73,6 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
         if refused.code != "limit":
             remedy = "this is an error of ours, please report it; leave the certificate out"
         raise UncheckableError([errors.Problem(where, f"would be refused: {refused.reason}", remedy)]) from None
-
-
-def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
-    """About the work to show that the claimed point satisfies its measurements."""
-    point = claims["point"]
-    if point is None:
-        return 0
-    spent: list[int] = []
-    x = Unknowns(_point(point).box, spent.append)
-    holds = problem.chosen if point["holds"] == "all" else point["holds"]
-    sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
-    points = [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample]
-    problem.unproved(x, points, None if point["factor"] is None else F(float.fromhex(point["factor"])))
-    return sum(spent) * len(holds) // max(1, len(sample))
 
 
 _ROOM = "make room, or name another folder for temporary files by TMPDIR; what was found stays"

@@ -51,7 +51,7 @@ class Arithmetic:
         out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
         # in arrays of their own: loops are compiled for those that may be written
         given = [(x.lo.flatten(), x.hi.flatten()) for x in (operand.broadcast_to(shape) for operand in operands)]
-        in_arithmetic(self.name).elementwise(code, n, *given, out)
+        in_arithmetic(self.name).elementwise(np.int32(code), np.int32(n), *given, out)
         return IntervalArray(*out).reshape(shape)
 
     def sum(self, x: IntervalArray, axis: int) -> IntervalArray:

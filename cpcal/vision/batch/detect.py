@@ -6,6 +6,7 @@ done is kept in a journal as it comes; who writes a table sorts it.
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import math
@@ -34,6 +35,7 @@ from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
+from cpcal.vision.identify import SIDES
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.render import overlay, refusal
@@ -126,12 +128,12 @@ class Journal:
     rows: dict[str, tuple[str, Detection]] = field(default_factory=dict)
 
     @classmethod
-    def opened(cls, path: Path | None, target: Target, camera: CameraRecord) -> Journal:
+    def opened(cls, path: Path | None, target: Target, camera: CameraRecord, first_row: str | Pose = "") -> Journal:
         """The journal in `path`, begun anew unless it is of this target, camera and version; a line that is none, as a
         crash leaves it, is dropped. Raises InputError."""
         if path is None:
             return cls()
-        of = hashlib.sha256(target_bytes(target) + camera_bytes(camera)).hexdigest()
+        of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
         head = {"format": FORMAT, "version": __version__, "of": of}
         rows: dict[str, tuple[str, Detection]] = {}
         lines = [json.dumps(head)]
@@ -262,6 +264,7 @@ def detect(
     scheduler: str | None = None,
     progress: Progress | None = None,
     overlays: Path | None = None,
+    first_row: str | Pose = "",
 ) -> Detections:
     """The pose of the target in each image, or the reason why there is none: no image stops the others.
 
@@ -273,14 +276,15 @@ def detect(
     progress  called with the numbers of images done and of all
     overlays  folder for a picture NAME.jpg of each image, with what was found in it and what was not; an image without
               its picture is measured again
+    first_row how a target is turned that looks the same when it is (`measure_pose`)
 
     Ctrl-C leaves by a KeyboardInterrupt, with what is done in the journal. Raises MissingExtraError, LostWorkerError,
     InputError (the journal is no journal).
     """
     opencv()
     names = list(source.names)
-    with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance))) as kept:
-        work = _Work(source, target, camera, camera_covariance, overlays)
+    with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance), first_row)) as kept:
+        work = _Work(source, target, camera, camera_covariance, overlays, first_row)
         known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         done = {name: row for name, row in known.items() if work.pictured(name)}
         todo = [name for name in names if name not in done]
@@ -307,6 +311,7 @@ class _Work:
     camera: Camera
     camera_covariance: Floats | None
     overlays: Path | None
+    first_row: str | Pose
 
     def pictured(self, name: str) -> bool:
         """Whether there is nothing left to draw."""
@@ -337,7 +342,8 @@ class _Work:
         """The row of an image, and the pose to look for first in the next."""
         width = min(image.shape[1], _WIDEST)
         try:
-            found = measure_pose(image, self.target, self.camera, self.camera_covariance, near=near)
+            hints: dict[str, Any] = {"near": near, "first_row": self.first_row}
+            found = measure_pose(image, self.target, self.camera, self.camera_covariance, **hints)
         except NotMeasured as reason:
             if self.overlays is not None:
                 write_file(self._picture(self.overlays, name), refusal(image, str(reason), self.target.bright, width))
@@ -425,6 +431,19 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
         for d in sorted(detections, key=lambda d: d.file)
     )
     return csv_table(COLUMNS, rows, files=True)
+
+
+def hinted(text: str | None) -> str | Pose:
+    """What --first-row says (`turned`): a side, or the first pose in a poses.csv. Raises InputError."""
+    if text is None or text in SIDES:
+        return text or ""
+    try:
+        with Path(text).open(newline="", encoding="utf-8") as file:
+            row = next(row for row in csv.DictReader(file) if row["qw"])
+        return Pose(*(np.array([float(row[name]) for name in names.split()]) for names in ("x y z", "qw qx qy qz")))
+    except (OSError, ValueError, KeyError, StopIteration):
+        remedy = f"give one of {', '.join(SIDES)}, or a poses.csv with a pose"
+        raise unusable("option --first-row", f"is {text!r:.80}", remedy) from None
 
 
 def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:

@@ -200,6 +200,7 @@ def look_again(
     target: Target,
     camera: Camera,
     camera_covariance: Floats | None = None,
+    first_row: str | Pose = "",
 ) -> Sample:
     """A sample of what `detect` found with the same arguments. An image that cannot be read any more is left out."""
     pictures: list[SeenImage] = []
@@ -211,7 +212,7 @@ def look_again(
         nonlocal room
         try:
             image = source.read(row.file)
-            found = measure_pose(image, target, camera, camera_covariance) if row.found else None
+            found = measure_pose(image, target, camera, camera_covariance, first_row=first_row) if row.found else None
         except Exception:  # what was refused may be no image at all: its reason is in the table
             return False
         height, width = image.shape[:2]

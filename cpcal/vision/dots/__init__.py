@@ -1,5 +1,5 @@
 """Dots in an image: spots, blurred ellipses fitted to their edges, sub-pixel centres with covariance and quality."""
 
-from cpcal.vision.dots.observe import Dots, observe_dots, populations, refitted
+from cpcal.vision.dots.observe import Dots, nothing, observe_dots, populations, refitted
 
-__all__ = ["Dots", "observe_dots", "populations", "refitted"]
+__all__ = ["Dots", "nothing", "observe_dots", "populations", "refitted"]

@@ -293,6 +293,7 @@ _FINE = 0.018  # and the fine ones: what they leave is 1.5 % of the centre's dev
 _SMALL = 4.0  # pixels of radius: of a smaller dot no one can tell an ellipse from a blur that is wider one way
 _STEEPEST = 0.85  # growth of the light from a dot's centre to its edge: more of it is no light but half a dot
 _RIDGE, _LEAST = 1e-7, 1e-24  # of the normal matrix, relative to its diagonal; and the least diagonal
+_SOFT = 0.5  # of a spot's second moments: where a fit that failed begins again
 _EVEN = 0.1  # standard deviation of the parameters 8 and 9 before anything is seen: only motion makes them large
 
 
@@ -576,6 +577,10 @@ def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light
     or CUBIC each dot tells the light's growth, or also its cubic, itself. Where the fit fails the numbers are nan."""
     out, odd = np.full((len(center), RESULTS), np.nan), np.zeros((len(center), ODD, ODD + 3))
     fit_dots(grey, center, spread, room, light, used, out, odd)
+    if (failed := np.flatnonzero(np.isnan(out[:, 0]))).size:  # a soft dot's spot reaches beyond its edge
+        again, odd_again = out[failed], odd[failed]
+        fit_dots(grey, center[failed], _SOFT * spread[failed], room[failed], light[failed], used, again, odd_again)
+        out[failed], odd[failed] = again, odd_again
     conic, covariance = out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
     back, contrast, blur, noise, variance = out[:, [5, 6, 7, 11, 12]].T
     return Edges(out[:, :2], conic, covariance, back, contrast, blur, noise, variance, odd)

@@ -7,7 +7,8 @@ ellipse explains their grey levels), their size and their contrast, both compare
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_
 from cpcal.vision.dots.segmentation import (
     Grey,
     Spots,
+    Survey,
     eight_bits,
     gaps,
     grey_levels,
@@ -42,10 +44,10 @@ _BESIDE = 4.5  # pixels beyond the edge of a dark dot, at most
 _OUTLYING = 4.0  # robust standard deviations
 
 
-def light_growth(grey: Grey, found: Spots, gap: Floats) -> tuple[Floats, float]:
+def light_growth(grey: Grey, found: Spots, gap: Floats, dim: Floats | float = 0.0) -> tuple[Floats, float]:
     """By which share the light grows per pixel to the right and down at each dot, (n, 2), and the median of what a
     polynomial of the place leaves of the grey levels; nan and 0 where the dots are too few for one. `gap` (n,) pixels
-    lie between a dot and its neighbours.
+    lie between a dot and its neighbours; `dim` (n,) grey levels are what blur takes from the middle of a dot.
 
     The polynomial is fitted twice, the second time without outliers.
     """
@@ -53,7 +55,7 @@ def light_growth(grey: Grey, found: Spots, gap: Floats) -> tuple[Floats, float]:
     if not degrees:
         return np.full((len(found), 2), np.nan), 0.0
     degree, half = degrees[-1], 0.5 * np.array(grey.shape[::-1])
-    level, (x, y) = _levels(grey, found, gap), (found.center / half - 1.0).T
+    level, (x, y) = _levels(grey, found, gap) + dim, (found.center / half - 1.0).T
     i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)  # powers of x and y
     of_x, of_y = (np.vander(along, degree + 1, increasing=True) for along in (x, y))
     values = of_x[:, i] * of_y[:, j]
@@ -107,6 +109,7 @@ _ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light
 _BENT = 2.5  # so it is from here on, where it also leaves _LEFT of the noise of the levels; 0.3 is usual
 _LEFT = 1.2
 _IMPERFECT = 0.006  # of the contrast: what the model of an edge leaves out; pixels' places make it seem asymmetric
+_DIM = 1e-3  # of the contrast: a smaller difference in the middles of dots moves none by 2e-4 pixels
 _ENOUGH = 20  # dots that tell what is common to all
 
 
@@ -120,6 +123,13 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
     fitted = ~np.isnan(edges.noise)
     if not fitted.any():
         return edges
+    if found.bright:  # a blur reaches the middle of dots, and of small (distant) ones most: that is no light
+        square, wide = edges.axes.prod(axis=1), edges.blur**2
+        dim = edges.contrast * np.exp(-0.5 * square / wide) * (1.0 + (square / wide - 2.0) / (3.0 * wide))
+        if np.ptp(dim[fitted]) > _DIM * median(edges.contrast[fitted]):
+            light, left = light_growth(grey, found, gap, np.nan_to_num(dim))
+            edges = fitted_edges(grey, found.center, found.spread, room, light)
+            fitted = ~np.isnan(edges.noise)
     excess, noise = _excess(edges, 0), median(edges.noise[fitted])
     moved = median(np.where(excess.worth, excess.moves, 0.0)[fitted]) / _MEDIAN[2]
     if moved > _ALL_WRONG or (moved > _BENT and left > _LEFT * noise):
@@ -229,6 +239,8 @@ _MOVED = 0.35  # of the radius, from the segmentation's centre, at most
 _RATIO = 2.0  # of a dot's radius to the usual one, or its inverse
 _CONTRAST = 0.25  # of the usual one, at least
 _SMALLEST = 1.5  # pixels of radius
+_HALVINGS = 2  # of an image in which fewer than `_MOSTLY` of `_MANY` spots are dots
+_MOSTLY, _MANY = 0.8, 30
 _SLIMMEST = 0.25  # ratio of axes
 _SHARPEST = 0.12  # pixels of blur: a pixel's own square makes 0.29
 _NOISE = 8.0  # contrast that a dot's middle reaches at least, in standard deviations of the noise
@@ -252,6 +264,7 @@ class Dots:
     gap         (n,) pixels between them and the next spots
     light       (n, 2) the share per pixel by which the light of all spots grows
     strangers   whether there were spots that are none of these dots, and told of the light as well
+    halvings    how many times the image was halved before; spots, gap and light are of that image
     """
 
     centers: Floats
@@ -263,6 +276,7 @@ class Dots:
     gap: Floats
     light: Floats
     strangers: bool = True
+    halvings: int = 0
 
     def __post_init__(self) -> None:
         names = ("centers", "covariance", "quality", "axes", "gap", "light")
@@ -279,17 +293,29 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     an image without dots has none.
     """
     found = populations(image, bright=bright)
-    return max(found, key=lambda dots: float(dots.quality.sum()), default=_none(bool(bright)))
+    return max(found, key=lambda dots: float(dots.quality.sum()), default=nothing(bool(bright)))
 
 
 def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
     """The dots of an image of each kind and size that they may be of, the likelier first, one by one as they are asked
-    for. What they have in common cannot tell a target's dots from a background's specks; identification can."""
+    for. What they have in common cannot tell a target's dots from a background's specks; identification can. Where most
+    spots are no dots, the image may be softer than its pixels (a wide lens, a camera that smooths): it is halved."""
     grey = grey_levels(image)
-    eight = eight_bits(grey)
-    half = halved(eight)
-    for survey in surveys(eight, half, bright):
-        yield _observed(grey, spots(eight, half, survey), survey.radius)
+    for halvings in range(_HALVINGS + 1):
+        eight, expected, most = eight_bits(grey), 0, 0
+        half = halved(eight)
+        if bright is None:
+            both = itertools.chain(surveys(eight, half, True), surveys(eight, half, False))
+            looks: Iterable[Survey] = sorted(both, key=lambda survey: -survey.number)
+        else:
+            looks = surveys(eight, half, bright)
+        for survey in looks:
+            dots = _observed(grey, spots(eight, half, survey), survey.radius, halvings)
+            yield dots
+            expected, most = max(expected, survey.number), max(most, len(dots))
+        if most >= _MOSTLY * expected or expected < _MANY:
+            return
+        grey = halved(grey)
 
 
 def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
@@ -301,6 +327,8 @@ def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
     if len(members) == len(dots) and not dots.strangers:
         return dots
     grey, found, gap = grey_levels(image), dots.spots.kept(members), dots.gap[members]
+    for _ in range(dots.halvings):
+        grey = halved(grey)
     light, left = light_growth(grey, found, gap)
     change = np.abs(light - dots.light[members])
     if not len(members) or np.isnan(light).any() or (change < _SAME_LIGHT).all():
@@ -308,15 +336,15 @@ def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
     edges = fitted_under(grey, found, gap, light, left)
     fine = ~np.isnan(edges.noise)
     parts = {name: getattr(dots, name).copy() for name in ("centers", "covariance", "quality", "axes")}
-    for name, values in _measured(edges.kept(fine), noise_level(grey)).items():
+    for name, values in _measured(edges.kept(fine), noise_level(grey), dots.halvings).items():
         parts[name][members[fine]] = values
     return replace(dots, **parts)
 
 
-def _observed(grey: Grey, found: Spots, usual: float) -> Dots:
-    """The dots among spots, of about the `usual` radius."""
+def _observed(grey: Grey, found: Spots, usual: float, halvings: int) -> Dots:
+    """The dots among spots, of about the `usual` radius, in an image that was halved so many times."""
     if not len(found):
-        return _none(found.bright)
+        return nothing(found.bright)
     gap = gaps(found)
     light, left = light_growth(grey, found, gap)
     edges, noise = fitted_under(grey, found, gap, light, left), noise_level(grey)
@@ -324,21 +352,33 @@ def _observed(grey: Grey, found: Spots, usual: float) -> Dots:
     if len(keep):
         size, contrast = np.sqrt(edges.axes[keep].prod(axis=1)), np.abs(edges.contrast[keep])
         keep = keep[(size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * median(contrast))]
-    parts, strangers = _measured(edges.kept(keep), noise), len(keep) < len(found)
+    parts, strangers = _measured(edges.kept(keep), noise, halvings), len(keep) < len(found)
     return Dots(
-        **parts, bright=found.bright, spots=found.kept(keep), gap=gap[keep], light=light[keep], strangers=strangers
+        **parts,
+        bright=found.bright,
+        spots=found.kept(keep),
+        gap=gap[keep],
+        light=light[keep],
+        strangers=strangers,
+        halvings=halvings,
     )
 
 
-def _none(bright: bool) -> Dots:
+def nothing(bright: bool) -> Dots:
+    """No dots."""
     pairs, matrices, numbers = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0)
     return Dots(pairs, matrices, numbers, pairs, bright, Spots(pairs, matrices, bright), numbers, pairs)
 
 
-def _measured(edges: Edges, noise: float) -> dict[str, Floats]:
-    """What `Dots` say of fits in an image with so much noise (grey levels)."""
-    covariance = edges.covariance + FLOOR**2 * np.eye(2)
-    return {"centers": edges.center, "covariance": covariance, "quality": _quality(edges, noise), "axes": edges.axes}
+def _measured(edges: Edges, noise: float, halvings: int) -> dict[str, Floats]:
+    """What `Dots` say of fits in an image with so much noise (grey levels) that was halved so many times."""
+    unit = 2.0**halvings
+    return {
+        "centers": unit * edges.center + 0.5 * (unit - 1.0),
+        "covariance": unit**2 * (edges.covariance + FLOOR**2 * np.eye(2)),
+        "quality": _quality(edges, noise),
+        "axes": unit * edges.axes,
+    }
 
 
 def _quality(edges: Edges, noise: float) -> Floats:

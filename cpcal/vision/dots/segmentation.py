@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -166,13 +166,13 @@ def _ellipse(points: npt.NDArray[np.int32], first: int, last: int, center: Float
 
 
 Grey8 = npt.NDArray[np.uint8]
+Image = TypeVar("Image", bound=npt.NDArray[Any])
 
 _NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
 _NARROW = 31  # in the whole image, for small dots close together, where the first tells none apart
 _LARGE = 4_000_000  # pixels of an image whose half is looked at first
 _ENOUGH, _SMALL = 10, 3.5  # spots, and pixels of their radius, to do without the other
-_LIKELY = 0.4  # number of spots of one kind, relative to the other's, that makes it likely, too
 _NEIGHBOURHOOD = 6.0  # radii of a dot
 _NOISE = 5.0  # standard deviations of noise that a spot must stand out by
 _CONTRAST = 0.2  # of the usual contrast that it must stand out by
@@ -225,36 +225,24 @@ class Survey:
     contrast: float
 
 
-def surveys(image: Grey8, half: Grey8, bright: bool | None = None) -> Iterator[Survey]:
-    """First looks at an image's dots, the likelier first: of both kinds only where both are likely, and of each size
-    that many spots have, because specks of a background may outnumber the dots. None without spots. `half` is the
-    image at half its size; `bright` states the kind. Of a large image those of its half come first, where it shows
-    spots that are large enough for that."""
+def surveys(image: Grey8, half: Grey8, bright: bool) -> Iterator[Survey]:
+    """First looks at an image's bright or dark dots, the likelier first: of each size that many spots have, because
+    specks of a background may outnumber the dots. None without spots. `half` is the image at half its size. Of a large
+    image those of its half come first, where it shows spots that are large enough for that."""
     if image.size >= _LARGE:
         least = max(_NOISE * noise_level(image), _LEAST)
         for one in surveys(half, halved(half), bright):
             if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
                 yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
     if min(image.shape) >= _SMALLEST:
-        yield from _looked_at(image, half, bright)
-
-
-def _looked_at(image: Grey8, half: Grey8, bright: bool | None) -> list[Survey]:
-    cv2 = opencv()
-    least = max(_NOISE * noise_level(half), _LEAST)
-    kinds = (True, False) if bright is None else (bright,)
-    mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    inside = [_standing_out(_excess(half, mean, kind), least, kind) for kind in kinds]
-    looks = [_by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, some.bright)) for some in inside]
-    most = max(looks, key=_first_number)
-    if _first_number(most) < _ENOUGH or median(most[0].radius) < _SMALL:
-        least = max(_NOISE * noise_level(image), _LEAST)
-        near = _mean(image, half, _NARROW)
-        looks += [_by_size(_standing_out(_excess(image, near, kind), least, kind)) for kind in kinds]
-    best = [max(looks[k :: len(kinds)], key=_first_number) for k in range(len(kinds))]
-    best.sort(key=_first_number, reverse=True)
-    likely = [sizes for sizes in best if _first_number(sizes) > _LIKELY * _first_number(best[0])]
-    return [_survey(image, half, mean, found) for sizes in likely for found in sizes]
+        least, mean = max(_NOISE * noise_level(half), _LEAST), opencv().blur(half, (_WIDEST, _WIDEST))
+        some = _standing_out(_excess(half, mean, bright), least, bright)
+        sizes = _by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, bright))
+        if _first_number(sizes) < _ENOUGH or median(sizes[0].radius) < _SMALL:
+            least = max(_NOISE * noise_level(image), _LEAST)
+            near = _by_size(_standing_out(_excess(image, _mean(image, half, _NARROW), bright), least, bright))
+            sizes = max(sizes, near, key=_first_number)
+        yield from (_survey(image, half, mean, found) for found in sizes)
 
 
 def _first_number(sizes: list[Spots]) -> int:
@@ -298,11 +286,10 @@ def spots(image: Grey8, half: Grey8, survey: Survey) -> Spots:
     return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright, survey.radius)
 
 
-def halved(image: Grey8) -> Grey8:
-    """The image at half its size."""
-    cv2 = opencv()
-    size = max(image.shape[1] // 2, 1), max(image.shape[0] // 2, 1)
-    half: Grey8 = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+def halved(image: Image) -> Image:
+    """The image at half its size: the means of four pixels each, without an odd last row or column."""
+    height, width = (max(side // 2, 1) for side in image.shape)
+    half: Image = opencv().resize(image[: 2 * height, : 2 * width], (width, height), interpolation=opencv().INTER_AREA)
     return half
 
 

@@ -18,7 +18,6 @@ from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
 from cpcal.files.settings import (
-    KeyPath,
     TomlReader,
     array,
     document,
@@ -30,7 +29,7 @@ from cpcal.files.settings import (
 )
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
-from cpcal.vision.target import Target, wrong_deviations
+from cpcal.vision.target import Target, target_from
 
 if TYPE_CHECKING:
     from yaml import Node
@@ -173,13 +172,14 @@ def _record(reader: TomlReader) -> CameraRecord | None:
 # ------------------------------------------------------------------------------------------------------------------
 # The target.
 
-TARGET_FORMAT = "cpcal-target/1"
-
-_MEASURED = ("scale", "scale_sigma", "dot_sigma")  # of the plate as it was printed
+TARGET_FORMAT = "cpcal-target/2"
 
 
 def load_target(path: str | os.PathLike[str]) -> Target:
-    """The target in the file `path`. Raises one InputError that lists every problem of the file."""
+    """The target in the file `path`, or the board of a short text (`cpcal.vision.target.TEXTS`). Raises one InputError
+    that lists every problem."""
+    if ":" in str(path) and Path(path).suffix != ".toml":
+        return target_from(str(path))
     return _loaded(path, TARGET_FORMAT, ("target",), _target)
 
 
@@ -190,53 +190,29 @@ def save_target(target: Target, path: str | os.PathLike[str], provenance: dict[s
 
 def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> bytes:
     """The canonical target.toml; floats by repr, so that they are read back bit for bit."""
-    keys = ("name", "bright", "radius", "scale_sigma", "dot_sigma", "lines", "dots")
-    stated = {key: getattr(target, key) or None for key in keys[3:5]}  # 0: nothing is stated
-    return document(TARGET_FORMAT, {"target": {key: getattr(target, key) for key in keys} | stated}, provenance or {})
+    stated = {key: getattr(target, key) or None for key in ("scale_sigma", "dot_sigma", "board")}  # 0: nothing is said
+    keys = {key: getattr(target, key) for key in ("name", "bright", "radius", "dots")}
+    return document(TARGET_FORMAT, {"target": keys | stated}, provenance or {})
 
 
 def _target(reader: TomlReader) -> Target | None:
     reader.provenance()
-    keys = {
-        "name": text,
-        "bright": truth,
-        "radius": positive("mm"),
-        "lines": _lines,
-        "dots": array((None, 2), "x and y in mm"),
-    }
-    measured = [positive("true millimetres by stated ones"), *[array((), signed=False)] * 2]
-    found = reader.section("target", keys, dict(zip(_MEASURED, measured, strict=True)))
-    if found is None:
+    keys = {"name": text, "radius": positive("mm"), "dots": array((None, 2), "x and y in mm")}
+    shares = dict.fromkeys(("scale_sigma", "dot_sigma"), array((), signed=False))
+    more = {"bright": truth, "board": text, "scale": positive("true millimetres by stated ones"), **shares}
+    found = reader.section("target", keys, more)
+    if found is None or reader.problems.listed:
         return None
-    scale, lines, count = found.pop("scale", 1.0), found["lines"], len(found["dots"])
-    found |= {"dots": scale * found["dots"], "radius": scale * found["radius"]}
-    for i, row in enumerate(lines):
-        for number in row:
-            if not 0 <= number < count:
-                what = f"row {i} of lines names the dot {number}, which is not there"
-                reader.wrong(("target", "lines"), what, f"dots are numbered from 0 to {count - 1}")
-    if reader.problems.listed:
+    scale = found.pop("scale", 1.0)
+    found |= {"dots": scale * found["dots"], "radius": scale * found["radius"], "bright": found.get("bright")}
+    try:
+        return Target(**found)
+    except InputError as error:
+        for problem in error.problems:
+            key = problem.where.rpartition(" ")[2]  # radius, dots, ...
+            what = problem.what if problem.what.startswith("(") else f"{key} {problem.what}"
+            reader.wrong(("target", "board" if key == "target" else key), what, problem.remedy)
         return None
-    radius = found["radius"]
-    of_scale, of_dots = (found.get(key, 0.0) for key in _MEASURED[1:])
-    wrong = Target.problems_of(found["dots"], radius, lines) or wrong_deviations(of_scale, of_dots, radius)
-    for problem in wrong:
-        key = problem.where.rpartition(" ")[2]  # radius, dots or lines
-        what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
-        reader.wrong(("target", key), what, problem.remedy)
-    return None if reader.problems.listed else Target(**found)
-
-
-def _lines(reader: TomlReader, path: KeyPath, value: object) -> tuple[tuple[int, ...], ...]:
-    """Rows of whole numbers."""
-    if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
-        reader.wrong(path, "lines is not a list of rows", "write lines = [[0, 1, 2, 3], ...], numbers of dots from 0")
-        return ()
-    for i, row in enumerate(value):
-        for number in row:
-            if isinstance(number, bool) or not isinstance(number, int):
-                reader.wrong(path, f"row {i} of lines holds {shown(number)}", "give whole numbers, dots from 0")
-    return tuple(tuple(row) for row in value)
 
 
 # ------------------------------------------------------------------------------------------------------------------

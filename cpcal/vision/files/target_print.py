@@ -21,7 +21,8 @@ from matplotlib.patches import Circle, Rectangle
 from cpcal.common.errors import unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
-from cpcal.vision.target import Target, resized
+from cpcal.vision.opencv import marker_dictionary, opencv
+from cpcal.vision.target import Board, Target, resized
 
 _SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}
 _PAPERS = {**_SIZES, "letter": (215.9, 279.4)}  # mm
@@ -62,7 +63,7 @@ class Sheet:
     bar: tuple[float, float]
 
     def placed(self, dots: Floats) -> Floats:
-        """Dots (n, 2) mm on the page."""
+        """Places (n, 2) mm, y up, on the page."""
         return np.asarray(np.array(self.origin) + dots * np.array([1.0, -1.0]))
 
 
@@ -73,9 +74,24 @@ def on_paper(target: Target, paper: str) -> Target:
 
 
 def _plate(target: Target) -> tuple[Floats, Floats]:
-    """The corners of the ground, mm in the target's frame: a detector needs some all around a dot."""
+    """The corners of the ground, mm, y up: a detector needs some all around what is printed."""
     margin = target.radius + max(2.0 * target.radius, 5.0)
-    return target.dots.min(axis=0) - margin, target.dots.max(axis=0) + margin
+    squares = _squares(target)
+    every = np.concatenate([_upward(target, target.dots), squares[:, :2], squares[:, :2] + squares[:, 2:]])
+    return every.min(axis=0) - margin, every.max(axis=0) + margin
+
+
+def _upward(target: Target, places: Floats) -> Floats:
+    """Places (n, 2) with y up, as on paper: of OpenCV's boards it goes down."""
+    return np.asarray(places * np.array([1.0, -1.0 if target.board else 1.0]))
+
+
+def _squares(target: Target) -> Floats:
+    """x, y (up) of the lower left corner and side (m, 3) of what is black, beside dots."""
+    if not target.printed:
+        return np.zeros((0, 3))
+    squares = dark_squares(Board.parsed(target.board))
+    return np.column_stack([_upward(target, squares[:, :2]) - [0.0, 1.0] * squares[:, 2:], squares[:, 2]])
 
 
 def _sheet_for(target: Target, papers: Iterable[str]) -> tuple[str, tuple[float, float]]:
@@ -137,7 +153,10 @@ def _draw(axes: Axes, target: Target, on: Sheet) -> None:
     ground, ink = ("black", "white") if target.bright else ("white", "black")
     left, top, width, height = on.plate
     axes.add_patch(Rectangle((left, top), width, height, facecolor=ground, linewidth=0.0))
-    for u, v in on.placed(target.dots).tolist():
+    squares = _squares(target)
+    for (u, v), side in zip(on.placed(squares[:, :2]).tolist(), squares[:, 2].tolist(), strict=True):
+        axes.add_patch(Rectangle((u, v - side), side, side, facecolor=ink, linewidth=0.0))
+    for u, v in on.placed(_upward(target, target.dots)).tolist() if not target.printed else ():
         axes.add_patch(Circle((u, v), target.radius, facecolor=ink, linewidth=0.0))
     x, y = on.bar
     thin: dict[str, Any] = {"color": "black", "linewidth": 0.2 * _POINTS_PER_MM, "solid_capstyle": "butt"}
@@ -156,8 +175,37 @@ def _draw(axes: Axes, target: Target, on: Sheet) -> None:
 
 def _caption(target: Target) -> str:
     size = np.format_float_positional(round(2.0 * target.radius, 6), trim="-")
-    return f"{_title(target)}: {len(target.dots)} dots of {size} mm; the bar is {_BAR:g} mm: print at 100 %"
+    what = f"{len(target.dots)} " + ("corners" if target.printed else f"dots of {size} mm")
+    return f"{_title(target)}: {what}; the bar is {_BAR:g} mm: print at 100 %"
 
 
 def _title(target: Target) -> str:
     return "".join(c if c.isprintable() else " " for c in target.name)
+
+
+def dark_squares(board: Board) -> Floats:
+    """What is black on a printed board: x, y of the upper left corner and side (m, 3), mm; none of a circle grid."""
+    nodes, side = board.nodes(board.columns, board.rows), board.lengths[0]
+    if board.kind == "grid":
+        return _markers(board, sum(board.lengths) * nodes, side)
+    if board.kind == "charuco":
+        dark, inner = nodes.sum(axis=1) % 2.0 == 0.0, board.lengths[1]
+        markers = _markers(board, side * nodes[~dark] + 0.5 * (side - inner), inner)
+        return np.concatenate([np.column_stack([side * nodes[dark], np.full(dark.sum(), side)]), markers])
+    if board.kind == "chessboard":
+        nodes = board.nodes(board.columns + 1, board.rows + 1)
+        nodes = nodes[nodes.sum(axis=1) % 2.0 == 1.0] - 1.0
+        return np.column_stack([side * nodes, np.full(len(nodes), side)])
+    return np.zeros((0, 3))
+
+
+def _markers(board: Board, corners: Floats, side: float) -> Floats:
+    """The dark bits of the first markers of a dictionary, at their upper left corners (n, 2)."""
+    dictionary, out = marker_dictionary(board.dictionary), []
+    count = dictionary.markerSize + 2  # a border of one bit all around
+    for number, corner in enumerate(corners):
+        bits = opencv().aruco.generateImageMarker(dictionary, number, count)
+        rows, columns = np.nonzero(bits == 0)
+        places = corner + side / count * np.column_stack([columns, rows])
+        out.append(np.column_stack([places, np.full(len(places), side / count)]))
+    return np.concatenate(out)

@@ -105,7 +105,7 @@ def test_a_step_of_two_certificates_costs_once(
 
 def test_the_linear_model_with_reading_sets_is_no_more_work_than_its_terms_need() -> None:
     """A row has 5,837; each was once formed, changed in sign, and added, which took 19,586 multiplications."""
-    assert leg_formula("linear", True, 2, ("upper",)).formula.notes < 13_500
+    assert leg_formula("linear", True, ("upper",)).formula.notes < 13_500
 
 
 def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,12 +46,12 @@ EXAMPLES = int(os.environ.get("CPCAL_EXAMPLES", "25"))  # of a model, in each pr
 def unsettled(one: LegConstraint, side: str) -> Polynomial:
     """The row with its readings, from what its program computes."""
     names = (side,) if side == "upper" or one.sure else (side, "at_least", "factor")
-    formula = leg_formula(one.model, one.x.moves, one.m.uncertain, names)
-    ((values, units),) = formed([one], names)
+    formula = leg_formula(one.model, one.m.uncertain, names)
+    ((values, unit),) = formed([one], names)
     left = iter(values)
     row, *others = (
-        Polynomial(dict(zip(places, left)), -(units[0] * p + units[1] * q), free)  # noqa: B905 - the rest is the others'
-        for places, (p, q) in zip(formula.places, formula.degrees, strict=True)
+        Polynomial(dict(zip(places, left)), -unit * degree, free)  # noqa: B905 - the rest is the others'
+        for places, degree in zip(formula.places, formula.degrees, strict=True)
     )
     mask = signed(len(one.x), one.signs)
     return row - constant(beyond(others[0], others[1], mask), free) if others else row

@@ -1,0 +1,632 @@
+"""Which found dot is which dot of the target.
+
+A target has a regular part. Dots are numbered along such a lattice, which grows from one dot and its neighbours over
+all of them, on the target and in the image; the target is laid onto the found dots in every way that takes lattice to
+lattice (turns, shears, reflections, shifts), and in the way that makes the fewest errors. What is accepted has passed
+five tests:
+
+- chance: were the found dots strewn at random, each predicted dot would be hit with a probability p (the share of the
+  area near found dots). The expected number of hypotheses as good by accident, hypotheses tried times the binomial tail
+  P(hits or more of those predicted in view, beyond the dots that made the hypothesis), must be below 1e-9;
+- shares: at least half of the dots predicted in view are found, and at least half of the found ones are explained;
+- rivals: call each dot missing in view and each found dot unexplained an error. Every other way to lay the target onto
+  the found dots by one of its near-symmetries must make four errors more. If errors come
+  singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
+  makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
+  2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong; where
+  only a part of it is in view, d must be 17 at least among the dots in view, which says the same (or as much as d is on
+  the whole target, where that is less);
+- alone: the dots that are left must not show the target once more, or mirrored;
+- orientation: a camera never sees a target mirrored. Mirrored near-symmetries are rivals like all others, but for
+  those of a target that is its own mirror image: of these nothing tells a photograph from its mirror image.
+
+A target that is its own image when it is turned is identified only with a hint (`turned`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+from scipy.special import bdtrc
+
+from cpcal.common.errors import CpcalError
+from cpcal.common.values import Bools, Floats, Ints
+from cpcal.robot import Pose, transformed
+from cpcal.solver.compiled import compiled
+from cpcal.vision.camera import Camera
+from cpcal.vision.projection import fitted, mapped, median
+from cpcal.vision.target import Board, Target
+
+# ------------------------------------------------------------------------------------------------------------------
+# Found dots as a pinhole camera without distortion would see them, exactly or by guesses of the distortion.
+
+_EXACT = 0.015  # of the spacing: how far a dot may be off when the camera is known
+_GUESSED = 0.06  # the same when the distortion is guessed
+_BENDS = (0.0, 0.03, 0.06, 0.09, 0.12, -0.03, 0.15, 0.18, -0.06, 0.22, 0.26, 0.3, -0.1)  # radial, at half the diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Points (n, 2) in which straight lines are straight; y still points down.
+
+    spacing    median distance between nearest neighbours; the unit of `reach` is that of the points
+    reach      how far a dot may be off its predicted place
+    camera     when known
+    bounds     without a camera: the lower and the upper corner of the image; left out: of the points
+    """
+
+    points: Floats
+    spacing: float
+    reach: float
+    camera: Camera | None = None
+    bounds: tuple[Floats, Floats] | None = None
+
+    def in_view(self, predicted: Floats, margin: Floats) -> Bools:
+        """Which predicted points (..., 2) would be seen whole, `margin` (...) their radius."""
+        if self.camera is None:
+            low, high = self.bounds or (self.points.min(axis=0), self.points.max(axis=0))
+            edge = 2.0 * margin[..., None] if self.bounds else 0.0
+            return np.asarray(((predicted >= low + edge) & (predicted <= high - edge)).all(axis=-1))
+        low, high = _seen_rectangle(self.camera)
+        inside: Bools = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
+        pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
+        edge = (2.0 * margin * self.camera.focal.max())[..., None]  # whole, and some plate around it
+        size = np.array([self.camera.width, self.camera.height])
+        return np.asarray(inside & ((pixels >= edge - 0.5) & (pixels <= size - 0.5 - edge)).all(axis=-1))
+
+
+@lru_cache(maxsize=8)
+def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
+    """The rectangle around all directions that the image shows."""
+    x, y = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
+    border = [np.stack([x, np.full(9, end)], axis=1) for end in (y[0], y[-1])]
+    border += [np.stack([np.full(9, end), y], axis=1) for end in (x[0], x[-1])]
+    rays = camera.normalised(np.concatenate(border))
+    return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
+
+
+def view_of(camera: Camera, pixels: Floats) -> View:
+    """The directions of pixels (n, 2); one that the camera cannot show stays nan."""
+    rays = camera.normalised(pixels)
+    spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
+    return View(rays, spacing, _EXACT * spacing, camera)
+
+
+def _guesses(pixels: Floats, size: tuple[int, int] | None) -> Iterator[View]:
+    """Pixels (n, 2) freed from a guessed radial distortion about the middle of the image (or of the dots)."""
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    middle = 0.5 * (low + high) if size is None else 0.5 * (np.array(size, dtype=np.float64) - 1.0)
+    radius = float(np.linalg.norm(np.maximum(high - middle, middle - low)))
+    arm = pixels - middle
+    for bend in _BENDS:
+        points = middle + arm * (1.0 + bend / max(radius, 1.0) ** 2 * (arm * arm).sum(axis=1, keepdims=True))
+        spacing, side = _spacing(points), (1.0 + min(bend, 0.0)) * middle  # where borders bend inwards, less is sure
+        yield View(points, spacing, _GUESSED * spacing, bounds=None if size is None else (middle - side, middle + side))
+
+
+def _spacing(points: Floats) -> float:
+    return median(np.asarray(cKDTree(points).query(points, 2)[0])[:, 1]) if len(points) > 1 else 0.0
+
+
+def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
+    """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
+    nearest = np.empty(len(predicted), dtype=np.int64)
+    mutually_nearest(view.points, predicted, reach, nearest)
+    numbers = np.flatnonzero(nearest >= 0)
+    return nearest[numbers], numbers
+
+
+@compiled
+def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) -> None:
+    """For each of the places (n, 2) which of the points (m, 2) is nearest, if it is no further than `reach` and no
+    other place is nearer to that point; -1 where none is. A place that is nan has none. (Asked some times an image.)"""
+    closest, owner = np.full(len(points), np.inf), np.full(len(points), -1)
+    for i in range(len(places)):
+        out[i], least = -1, np.inf
+        for k in range(len(points)):
+            dx, dy = points[k, 0] - places[i, 0], points[k, 1] - places[i, 1]
+            square = dx * dx + dy * dy
+            if square < least:
+                out[i], least = k, square
+            if square < closest[k]:
+                closest[k], owner[k] = square, i
+        if not least <= reach * reach:
+            out[i] = -1
+    for i in range(len(places)):
+        if out[i] >= 0 and owner[out[i]] != i:
+            out[i] = -1
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Lattices: dots numbered along the two shortest steps of a regular grid, whatever it is seen from.
+
+_NEIGHBOURS, _TRIED = 8, 5  # of a dot, and those that may be a step away
+_SYMMETRIC = 0.3  # of a step: how far two neighbours may be from opposite places
+_CROOKED = 0.9  # cosine between the two steps, at most
+_ANCHORS = 12  # dots that a lattice grows from, in turn
+_RINGS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)  # steps from there, in which dots are numbered in turn
+_OFF = 0.25  # of a step: how far from its place a dot is numbered, meanwhile
+_SHARE, _PART = 0.5, 0.35  # of the dots that a way to lay the target must explain; and a lattice
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """nodes (k, 2) whole numbers of some dots; homography (3, 3) from there to the dots' places; members (k,) which."""
+
+    nodes: Ints
+    homography: Floats
+    members: Ints
+
+
+def lattices(points: Floats, off: float = _OFF) -> Iterator[Lattice]:
+    """Lattices that explain a third of the points (n, 2) at least, to within `off` steps, from the most regular places
+    first."""
+    count = min(_NEIGHBOURS + 1, len(points))
+    near = np.asarray(cKDTree(points).query(points, count)[1])[:, 1:]
+    arms = points[near] - points[:, None]
+    length = np.hypot(*np.moveaxis(arms, -1, 0))
+    apart = np.linalg.norm(arms[:, :, None] + arms[:, None], axis=3) / np.maximum(length, 1e-300)[:, :, None]
+    apart[:, *np.tril_indices(count - 1)] = np.inf
+    opposite, best = apart.argmin(axis=2), apart.min(axis=2)  # of each arm the one that is most nearly opposite
+    anchors, taken = np.argsort(np.sort(best, axis=1)[:, 1]), np.zeros(len(points), dtype=bool)
+    for _ in range(min(_ANCHORS, len(points))):
+        first = int(taken[anchors].argmin())  # none that a lattice has, as long as there are others
+        anchor, anchors = anchors[first], np.delete(anchors, first)
+        even = best[anchor] < _SYMMETRIC
+        steps = np.where(even[:, None], 0.5 * (arms[anchor] - arms[anchor, opposite[anchor]]), arms[anchor])
+        both = itertools.combinations(range(min(_TRIED, count - 1)), 2)
+        for one, other in sorted(both, key=lambda k: -even[[*k]].sum()):
+            if abs(steps[one] @ steps[other]) < _CROOKED * length[anchor, one] * length[anchor, other]:
+                found = _grown_lattice(points, np.column_stack([steps[one], steps[other], points[anchor]]), off)
+                if found is not None:
+                    taken[found.members] = True
+                    yield found
+                    break
+
+
+def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | None:
+    """What begins with two steps from a place, (2, 3), over more and more of the points."""
+    homography, nodes = np.concatenate([columns, [[0.0, 0.0, 1.0]]]), np.zeros((0, 2))
+    on = np.zeros(len(points), dtype=bool)
+    for ring in _RINGS:
+        with np.errstate(all="ignore"):
+            at = mapped(np.linalg.inv(homography), points)
+            every = np.rint(at)
+            inside = np.abs(at).max(axis=1) < ring + 0.5
+            near = inside & (np.abs(at - every).max(axis=1) < off)
+        if near.sum() < max(5, _SHARE * inside.sum()):
+            break  # something else begins: another plate, a background
+        on, nodes, places = near, every[near], points[near]
+        if ring == 1:
+            homography[:2] = np.linalg.lstsq(np.column_stack([nodes, np.ones(len(nodes))]), places, rcond=None)[0].T
+        else:
+            homography = fitted(nodes, places)
+        if not np.isfinite(homography).all() or abs(np.linalg.det(homography)) < 1e-30:
+            return None
+        if inside.all():
+            break
+    if len(nodes) < max(9, _PART * len(points)):
+        return None
+    return Lattice(nodes.astype(np.int64), homography, np.flatnonzero(on))
+
+
+_TURNS = np.array([m for m in itertools.product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1])
+_TURNS = _TURNS[np.argsort(np.abs(_TURNS).sum(axis=1), kind="stable")].reshape(
+    -1, 2, 2
+)  # plain ones first: lattices onto themselves, but for shifts: of all shears those by one step
+_PLAIN = 0.8  # of the nodes: what a plain turn meets where there is no shear
+_SHIFTS = 4  # of each, at most
+
+
+def ways(some: Ints, others: Ints) -> tuple[Ints, Ints]:
+    """Of all (m, 3, 3) that take nodes (n, 2) to others (k, 2) those that meet the most, for each turn and shear; and
+    how many they meet (m,)."""
+    wide = 2 * int(np.abs(some).sum(axis=1).max() + np.abs(others).max()) + 1  # a shift's x and y in one number
+    maps: list[list[list[int]]] = []
+    counts: list[int] = []
+    seen = others @ [wide, 1]
+    for k, turn in enumerate(_TURNS):
+        if k == 8 and some is not others and max(counts) >= _PLAIN * min(len(some), len(others)):
+            break  # no shear is needed
+        shifts = np.subtract.outer(seen, some @ turn.T @ [wide, 1]).ravel()
+        met = np.bincount(shifts - shifts.min())
+        for best in np.argpartition(-met, min(_SHIFTS, len(met) - 1))[:_SHIFTS].tolist():
+            x = (best + int(shifts.min()) + wide // 2) // wide
+            y = best + int(shifts.min()) - x * wide
+            maps.append([[*turn[0], x], [*turn[1], y], [0, 0, 1]])
+            counts.append(int(met[best]))
+    return np.array(maps), np.array(counts)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Ways to lay a target onto itself so that many dots cover dots: what an identification may be mistaken for.
+
+_TOLERANCE = 0.25  # of the radius
+_REGULAR = 0.03  # of a step: how far a dot may be off the grid
+
+
+@dataclass(frozen=True, eq=False)
+class SelfMaps:
+    """Affine maps S, other than the identity, best first.
+
+    matrix (m, 3, 3); image (m, n): the dot that S lays dot i on, or -1; mirrored (m,); exact (m,) whether S lays all
+    dots onto dots
+    places (m, n, 2) mm: what S lays on dot i, S^-1 of its place: where the dots are if the target is mistaken so
+    """
+
+    matrix: Floats
+    image: Ints
+    mirrored: Bools
+    exact: Bools
+    places: Floats
+
+
+@lru_cache(maxsize=8)
+def grid_of(target: Target) -> Lattice | None:
+    """The lattice of a target's regular part, if it has one."""
+    return max(lattices(target.dots, _REGULAR), key=lambda found: len(found.nodes), default=None)
+
+
+@lru_cache(maxsize=8)
+def self_maps(target: Target) -> SelfMaps:
+    """The maps of its lattice onto itself that lay at least half of the dots onto dots."""
+    dots, grid = target.dots, grid_of(target)
+    assert grid is not None  # nothing was identified without one
+    maps, counts = ways(grid.nodes, grid.nodes)
+    matrix = grid.homography @ maps[counts >= 0.4 * len(grid.nodes)] @ np.linalg.inv(grid.homography)
+    matrix /= matrix[:, 2:, 2:]
+    away, nearest = cKDTree(dots).query(mapped(matrix, dots), distance_upper_bound=_TOLERANCE * target.radius)
+    image = np.where(np.isfinite(away), nearest, -1)
+    share, identity = (image >= 0).mean(axis=1), (image == np.arange(len(dots))).mean(axis=1) > 0.5
+    keep = np.flatnonzero((share >= _SHARE) & ~identity)
+    keep = keep[np.argsort(-share[keep], kind="stable")]
+    matrix, image = matrix[keep], image[keep]
+    mirrored, exact = (np.asarray(test) for test in (np.linalg.det(matrix) < 0.0, (image >= 0).all(axis=1)))
+    return SelfMaps(matrix, image, mirrored, exact, mapped(np.linalg.inv(matrix), dots))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# From a lattice to a homography that explains the dots, and what rivals it has.
+
+_NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
+_STRAYED = 0.3  # of the spacing: how far dots may be from where the image before has them
+_BEYOND = 8  # dots that make a hypothesis and so do not speak for it
+_LATTICES = 6  # of the found dots, at most
+_LAID, _COMPARED, _FOLLOWED = 16, 4, 2  # ways to lay the target that meet the most nodes; the most dots; and the best
+_ROUGH = 0.1  # of the spacing: how far dots may be off for that
+TRIED = _LATTICES * len(_TURNS) * 1000  # hypotheses, at most: for what chance alone would explain
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A homography (target mm to points of the view) with the pairs that it explains.
+
+    found, numbers (m,) pairs; in_view (n,) which of the target's dots should be seen; errors: dots in view without a
+    found one, and found dots without one of the target
+    """
+
+    homography: Floats
+    found: Ints
+    numbers: Ints
+    in_view: Bools
+    errors: int
+    mirrored: bool
+
+
+def hypotheses(view: View, target: Target) -> Iterator[Hypothesis]:
+    """Of each lattice of the found dots the way to lay the target onto it that makes the fewest errors; where a target
+    is its own mirror image the one that a camera can see."""
+    grid = grid_of(target)
+    for seen in itertools.islice(lattices(view.points), _LATTICES) if grid is not None else ():
+        assert grid is not None
+        maps, counts = ways(grid.nodes, seen.nodes)
+        best = np.argsort(-counts, kind="stable")[:_LAID]
+        homographies = seen.homography @ maps[best] @ np.linalg.inv(grid.homography)
+        radius, rough = _radius(homographies[0], target), replace(view, reach=_ROUGH * view.spacing)
+        laid = mapped(homographies, target.dots)
+        hits = [len(pairs(rough, one, rough.reach)[0]) for one in laid]
+        most = np.argsort(np.negative(hits), kind="stable")[:_COMPARED]
+        homographies, errors = homographies[most], [_compared(rough, laid[k], radius)[3] for k in most]
+        order = np.lexsort(([_mirrored(one, target) for one in homographies], errors))[:_FOLLOWED]
+        fits: list[Hypothesis] = []
+        for k in order:
+            if fits and fits[0].errors + MARGIN <= errors[k]:
+                break  # the other is no rival
+            fits += [fit] if (fit := _grown(view, target, homographies[k])) is not None else []
+        if fits:
+            yield min(fits, key=lambda fit: (fit.errors, fit.mirrored))
+
+
+def followed(view: View, target: Target, homography: Floats) -> Hypothesis | None:
+    """The fit that a homography near the true one begins, where it leaves no choice: nearly all dots are where the
+    target has them, and none lies between there and the next. None otherwise."""
+    fit = _grown(view, target, homography, _STRAYED * view.spacing)
+    if fit is None or len(fit.found) < _NEARLY_ALL * max(len(view.points), 1):
+        return None
+    wider = pairs(view, mapped(fit.homography, target.dots), _STRAYED * view.spacing)[1]
+    return fit if np.array_equal(wider, fit.numbers) else None
+
+
+def _grown(view: View, target: Target, homography: Floats, reach: float = 0.0) -> Hypothesis | None:
+    """A homography grown over all dots that it predicts."""
+    for least in (max(reach, 0.2 * view.spacing), 0.2 * view.spacing, view.reach):
+        found, numbers = pairs(view, mapped(homography, target.dots), max(least, view.reach))
+        if len(found) < _BEYOND:
+            return None
+        homography = fitted(target.dots[numbers], view.points[found])
+        if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
+            break
+    return hypothesis_of(view, target, homography)
+
+
+def hypothesis_of(view: View, target: Target, homography: Floats) -> Hypothesis:
+    found, numbers, in_view, errors = _compared(view, mapped(homography, target.dots), _radius(homography, target))
+    return Hypothesis(homography, found, numbers, in_view, errors, _mirrored(homography, target))
+
+
+def _mirrored(homography: Floats, target: Target) -> bool:
+    """Whether no camera sees it so: y points down in the view, and on OpenCV's boards, but up on other targets."""
+    depth = homography[2, :2] @ target.dots.mean(axis=0) + homography[2, 2]
+    return bool((np.linalg.det(homography) * depth > 0.0) != bool(target.board))
+
+
+def _compared(view: View, predicted: Floats, radius: Floats) -> tuple[Ints, Ints, Bools, int]:
+    """Found dots and those of the target (n, 2) that explain them, which should be in view, and the errors."""
+    found, numbers = pairs(view, predicted, view.reach)
+    in_view = view.in_view(predicted, radius)
+    in_view[numbers] = True
+    return found, numbers, in_view, int(in_view.sum()) + len(view.points) - 2 * len(found)
+
+
+def _radius(homography: Floats, target: Target) -> Floats:
+    """(n,) the radius of the dots, where they are laid."""
+    depth = target.dots @ homography[2, :2] + homography[2, 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(target.radius * np.sqrt(np.abs(np.linalg.det(homography) / depth**3)))
+
+
+def accidents(view: View, hypothesis: Hypothesis, candidates: int) -> float:
+    """Expected number of hypotheses that explain as many dots if the dots were strewn at random."""
+    area = float(np.prod(np.ptp(view.points, axis=0)))
+    chance = min(1.0, len(view.points) * np.pi * view.reach**2 / max(area, 1e-300))
+    hits, trials = len(hypothesis.found) - _BEYOND, int(hypothesis.in_view.sum()) - _BEYOND
+    return float(candidates * bdtrc(hits - 1, trials, chance)) if hits > 0 else float(candidates)
+
+
+def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tuple[int, bool]:
+    """How many errors more than `fit` the best near-symmetric hypothesis makes, and whether it is mirrored to it. Maps
+    that cannot come within the margin are not laid: what they make at least is told of them."""
+    maps = self_maps(target)
+    rival = ~maps.exact
+    seen = np.zeros(len(target.dots), dtype=bool)
+    seen[fit.numbers] = True
+    false = len(view.points) - len(fit.found)
+    unexplained = (seen & (maps.image < 0)).sum(axis=1) - false  # at least: false dots may become true ones
+    close = np.flatnonzero(rival & (unexplained < fit.errors + margin))
+    passed = np.delete(unexplained, close)[np.delete(rival, close)] - fit.errors
+    least = int(passed.min()) if len(passed) else len(target.dots)
+    if not len(close):
+        return least, False
+    radius = _radius(fit.homography, target)
+    errors = np.array([_compared(view, way, radius)[3] for way in mapped(fit.homography, maps.places[close])])
+    best = int(errors.argmin())
+    return min(int(errors[best]) - fit.errors, least), bool(maps.mirrored[close[best]])
+
+
+def apart(view: View, target: Target, fit: Hypothesis) -> int:
+    """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
+    dots that are all where `fit` has them, and in view. Maps that explain too little of these are not laid."""
+    maps, radius = self_maps(target), _radius(fit.homography, target)
+    close = ((fit.in_view & (maps.image < 0)).sum(axis=1) < _APART) & ~maps.mirrored & ~maps.exact
+    perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
+    laid = mapped(fit.homography, maps.places[close])
+    return min([_APART, *(_compared(perfect, way, radius)[3] for way in laid)])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The answer.
+
+ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
+MARGIN = 4  # errors by which every rival must be worse
+FEWEST = 12  # dots
+_ANOTHER = 20  # dots that are not the target's and so may be another one's
+_MIRRORED = "the dots show the target's mirror image"
+_NEARLY = 0.1  # errors per dot with which no better guess of the distortion is looked for
+SIDES = {"top": (0.0, -1.0), "bottom": (0.0, 1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
+_AIMED = 0.77  # cosine between where the first row is said to be and where it is: within 40 degrees
+_APART = 2 * 10 - MARGIN + 1  # errors between two ways to lay the target, so that no ten errors exchange them
+
+
+class Unidentified(CpcalError):
+    """The found dots are not, or not certainly, those of the target. Its text is the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Pairs of found dots and dots of the target.
+
+    found       (m,) which of the given centres
+    numbers     (m,) which dots of the target they are
+    false       found dots that are none of the target's
+    missing     dots of the target that should be in view and were not found
+    accidents   expected number of hypotheses as good by chance
+    margin      how many errors more every rival has at least
+    """
+
+    found: Ints
+    numbers: Ints
+    false: Ints
+    missing: Ints
+    accidents: float = 0.0
+    margin: int = MARGIN
+
+
+def identify(
+    centers: npt.ArrayLike,
+    target: Target,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    near: Floats | None = None,
+) -> Identification:
+    """Which of the centres (n, 2), pixels, is which dot of the target; of a target that is its own image when it is
+    turned in any of these ways.
+
+    With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
+    one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
+    `near` (3, 3) is a homography from the target's plane (mm) to the camera's directions that may be near the true one,
+    as that of the image before: it saves the search where it leaves no choice, and what it leads to passes the same
+    tests.
+
+    Raises Unidentified with the reason. Centres that are not finite count as false dots.
+    """
+    pixels = np.asarray(centers, dtype=np.float64).reshape(-1, 2)
+    usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    _check_count(len(usable), target)
+    best, reason = None, "no grid of the target was recognised among the dots"
+    for view in _guesses(pixels[usable], size) if camera is None else [view_of(camera, pixels[usable])]:
+        shown = np.isfinite(view.points).all(axis=1)
+        if camera is not None:
+            usable, view = usable[shown], replace(view, points=view.points[shown])
+            _check_count(len(usable), target)
+        if not view.spacing > 0.0:
+            raise Unidentified("most dots lie on one another")
+        fit = None if near is None else followed(view, target, near)
+        answer = None if fit is None else _judgement(view, target, fit)
+        if not isinstance(answer, Identification):
+            answer = _in_view(view, target)
+        if isinstance(answer, Identification):
+            if camera is not None:
+                _check_alone(view, target, answer)
+            if best is None or len(answer.found) > len(best.found):
+                best = answer
+            if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
+                break
+        else:
+            reason = answer.reason or reason
+            if answer.final and (camera is not None or answer.errors <= _NEARLY * len(view.points)):
+                break
+    if best is None:
+        raise Unidentified(reason)
+    mine = usable[best.found]
+    return replace(best, found=mine, false=_others(len(pixels), mine))
+
+
+def turned(
+    found: Identification, centers: Floats, target: Target, first_row: str | Pose, camera: Camera | None
+) -> Identification:
+    """Of a target that is its own image when it is turned the way that a hint tells: on which side (one of SIDES) the
+    image shows the row where y is least, or a pose near the true one. "" where there is none, or none is needed.
+
+    Raises Unidentified where a hint is needed, or does not tell.
+    """
+    board = Board.parsed(target.board) if target.board else None
+    if board is not None and board.kind == "chessboard":
+        maps = board.turns()
+    elif board is not None and board.kind in ("charuco", "grid"):
+        maps = []
+    else:
+        known = self_maps(target)
+        maps = list(known.image[known.exact & ~known.mirrored])
+    if not maps:
+        return found
+    if not first_row:
+        raise Unidentified("ambiguous: the target looks the same when it is turned; say where its first row is")
+    places, seen = target.dots[found.numbers], centers[found.found]
+    if isinstance(first_row, Pose):
+        assert camera is not None
+        aim = -_growth(places, camera.project(transformed(first_row, target.points[found.numbers])))
+    else:
+        aim = np.array(SIDES[first_row])
+    all_ways = [found.numbers, *(image[found.numbers] for image in maps)]
+    slopes = [-_growth(target.dots[way], seen) for way in all_ways]
+    cosines = [float(slope @ aim / np.linalg.norm(slope) / np.linalg.norm(aim)) for slope in slopes]
+    best = int(np.argmax(cosines))
+    if cosines[best] < _AIMED:
+        raise Unidentified("ambiguous: the first row of the target is not clearly where the hint says")
+    return replace(found, numbers=all_ways[best])
+
+
+def _growth(places: Floats, seen: Floats) -> Floats:
+    """(2,) how pixels (n, 2) move as y of the places (n, 2) grows."""
+    terms = np.column_stack([places, np.ones(len(places))])
+    return np.asarray(np.linalg.lstsq(terms, seen, rcond=None)[0][1])
+
+
+def _check_count(count: int, target: Target) -> None:
+    if count < FEWEST:
+        raise Unidentified(f"{count} dots are too few: at least {FEWEST} are needed")
+    if count > len(target.dots) / _SHARE:
+        raise Unidentified(f"{count} dots are too many: the target has {len(target.dots)}")
+
+
+def _check_alone(view: View, target: Target, found: Identification) -> None:
+    """Raises Unidentified when the other dots show the target once more, or its mirror image: which one is meant?"""
+    if len(found.false) < _ANOTHER:
+        return
+    answer = _in_view(replace(view, points=view.points[found.false]), target)
+    if isinstance(answer, Identification):
+        raise Unidentified("ambiguous: the target is in sight twice")
+    if answer.reason == _MIRRORED:
+        raise Unidentified("ambiguous: the target and its mirror image are in sight")
+
+
+@dataclass(frozen=True)
+class _Refusal:
+    """Why not ("" when that is not worth telling), whether no other hypothesis could change that, and the errors that
+    the refused one makes."""
+
+    reason: str
+    final: bool = False
+    errors: int = 0
+
+
+def _in_view(view: View, target: Target) -> Identification | _Refusal:
+    refusal = _Refusal("")
+    for hypothesis in hypotheses(view, target):
+        answer = _judgement(view, target, hypothesis)
+        if isinstance(answer, Identification) or answer.final:
+            return answer
+        refusal = answer if answer.reason else refusal
+    return refusal
+
+
+def _judgement(view: View, target: Target, fit: Hypothesis) -> Identification | _Refusal:
+    """The tests of one hypothesis."""
+    in_view = int(fit.in_view.sum())
+    by_chance = accidents(view, fit, TRIED)
+    if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
+        return _Refusal("")
+    if len(fit.found) < _SHARE * in_view:
+        return _Refusal(f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found")
+    if len(fit.found) < _SHARE * len(view.points):
+        return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
+    margin, reflected = best_rival(view, target, fit, MARGIN)
+    if fit.mirrored:
+        return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN, fit.errors)
+    if margin < MARGIN:
+        other = "the target's mirror image fits" if reflected else "another assignment fits"
+        return _Refusal(
+            f"ambiguous: {other} as well or nearly so", margin > -MARGIN, fit.errors
+        )  # else it is to be found
+    maps = self_maps(target)
+    in_all = 2 * (maps.image[~maps.mirrored & ~maps.exact] < 0).sum(axis=1).min(initial=_APART)  # missing, and too many
+    if not fit.in_view.all() and apart(view, target, fit) < min(_APART, int(in_all)):
+        return _Refusal("ambiguous: too few of the dots that tell the target's turns apart are in view")
+    false = _others(len(view.points), fit.found)
+    unseen = _others(len(target.dots), fit.numbers)
+    missing = unseen[fit.in_view[unseen]]
+    return Identification(fit.found, fit.numbers, false, missing, by_chance, margin)
+
+
+def _others(count: int, some: Ints) -> Ints:
+    """The numbers from 0 to count that are not among some."""
+    rest = np.ones(count, dtype=bool)
+    rest[some] = False
+    return np.flatnonzero(rest)
