@@ -160,7 +160,7 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
 
 
 def of_runs(folder: Path, *, verbose: bool = False) -> Iterator[Statement]:
-    """Each run of a folder, and the table of many campaigns. Raises InputError."""
+    """Each run of a folder, and the table of campaigns or models. Raises InputError."""
     from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
         SUMMARY_TABLE,
         CampaignRow,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -12,6 +12,7 @@ from urllib.parse import quote
 from cpcal.common.errors import printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
+from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import csv_table
 from cpcal.questions import LegResult, Result, verdict_of
@@ -109,9 +110,11 @@ def comparison_lines(found: Compared) -> list[str]:
 def write_comparison(
     found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False, title: str | None = None
 ) -> Path:
-    """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
-    give the same bytes."""
+    """Write `compare.html`, headed by the campaign's title, and `summary.csv` beside the runs of the models; the page's
+    path. The same results give the same bytes."""
     first, at = next(iter(found.values())), _tolerance(found)
+    rows = (CampaignRow(name, result) for name, result in found.items() if result.legs)
+    write_file(Path(folder) / SUMMARY_TABLE, summary_table(rows))
     answers = Section(
         "Answers",
         items=[*comparison_lines(found)[1:], *comparison_sentences(found)],
@@ -164,12 +167,12 @@ def write_comparison(
 SUMMARY_PAGE = "summary.html"
 SUMMARY_TABLE = "summary.csv"
 _LINES = 5  # campaigns that are printed
-_HEADER = ("campaign", "leg", "verdict", "eps_lo_mm", "eps_hi_mm", "certified", "nodes", "seconds")
+_HEADER = ("run", "leg", "verdict", "eps_lo_mm", "eps_hi_mm", "certified", "nodes", "seconds")
 
 
 @dataclass(frozen=True)
 class CampaignRow:
-    """A campaign by the name of its folder, and what was found: at least one leg."""
+    """A campaign, or a model, by the name of its folder, and what was found: at least one leg."""
 
     name: str
     result: Result
@@ -188,8 +191,8 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
 
     Raises InputError.
     """
-    ordered = sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
-    write_file(folder / SUMMARY_TABLE, summary_table(ordered))
+    ordered = worst_first(rows)
+    write_file(folder / SUMMARY_TABLE, summary_table(rows))
     counts = f"{len(rows):,} campaigns certified, the worst first"
     counts += f"; {len(failed):,} could not be used" if failed else ""
     counts += f"; {missing:,} not begun" if missing else ""
@@ -200,9 +203,8 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
         link = Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}")
         answered = str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else "")
         word = verdict(judged.word, judged.kind)
-        cells.append(
-            (link, row.result.campaign.robot, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1))
-        )
+        title = load_campaign_json(folder / row.name).title  # which says whether it is simulated
+        cells.append((link, title, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1)))
         lines.append(f"  {row.name}: {judged.word}, leg {row.worst.leg}, eps {eps} mm")
     head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
     table = Table(head, cells, ("names word", "names word", "word"), "cards")
@@ -217,10 +219,14 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     return [*lines, f"Summary: {page.write(folder / SUMMARY_PAGE)}"]
 
 
-def summary_table(rows: Sequence[CampaignRow]) -> bytes:
-    """A row a leg; campaigns in their order, the worst leg of each first. Numbers are those of result.json."""
+def worst_first(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
+    return sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
+
+
+def summary_table(rows: Iterable[CampaignRow]) -> bytes:
+    """A row a leg; the worst campaign, or model, first, and of each the worst leg. Numbers are those of result.json."""
     cells: list[list[str | float | None]] = []
-    for row in rows:
+    for row in worst_first(rows):
         for leg in sorted(row.result.legs, key=lambda leg: (-leg.bracket.lo, leg.leg)):
             word, done = verdict_of(row.result, leg).word, (leg.work.nodes, nearest(leg.work.seconds, 3))
             cells.append([row.name, leg.leg, word, leg.bracket.lo, leg.bracket.hi, leg.certified, *done])

@@ -59,16 +59,18 @@ def test_the_summary_is_sorted_by_the_worst_leg(done):
     runs, said = done
     worst = {}
     for row in rows(runs):
-        worst.setdefault(row["campaign"], float(row["eps_lo_mm"]))
+        worst.setdefault(row["run"], float(row["eps_lo_mm"]))
     assert len(worst) == 3
     assert list(worst.values()) == sorted(worst.values(), reverse=True)
     for row in rows(runs):
-        leg = next(leg for leg in cpcal.load_result(runs / row["campaign"]).legs if leg.leg == int(row["leg"]))
+        leg = next(leg for leg in cpcal.load_result(runs / row["run"]).legs if leg.leg == int(row["leg"]))
         assert (float(row["eps_lo_mm"]), float(row["eps_hi_mm"])) == (leg.bracket.lo, leg.bracket.hi)
     page = (runs / "summary.html").read_text(encoding="utf-8")
     assert [page.index(f">{name}</a>") for name in worst] == sorted(page.index(f">{name}</a>") for name in worst)
     assert said.index(next(iter(worst))) < said.index(list(worst)[-1])
-    words = {row["campaign"]: row["verdict"] for row in reversed(rows(runs))}  # of the worst leg, which stands first
+    assert page.count("Simulated: ") == 3
+    assert run("verify", runs).exit_code == 0
+    words = {row["run"]: row["verdict"] for row in reversed(rows(runs))}  # of the worst leg, which stands first
     for name in worst:
         assert f"  {name}: {words[name]}, leg " in said or f"  {name}: FAIL, leg " in said
 
@@ -85,7 +87,7 @@ def test_one_that_cannot_be_used_is_named_and_stops_no_other(folders, tmp_path):
     said = certified(folders, tmp_path, "day1", "empty")
     assert said.exit_code == 2
     assert "empty" in said.output
-    assert [row["campaign"] for row in rows(tmp_path)] == ["day1", "day1"]
+    assert [row["run"] for row in rows(tmp_path)] == ["day1", "day1"]
     assert "empty: " in (tmp_path / "summary.html").read_text(encoding="utf-8")
 
 
@@ -140,7 +142,7 @@ def test_a_folder_that_another_run_writes_into_is_left_alone(folders, tmp_path):
     assert said.exit_code == 2
     assert "is being written by another run of cpcal" in said.output
     assert not (tmp_path / "day1" / "checkpoint").exists()
-    assert {row["campaign"] for row in rows(tmp_path)} == {"day2"}
+    assert {row["run"] for row in rows(tmp_path)} == {"day2"}
     with locked(tmp_path):
         said = certified(folders, tmp_path, "day1", "day2")
     assert said.exit_code == 2
