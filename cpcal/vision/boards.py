@@ -37,8 +37,8 @@ def board_points(image: object, target: Target) -> tuple[Dots, Identification]:
 def _chessboard(grey: Any, board: Board) -> tuple[Floats, Ints]:
     cv2 = opencv()
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY)
-    count = board.columns * board.rows if found else 0
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2)[:count] if found else np.zeros((0, 2)), np.arange(count)
+    centers = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else np.zeros((0, 2))
+    return centers, np.arange(len(centers))
 
 
 def _coded(grey: Any, board: Board) -> tuple[Floats, Ints]:

@@ -216,10 +216,13 @@ def _grown_lattice(points: Floats, columns: Floats, off: float) -> Lattice | Non
     return Lattice(nodes.astype(np.int64), homography, np.flatnonzero(on))
 
 
-_TURNS = np.array([m for m in itertools.product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1])
-_TURNS = _TURNS[np.argsort(np.abs(_TURNS).sum(axis=1), kind="stable")].reshape(
-    -1, 2, 2
-)  # plain ones first: lattices onto themselves, but for shifts: of all shears those by one step
+# Lattices onto themselves, but for shifts; of all shears those by one step. Plain ones come first.
+_TURNS = np.array(
+    sorted(
+        ([[a, b], [c, d]] for a, b, c, d in itertools.product((-1, 0, 1), repeat=4) if abs(a * d - b * c) == 1),
+        key=lambda turn: int(np.abs(turn).sum()),
+    )
+)
 _PLAIN = 0.8  # of the nodes: what a plain turn meets where there is no shear
 _SHIFTS = 4  # of each, at most
 
@@ -323,8 +326,9 @@ def hypotheses(view: View, target: Target) -> Iterator[Hypothesis]:
     """Of each lattice of the found dots the way to lay the target onto it that makes the fewest errors; where a target
     is its own mirror image the one that a camera can see."""
     grid = grid_of(target)
-    for seen in itertools.islice(lattices(view.points), _LATTICES) if grid is not None else ():
-        assert grid is not None
+    if grid is None:
+        return
+    for seen in itertools.islice(lattices(view.points), _LATTICES):
         maps, counts = ways(grid.nodes, seen.nodes)
         best = np.argsort(-counts, kind="stable")[:_LAID]
         homographies = seen.homography @ maps[best] @ np.linalg.inv(grid.homography)
@@ -526,11 +530,8 @@ def turned(
 
     Raises Unidentified where a hint is needed, or does not tell.
     """
-    board = Board.parsed(target.board) if target.board else None
-    if board is not None and board.kind == "chessboard":
-        maps = board.turns()
-    elif board is not None and board.kind in ("charuco", "grid"):
-        maps = []
+    if target.printed:
+        maps = Board.parsed(target.board).turns()
     else:
         known = self_maps(target)
         maps = list(known.image[known.exact & ~known.mirrored])
@@ -612,9 +613,8 @@ def _judgement(view: View, target: Target, fit: Hypothesis) -> Identification | 
         return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN, fit.errors)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
-        return _Refusal(
-            f"ambiguous: {other} as well or nearly so", margin > -MARGIN, fit.errors
-        )  # else it is to be found
+        final = margin > -MARGIN  # else it is to be found
+        return _Refusal(f"ambiguous: {other} as well or nearly so", final, fit.errors)
     maps = self_maps(target)
     in_all = 2 * (maps.image[~maps.mirrored & ~maps.exact] < 0).sum(axis=1).min(initial=_APART)  # missing, and too many
     if not fit.in_view.all() and apart(view, target, fit) < min(_APART, int(in_all)):

@@ -176,9 +176,11 @@ class Board:
         return np.asarray(first * nodes)
 
     def turns(self) -> list[Ints]:
-        """The numbers (n,) of the points of a chessboard that stand in the places of its points when it is turned and
-        looks the same."""
-        numbers, out = np.arange(self.columns * self.rows).reshape(self.rows, self.columns), []
+        """The numbers (n,) of the points of a printed board that stand in the places of its points when it is turned
+        and looks the same: of a chessboard, since markers never do."""
+        numbers, out = np.arange(self.columns * self.rows).reshape(self.rows, self.columns), list[Ints]()
+        if self.kind != "chessboard":
+            return out
         for quarters in (1, 2, 3):
             looks_so = self.columns == self.rows and self.columns % 2 == 0
             if looks_so or (quarters == 2 and (self.columns + self.rows) % 2 == 0):
