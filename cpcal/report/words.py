@@ -130,7 +130,7 @@ def leg_lines(result: Result, leg: LegResult, found: Advice) -> Words:
     if reduced is not None and reduced.factor > 0.0:
         factor = claimed_by(reduced.certificate, at_least(reduced.factor), "reduced.factor", leg, reduced.factor)
         second = (second, "Pass with ", factor, " times the stated uncertainty.")
-    elif reduced is not None:
+    elif reduced is not None and leg.bracket.lo > 0.0:
         second = (second, " The best of sensors would not help.")
     first = found.short.removeprefix("because of ") if plain else f" {found.short}"
     return (head, first, ".", Mark(second, "second"))
@@ -305,9 +305,11 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
         return Advice(f"because of measurement{plural} {again}: measure {it} again", more, wrong)
     if verdict.kind == "bounded":
         return Advice("")
-    return _another_model(campaign, leg, model, found) or Advice(
-        "by many measurements alike: look for play, sag, or joints off axis",
-        "No other leg model helps.",
+    other = _another_model(campaign, leg, model, found)
+    if other is None and leg.bracket.lo == 0.0:  # no error of the leg is proved
+        return Advice("because the readings are too uncertain: measure them more precisely")
+    return other or Advice(
+        "by many measurements alike: look for play, sag, or joints off axis", "No other leg model helps."
     )
 
 

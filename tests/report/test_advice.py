@@ -7,7 +7,8 @@ import pytest
 
 import cpcal
 from cpcal.models import PLAIN, ModelResiduals, fit_model
-from cpcal.report.words import Fitted, advise, fitted, misread
+from cpcal.report.section import html
+from cpcal.report.words import Fitted, advise, fitted, leg_lines, misread
 from cpcal.robot import Campaign
 
 CAMPAIGN = cpcal.simulate(seed=7, joint_error=0.0, factor=0.0, noise=0.2)
@@ -24,6 +25,17 @@ def test_nothing_is_said_of_a_leg_that_passes():
     found, verdict = advised(CAMPAIGN, tolerance=3.0)
     assert verdict.passes
     assert (found.short, found.wrong) == ("", ())
+
+
+def test_the_readings_and_not_the_leg_are_blamed_where_no_error_of_it_is_proved():
+    good = cpcal.simulate(seed=1, joint_error=0.0)  # each reading may be off by three deviations
+    result = cpcal.certify(good, legs=[2], tolerance=0.1)
+    (leg,) = result.legs
+    found = advise(good, result, leg, PLAIN, fitted(good, result, leg, PLAIN))
+    assert cpcal.verdict_of(result, leg).kind == "undecided"
+    assert leg.bracket.lo == 0.0
+    assert found.short == "because the readings are too uncertain: measure them more precisely"
+    assert "sensors" not in html(leg_lines(result, leg, found))
 
 
 @pytest.mark.parametrize("rows", [(5,), (40,), (5, 40)])
