@@ -20,6 +20,7 @@ from cpcal.common.errors import InputError
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import save_campaign_json
 from cpcal.models import PARAMETERS, fit_model
+from cpcal.models.platform import Workspace
 from cpcal.questions.accuracy import (
     FAR,
     NamedPoses,
@@ -244,6 +245,29 @@ def test_the_truth_of_a_robot_with_three_or_eight_legs_is_in_its_box(robots, nam
     save_accuracy(replace(found, held=(2, 3) if name == "planar-3rpr" else (2,)), tmp_path)
     with pytest.raises(Refused, match=r"another bounds|do not determine"):
         check_accuracy(tmp_path)
+
+
+def test_the_proposed_workspace_of_a_planar_robot_is_bounded_though_its_mean_orientation_is_singular(robots):
+    campaign = robots["planar-3rpr"]
+    found = certify_accuracy(campaign, run_of(campaign, delta=20.0), assume=0.01, next_poses=0)
+    space = found.workspace
+    assert space is not None
+    assert not space.left_out
+    assert "in a measured orientation" in space.proposal
+    sample = Workspace(space.lo, space.hi).sample(100)
+    controller = Robot.from_parameters("controller", found.parameters)
+    true = solved(true_robot(campaign), inverse_kinematics(controller, sample), sample, [0, 1, 5])
+    position, angle = distances(true, sample)
+    assert 0.0 < position.max() <= space.position_bound
+    assert space.complete
+    assert space.worst_pose_bound <= space.position_bound <= 1.2 * space.worst_pose_bound  # the gap that is asked for
+    assert 0.0 < angle.max() <= space.rotation_bound
+    # where it is not turned its triangles are similar, and nothing can be bounded
+    unturned = Workspace((*space.lo[:5], 0.0), (*space.hi[:5], 0.0))
+    singular = certify_accuracy(
+        campaign, run_of(campaign, delta=20.0), assume=0.01, workspace=unturned, cells=20, next_poses=0
+    )
+    assert len(singular.workspace.left_out) == len(singular.workspace.cells)
 
 
 def test_measurements_that_a_robust_run_left_out_are_left_out_of_what_is_assumed(known, tmp_path):
