@@ -222,7 +222,8 @@ def outliers_section(result: Result) -> Section:
         rows.append((str(leg.leg), *bracket_text(of.lo, of.hi), closed, left_out, str(len(of.proofs))))
     said = (
         f"Whichever {result.options.outliers} measurements of a leg are wrong, no parameters in the box explain the "
-        "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved."
+        "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved. "
+        "This page does not check them: cpcal verify RUN does."
     )
     head = ("leg", "eps_lo [mm]", "eps_hi [mm]", "gap", "left out", "proofs")
     return Section("Proved bounds", [said], tables=[Table(head, rows, ("", "", "", "word", "word"))], name="bounds")

@@ -161,6 +161,7 @@ def test_the_page_names_what_is_left_out(robust):
     assert (robust / "report.html").read_text(encoding="utf-8") == page
     assert "r005/1" in page
     assert "Whichever 1 measurements of a leg are wrong" in page
+    assert "This page does not check them: cpcal verify RUN does." in page
 
 
 def test_a_bound_that_says_more_is_refused(robust):
