@@ -254,7 +254,23 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         what = "puts points behind the camera"
         raise unusable("the closed form", what, "check the setup, and which pose belongs to which image")
     exact = PixelModel(study.exactly())
-    at = least_squares(exact, exact.jacobian, at, tolerance=1e-13, moved=exact.moved, steps=_STEPS).at
+
+    # E turns about the points' mean place. About the camera's centre a turn moves far points by much, which the
+    # translation has to take back: the steps follow a bent valley, and end in it where the hand hardly turns.
+    def arm(at: ReadFrames) -> Floats:
+        return np.asarray(at.frames.e_translation - exact.in_camera(at).mean(axis=0))
+
+    def jacobian(at: ReadFrames) -> Floats:
+        slope = exact.jacobian(at)
+        slope[:, :3] -= slope[:, 3:6] @ cross_matrix(arm(at))
+        return slope
+
+    def moved(at: ReadFrames, step: Floats) -> ReadFrames:
+        turn, shifted = rotation_matrix(quaternion_from_rotation_vector(step[:3])), step.copy()
+        shifted[3:6] += turn @ arm(at) - arm(at)
+        return exact.moved(at, shifted)
+
+    at = least_squares(exact, jacobian, at, tolerance=1e-13, moved=moved, steps=_STEPS).at
     residuals = model(at)
     covariance, weak = _covariance(exact.jacobian(at), residuals)
     rms = float(np.sqrt(np.mean(residuals**2)))
