@@ -22,6 +22,9 @@ SHORT = {
     "handeye certify": ["--time-limit", "1"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
+    "handeye study --photos": "tests/models/test_hand_eye_runs.py",
+    "handeye certify photos": "the same",
+    "verify frames": "the same",
     "image": "tests/vision, tests/cli/test_images.py, tests/cli/test_pose_sets.py",
     "verify sets": "tests/cli/test_pose_sets.py",
     "accuracy": "tests/questions/test_accuracy.py",

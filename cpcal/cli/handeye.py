@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from cpcal.models.hand_eye import (
     study_json,
 )
 from cpcal.models.hand_eye_sources import (
+    other_direction,
+    photo_names,
     platform_poses,
     read_pose_pairs,
     study_of_pairs,
@@ -45,6 +47,7 @@ from cpcal.questions.hand_eye import (
 )
 from cpcal.questions.next_measurement import next_images
 from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
+from cpcal.robot.units import CONTROLLERS
 from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import TEXTS
@@ -60,9 +63,19 @@ def study(
     board: str | None = option(None, f"target.toml, or {TEXTS}.", "TARGET"),
     first_row: str | None = FIRST_ROW,
     camera: Path | None = option(None, "Of the photographs.", "FILE"),
-    poses: Path | None = option(None, "Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.", "CSV"),
+    poses: Path | None = option(None, "Of the hand at each photograph: a table, or matrices.", "FILE"),
+    rotation: str | None = option(
+        None,
+        f"How --poses has rotations: {', '.join(CONTROLLERS)}, euler-xyz-deg (fixed axes), euler-ZYX-deg (turned "
+        "axes), vector-rad, ...",
+        "FORM",
+        show_default="told by the columns of quaternions and matrices",
+    ),
+    unit: Literal["mm", "m"] | None = option(
+        None, "Of lengths in --poses, where it states none, or --pairs.", show_default="mm (ur: m), of --pairs m"
+    ),
+    base_in_hand: bool = option(False, "--poses has the base in the hand frame, not the hand in the base frame."),
     pairs: Path | None = option(None, "Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.", "YAML"),
-    millimetres: bool = option(False, "Translations of --pairs are in mm, not m.", "--mm"),
     robot: Path | None = option(
         None, "A parallel robot's study: its drawing and legs say where the platform is.", "STUDY"
     ),
@@ -86,11 +99,12 @@ def study(
     check_new(folder, force=force)
     left: list[str] = []
     if photos is not None:
-        made, left = _of_photos(photos, board, camera, poses, robot, setup, first_row)
+        form = {"rotation": rotation, "unit": unit or "", "base_in_hand": base_in_hand}
+        made, left = _of_photos(photos, board, camera, poses, robot, setup, first_row, form)
     elif robot is not None:
         made = study_of_robot(load_study(robot))
     elif pairs is not None:
-        made = study_of_pairs(*read_pose_pairs(pairs, setup=setup, metres=not millimetres), setup=setup, size=size)
+        made = study_of_pairs(*read_pose_pairs(pairs, setup=setup, metres=unit != "mm"), setup=setup, size=size)
     else:
         images = simulated or 0
         if not 3 <= images <= 1000:
@@ -108,6 +122,7 @@ def study(
     save_hand_eye(made, folder)
     Talk().say(
         *(f"left out: {text}" for text in left),
+        *(other_direction(made) if photos is not None or pairs is not None else ()),
         f"{made.setup}: {len(made.images)} images, {len(made.image):,} points in {folder}",
     )
 
@@ -120,17 +135,18 @@ def _of_photos(
     robot: Path | None,
     setup: Setup,
     first_row: str | None,
+    form: dict[str, Any],
 ) -> tuple[HandEyeStudy, list[str]]:
     if board is None or camera is None or (poses is None) == (robot is None):
         remedy = "give --board, --camera and --poses (or --robot) too"
         raise unusable("option --photos", "is not enough", remedy)
     if poses is not None:
-        given = load_hand_poses(poses)
+        given = load_hand_poses(poses, **form, names=photo_names(photos))
     else:
         assert robot is not None
         given, setup = platform_poses(load_study(robot)), "eye-to-hand"
     lens = load_camera(camera).camera
-    turn, target = hinted(first_row), load_target(board.removeprefix("target:"))
+    turn, target = hinted(first_row), load_target(board)
     return study_of_photos(photos, target, camera=lens, poses=given, setup=setup, first_row=turn)
 
 

@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
+from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.files.folders import load_settings
 from cpcal.files.settings import Settings
@@ -69,6 +70,11 @@ class Log:
     lines: tuple[int, ...]
     separator: str
     decimal: str
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """The header, or numbers from #1."""
+        return self.header or tuple(f"#{i}" for i in range(1, len(self.rows[0]) + 1))
 
 
 def frame_log(frame: Any) -> Log:
@@ -288,7 +294,8 @@ def _confirmed(
     needed = [name for name in reading_columns(robot.legs)[2:] if name[0] != "q"] + [*turns]
     missing = [name for name in needed if name not in told]
     lengths = [name for name in needed if units_of(name) and name not in turns]
-    open_units = [n for n in lengths if n in told and told[n].unit is None and told[n].name != n]
+    known = "xyz" if form is not None and form.length else ""
+    open_units = [n for n in lengths if n in told and n not in known and told[n].unit is None and told[n].name != n]
     if form is not None and not missing and not open_units:
         return told | {name: ColumnSource(name) for name in override_columns(robot.legs) if name in header}
     size = float(np.median(np.linalg.norm(robot.base - robot.mobile, axis=1) + robot.offset))
@@ -313,6 +320,56 @@ def _confirmed(
     return told
 
 
+def _values(
+    log: Log, found: Mapping[str, ColumnSource], form: RotationForm
+) -> tuple[dict[str, list[str]], dict[str, Floats]]:
+    """The names in a log, and its numbers: mm, rad, rotations as the form takes them. Raises InputError with every cell
+    that is no number, by its line."""
+    names: dict[str, list[str]] = {}
+    values: dict[str, Floats] = {}
+    problems, number = Problems(), _NUMBERS[log.decimal]
+    for target, source in found.items():
+        place, units, texts = source.place(log.titles), units_of(target), list[str]()
+        assert place is not None  # who found it raised otherwise
+        if target in ("pose", "run"):
+            names[target] = [row[place] for row in log.rows]
+            continue
+        for line, row in zip(log.lines, log.rows, strict=True):
+            good = number.fullmatch(row[place])
+            texts.append(row[place].replace(log.decimal, ".") if good else "nan")
+            if not good:
+                what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
+                problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
+        if "mm" in units:
+            size = LENGTHS[source.unit or (form.length if target in "xyz" else "") or "mm"]
+            values[target] = np.array([float(Decimal(text) * size) for text in texts])
+        else:  # to rad, or as the rotation form takes them
+            factor = 1.0 if source.unit is None else units[source.unit]
+            factor /= units[form.unit] if source.unit is not None and target in form.columns else 1.0
+            values[target] = factor * np.array([float(text) for text in texts])
+    problems.raise_any(YOUR_DATA)
+    return names, values
+
+
+def _stacked(values: Mapping[str, Floats], columns: Iterable[str]) -> Floats:
+    return np.stack([values[name] for name in columns], axis=1)
+
+
+def _quaternions(log: Log, form: RotationForm, values: Mapping[str, Floats]) -> Floats:
+    """(N, 4). Raises InputError, with the log's line instead of a row's number."""
+    try:
+        return form.quaternions(_stacked(values, form.columns))
+    except InputError as error:
+        lined = []
+        for problem in error.problems:
+            start, _, which = problem.where.rpartition(" ")
+            if start == "rotation of row":
+                what = f"the rotation {problem.what}"
+                problem = Problem(log.where, what, problem.remedy, log.lines[int(which)])
+            lined.append(problem)
+        raise InputError(lined, omitted=error.omitted) from None
+
+
 def campaign_of_log(
     log: Log, settings: Settings, columns: str | Mapping[str, str] = "", rotation: str | None = None
 ) -> Campaign:
@@ -325,7 +382,7 @@ def campaign_of_log(
     """
     robot, stated, count = settings.robot, settings.uncertainty, len(log.rows)
     assert robot is not None  # what keeps it from being read was raised
-    header = log.header or tuple(f"#{i}" for i in range(1, len(log.rows[0]) + 1))
+    header = log.titles
     number = _NUMBERS[log.decimal]
 
     def span(place: int) -> tuple[float, float] | None:
@@ -336,58 +393,22 @@ def campaign_of_log(
         return min(numbers), max(numbers)
 
     found, form = _mapped(columns, header, robot, rotation, span)
-    names: dict[str, list[str]] = {}
-    values: dict[str, Floats] = {}
-    problems = Problems()
-    for target, source in found.items():
-        place, units, texts = source.place(header), units_of(target), list[str]()
-        assert place is not None  # `_mapped` raised otherwise
-        if target in ("pose", "run"):
-            names[target] = [row[place] for row in log.rows]
-            continue
-        for line, row in zip(log.lines, log.rows, strict=True):
-            good = number.fullmatch(row[place])
-            texts.append(row[place].replace(log.decimal, ".") if good else "nan")
-            if not good:
-                what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
-                problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
-        if "mm" in units:
-            size = LENGTHS[source.unit or "mm"]
-            values[target] = np.array([float(Decimal(text) * size) for text in texts])
-        else:  # to rad, or as the rotation form takes them
-            factor = 1.0 if source.unit is None else units[source.unit]
-            factor /= units[form.unit] if source.unit is not None and target in form.columns else 1.0
-            values[target] = factor * np.array([float(text) for text in texts])
-    problems.raise_any(YOUR_DATA)
+    names, values = _values(log, found, form)
     pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
     runs, seen = names.get("run", []), Counter[str]()
     for name in () if runs else pose:
         seen[name] += 1
         runs.append(str(seen[name]))
-
-    def table(columns: Iterable[str]) -> Floats:
-        return np.stack([values[name] for name in columns], axis=1)
-
-    try:
-        quaternion = form.quaternions(table(form.columns))
-    except InputError as error:  # the same problems, with the log's line instead of a row's number
-        lined = []
-        for problem in error.problems:
-            start, _, which = problem.where.rpartition(" ")
-            if start == "rotation of row":
-                what = f"the rotation {problem.what}"
-                problem = Problem(log.where, what, problem.remedy, log.lines[int(which)])
-            lined.append(problem)
-        raise InputError(lined, omitted=error.omitted) from None
+    quaternion = _quaternions(log, form, values)
     radii = half_widths(np.zeros(6 + robot.legs) if stated is None else stated.half_widths, values, robot.legs, count)
     entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
     told = "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
     made = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": told}
     return Campaign.of(
         robot,
-        table("xyz"),
+        _stacked(values, "xyz"),
         quaternion,
-        table(f"L{i}" for i in range(1, robot.legs + 1)),
+        _stacked(values, (f"L{i}" for i in range(1, robot.legs + 1))),
         pose=pose,
         run=runs,
         uncertainty=stated,
@@ -396,3 +417,61 @@ def campaign_of_log(
         provenance={**settings.provenance, **made},
         model=settings.model,
     )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Poses alone, of a robot's hand: as a table, or as matrices one after the other.
+
+_MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", *("last row",) * 4)
+_NEAR, _FAR = 10.0, 1e5  # mm: a hand that stays nearer to its base, or gets farther, was stated in another unit
+
+
+def poses_of_log(log: Log, rotation: str | None = None, unit: str = "") -> tuple[list[str], Floats, Floats]:
+    """Names (n; none where the log has none), positions (n, 3) mm, and unit quaternions (n, 4) in a log.
+
+    rotation  the form of the rotations; left out, the columns' names tell
+    unit      of lengths, where the columns' names tell none: "mm" unless the form is a controller's in "m"
+
+    Without names of columns the order is name, x, y, z, rotation, or x, y, z, rotation; or the rows are matrices, four
+    lines each or one, with the translation in the last column. Raises InputError.
+    """
+    form = None if rotation is None else RotationForm.named(rotation)
+    if not log.header:
+        log = _titled(log, form)
+    found, form = columns_by_name(log.titles, 0, form)
+    if form is None or not {*"xyz", *form.columns} <= set(found):
+        what = f"columns do not tell which are x, y, z and the rotation; they are {listed(list(log.titles), 40)}"
+        if form is None:
+            raise unusable(log.where, what, f"state --rotation: {FORMS}")
+        raise unusable(log.where, what, f"call them image, x, y, z, {', '.join(form.columns)}")
+    names, values = _values(log, found, replace(form, length=unit or form.length))
+    place = _stacked(values, "xyz")
+    largest = float(np.abs(place).max())
+    if not unit and not any(found[axis].unit for axis in "xyz") and not _NEAR <= largest < _FAR:
+        what = f"has the hand at most {about(largest, 2)} mm from the base, if its lengths are in {form.length or 'mm'}"
+        raise unusable(log.where, what, "say the unit in the names, as in x_m, or with --unit")
+    return names.get("pose", []), place, _quaternions(log, form, values)
+
+
+def _titled(log: Log, form: RotationForm | None) -> Log:
+    """The log with names for its columns, by their order; a matrix becomes one row."""
+    rows, lines, width, header = log.rows, log.lines, len(log.rows[0]), tuple[str, ...]()
+    if width == 4 and len(rows) % 4 == 0:
+        rows = tuple(tuple(itertools.chain(*rows[k : k + 4])) for k in range(0, len(rows), 4))
+        lines, width = lines[::4], 16
+    turns = () if form is None else form.columns
+    for names in ((), ("pose",)):
+        header = (*names, *"xyz", *turns) if turns and len(turns) < 9 else (*names, *_MATRIX)
+        if width == len(header):
+            break
+    else:
+        what = f"has no names of columns, and {width} of them"
+        raise unusable(log.where, what, f"add a line such as image,x,y,z,rx,ry,rz, and state --rotation: {FORMS}")
+    if header[-1] == _MATRIX[-1]:
+        number = _NUMBERS[log.decimal]
+        for line, row in zip(lines, rows, strict=True):
+            last = [float(cell.replace(log.decimal, ".")) for cell in row[-4:] if number.fullmatch(cell)]
+            if last != [0.0, 0.0, 0.0, 1.0]:
+                what = "is no matrix whose last row is 0 0 0 1"
+                raise unusable(log.where, what, "write the translation in the last column", line)
+    return replace(log, header=header, rows=rows, lines=lines)

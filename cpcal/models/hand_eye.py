@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Literal
@@ -25,6 +27,7 @@ from cpcal.checker.hand_eye import STUDY_FORMAT
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
+from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
 from cpcal.files.tables import Table, csv_table, json_object, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
@@ -257,13 +260,34 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     return _study(folder, setup, camera, poses, points, problems)
 
 
-def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]]:
-    """By image x, y, z, qw, qx, qy, qz of a table like poses.csv. Raises InputError with every problem."""
-    problems = Problems()
-    table = _table(Path(path), POSE_COLUMNS, list(POSE_WIDTHS), problems)
-    problems.raise_any(_SEE)
-    rows = table.columns(*POSE_COLUMNS[1:]).tolist()
-    return {name: tuple(row) for name, row in zip(table.image, rows, strict=True)}
+def load_hand_poses(
+    path: str | os.PathLike[str],
+    *,
+    rotation: str | None = None,
+    unit: str = "",
+    base_in_hand: bool = False,
+    names: Sequence[str] = (),
+) -> dict[str, tuple[float, ...]]:
+    """By image x, y, z, qw, qx, qy, qz of the hand in the base frame, mm, of a table in any form of `poses_of_log`.
+
+    base_in_hand  the table has the base in the hand frame instead
+    names         of rows that have none, in order
+
+    Raises InputError.
+    """
+    given, position, quaternion = poses_of_log(read_log(Path(path)), rotation, unit)
+    if not given and names and len(names) != len(position):
+        what = f"has {len(position)} poses without names, and there are {len(names)} photographs"
+        raise unusable(str(path), what, "add a column image with their names")
+    given = given or list(names) or [f"pose{k}" for k in range(1, len(position) + 1)]
+    twice = [name for name, count in Counter(given).items() if count > 1]
+    if twice:
+        raise unusable(str(path), f"names {shown(twice[0])} twice", "give each image one pose")
+    pose = Pose(position, quaternion)
+    if base_in_hand:
+        pose = inverse(pose)
+    rows = np.concatenate([pose.position, pose.quaternion], axis=1).tolist()
+    return {name: tuple(row) for name, row in zip(given, rows, strict=True)}
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:

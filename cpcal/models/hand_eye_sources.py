@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -9,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import Problems, unusable
+from cpcal.common.errors import InputError, Problems, unusable
 from cpcal.common.files import small_file
+from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Indices
-from cpcal.models.hand_eye import HandEyeStudy, Setup
+from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup
+from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.robot import (
     Pose,
     Study,
@@ -31,6 +34,16 @@ from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import Target
 
 
+def photo_names(folder: Path) -> list[str]:
+    """The photographs in a folder as a table without names means them: image2 before image10."""
+
+    def key(name: str) -> list[tuple[str, int]]:
+        parts = re.split("([0-9]+)", name)
+        return [(part, 0) if k % 2 == 0 else ("", int(part)) for k, part in enumerate(parts)]
+
+    return sorted(image_files(folder), key=key)
+
+
 def study_of_photos(
     folder: Path,
     target: Target,
@@ -42,7 +55,8 @@ def study_of_photos(
 ) -> tuple[HandEyeStudy, list[str]]:
     """A study of the photographs of a target in a folder, and what was left out, in sentences.
 
-    poses      by the name of each photograph without its suffix: x, y, z, qw, qx, qy, qz of the hand in the base, mm
+    poses      by the name of each photograph, with or without its suffix: x, y, z, qw, qx, qy, qz of the hand in the
+               base, mm
     first_row  how a target is turned that looks the same when it is (`measure_pose`)
 
     A photograph in a folder below goes by its path, as "folder/name", if its name alone has no pose. An outline's
@@ -53,7 +67,9 @@ def study_of_photos(
     seen: list[tuple[str, Indices, Floats]] = []
     left: list[str] = []
     for name in image_files(folder):
-        stem = next((key for key in (Path(name).stem, Path(name).with_suffix("").as_posix()) if key in poses), None)
+        whole = Path(name)
+        names = (whole.stem, whole.name, whole.with_suffix("").as_posix(), name)
+        stem = next((key for key in names if key in poses), None)
         if stem is None:
             left.append(f"{name} has no pose")
             continue
@@ -80,6 +96,33 @@ def study_of_photos(
         points=np.concatenate([target.points[numbers] for _, numbers, _ in seen]),
     )
     return study, left
+
+
+_BETTER = 3.0  # times smaller, to say so
+
+
+def other_direction(study: HandEyeStudy) -> list[str]:
+    """In a sentence, that poses read in the other direction, base in hand, fit far better; else nothing. A camera on
+    the hand and one beside it differ in no other way, so pixels cannot tell which of the two it is."""
+
+    def left(poses: Pose) -> float:
+        try:
+            return classical_answer(replace(study, poses=poses, pose_half_width=np.zeros(0))).rms
+        except InputError:
+            return np.inf
+
+    as_stated, back = left(study.poses), left(inverse(study.poses))
+    if not _BETTER * back < as_stated:
+        return []
+    other = next(setup for setup in SETUPS if setup != study.setup)
+    so = f"leave {nearest(as_stated, 3)} px rms" if np.isfinite(as_stated) else "fit no frames"
+    return [
+        f"The poses {so}, and {nearest(back, 3)} px if they are read as base in hand: either they are "
+        f"(--base-in-hand), or the camera is {_WHERE[other]} (--setup {other}); pixels cannot tell which of the two."
+    ]
+
+
+_WHERE = {"eye-in-hand": "on the hand", "eye-to-hand": "beside the robot"}
 
 
 # ------------------------------------------------------------------------------------------------------------------

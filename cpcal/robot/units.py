@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from typing import Any
 
@@ -35,28 +35,41 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 # vector-rad, vector-deg              rotation vector: axis times angle
 # euler-xyz-deg, euler-ZYX-rad, ...   three angles in the order of the letters: small letters turn about the fixed
 #                                     axes of the base frame, capitals about those of the turned one (as in scipy)
+# kuka, yaskawa, fanuc, ur, abb       as a controller's poses are: `CONTROLLERS`
 
 ROUNDED = 0.01  # logs round: a quaternion's norm, a matrix's R'R, may be this far from 1
 TAIT_BRYAN = tuple("".join(p) for p in itertools.permutations("xyz"))
 PROPER = tuple(a + b + a for a, b in itertools.permutations("xyz", 2))
 SEQUENCES = tuple(s for name in TAIT_BRYAN + PROPER for s in (name, name.upper()))
+CONTROLLERS = {  # form of rotations; unit of lengths where the table says none
+    "kuka": ("euler-ZYX-deg", "mm"),  # A, B, C
+    "yaskawa": ("euler-xyz-deg", "mm"),  # Rx, Ry, Rz
+    "fanuc": ("euler-xyz-deg", "mm"),  # W, P, R
+    "ur": ("vector-rad", "m"),  # rx, ry, rz
+    "abb": ("quaternion-wxyz", "mm"),  # q1 to q4
+}
 FORMS = (
-    "give quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, or Euler angles such as euler-xyz-deg "
-    "(fixed axes) or euler-ZYX-rad (turned axes)"
+    "give quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, Euler angles such as euler-xyz-deg "
+    f"(fixed axes) or euler-ZYX-rad (turned axes), or a controller's form: {', '.join(CONTROLLERS)}"
 )
 
 
 @dataclass(frozen=True)
 class RotationForm:
-    """How rotations are written: the columns of a table that hold the numbers, and the unit of angles."""
+    """How rotations are written: the columns of a table that hold the numbers, and the unit of angles; and of lengths
+    beside them, where a table says none."""
 
     name: str
     columns: tuple[str, ...]
     unit: str = "rad"
+    length: str = ""
 
     @classmethod
     def named(cls, name: str) -> RotationForm:
         """The form of that name. Raises InputError, which lists the forms."""
+        if name in CONTROLLERS:
+            form, length = CONTROLLERS[name]
+            return replace(cls.named(form), length=length)
         kind, *rest = str(name).split("-")
         if name in ("quaternion-wxyz", "quaternion-xyzw"):
             return cls(name, tuple(f"q{letter}" for letter in rest[0]))
@@ -195,7 +208,7 @@ _SPELLED = {"µm": "um", "°": "deg", "degree": "deg", "degrees": "deg", "radian
     v: k for k, v in NAMES.items()
 }
 _TITLES = {
-    "pose": "pose|frame|name|id|no|nr|number|index|point|config|configuration|measurement",
+    "pose": "pose|image|photo|file|frame|name|id|no|nr|number|index|point|config|configuration|measurement",
     "run": "run|repeat|repetition",
     **{axis: f"(t|p|pos|position|trans|translation|point|target)?{axis}(pos|position)?" for axis in "xyz"},
     **{f"q{letter}": f"(q|quat|quaternion){letter}" for letter in "wxyz"},
@@ -229,17 +242,19 @@ def columns_by_name(
     found: dict[str, ColumnSource] = {}
     for target in ("pose", "run", *"xyz"):
         found |= named(target, _TITLES[target])
+    stated = form is not None
     for try_form in [form] if form else [RotationForm.named(name) for name in ("quaternion-wxyz", "matrix")]:
         order = try_form.name.split("-")[1].lower() if try_form.columns[0] == "r1" else ""
         turned: dict[str, ColumnSource] = {}
         for k, target in enumerate(try_form.columns):
             letter = order[k : k + 1]
             axis = f"{_TITLES[f'r{letter}']}|{_ANGLES[letter]}" if letter and len(set(order)) == 3 else ""
-            turned |= named(target, _TITLES.get(target, f"{axis}|{'abc'[k % 3]}|(r|e|euler|angle){k + 1}"))
+            names = _TITLES.get(target, f"{axis}|{'abc'[k % 3]}|{'wpr'[k % 3]}|(r|e|euler|angle){k + 1}")
+            turned |= named(target, f"{names}|q{k + 1}" if stated and target[0] == "q" else names)
         if len(turned) == len(try_form.columns):
             found, form = found | turned, try_form
     prefixes = {match[1] for key in keys if (match := re.fullmatch("([a-z]+)[0-9]+", key))}
-    counted = [[f"{prefix}0*{leg + first}" for leg in range(legs)] for prefix in prefixes for first in (0, 1)]
+    counted = [[f"{prefix}0*{leg + first}" for leg in range(legs)] for prefix in prefixes for first in (0, 1) if legs]
     full = [each for each in counted if all(named("", pattern) for pattern in each)]
     usual = [each for each in full if re.match("(l|leg|length)0", each[0])]
     if len(full) == 1 or len(usual) == 1:

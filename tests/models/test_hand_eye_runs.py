@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import cpcal.checker
 from cpcal.checker.hand_eye import errors, largest, parameter_ranges
+from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json, simulate_hand_eye, study_json
@@ -547,3 +549,24 @@ def test_real_pairs_of_poses_close_to_a_millionth_from_any_rotation(tmp_path, na
     assert math.isclose(run.result.eps_hi, eps, rel_tol=1e-6)
     assert max(run.result.ranges.high[k] - run.result.ranges.low[k] for k in (3, 4, 5, 9, 10, 11)) < 100.0
     assert all(accepted for accepted, _ in verify_hand_eye(run.folder))
+
+
+@pytest.mark.real_data
+@pytest.mark.nightly
+@pytest.mark.skipif(not DATA.exists(), reason=f"{DATA} is absent")
+def test_the_three_commands_of_the_page_take_real_photographs_to_certified_frames(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("circle_grid").symlink_to(DATA / "circle_grid")
+    shutil.copy(DATA / "circle_grid" / "poses.csv", "poses.csv")
+    lens = "focal = [2069.9, 2069.45]\ncenter = [955.283, 588.688]\n"
+    lens += "distortion = [-0.0450238, -0.00447247, 0.00013755, -0.000281302, 0.866311]\n"
+    Path("camera.toml").write_text(f'format = "cpcal-camera/1"\n[camera]\nwidth = 1920\nheight = 1200\n{lens}')
+    page = (Path(__file__).parents[2] / "docs" / "hand-eye.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    start = page.index("    cpcal handeye study --photos circle_grid")
+    for line in page[start:].splitlines()[:3]:
+        outcome = CliRunner().invoke(app, line.split()[1:], prog_name="cpcal")
+        assert outcome.exit_code == 0, outcome.output
+    assert "4 of 4 proofs hold" in outcome.output
+    result = load_hand_eye_result(tmp_path / "frames")
+    assert result.images == 8
+    assert result.eps_hi - result.eps_lo <= 1.1e-6 * result.eps_hi

@@ -1,14 +1,21 @@
 """Studies made from pairs of poses and from photographs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.models.hand_eye import CAMERA, simulate_hand_eye
+from cpcal.models.hand_eye import CAMERA, load_hand_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import classical_answer
-from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs, study_of_photos
+from cpcal.models.hand_eye_sources import (
+    other_direction,
+    photo_names,
+    read_pose_pairs,
+    study_of_pairs,
+    study_of_photos,
+)
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.target import target_from
@@ -212,6 +219,129 @@ def test_points_of_a_chessboard_turn_with_it_and_one_that_looks_the_same_is_left
     assert not left
     down, up = (study.pixels[study.image == k] for k in (0, 1))
     np.testing.assert_allclose(down, up, atol=0.1)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Tables of the hand's poses, as controllers write them.
+
+
+def about(axis, degrees):
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = [(1, 2), (2, 0), (0, 1)]["xyz".index(axis)]
+    turn = np.eye(3)
+    turn[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
+    return turn
+
+
+def fixed(angles):  # about x, then y, then z of the base
+    return about("z", angles[2]) @ about("y", angles[1]) @ about("x", angles[0])
+
+
+def turned(angles):  # A about z, B about the new y, C about the new x
+    return about("z", angles[0]) @ about("y", angles[1]) @ about("x", angles[2])
+
+
+def vector(turns):  # Rodrigues
+    angle = np.linalg.norm(turns)
+    k = np.cross(np.eye(3), turns / angle)
+    return np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
+
+
+def quaternion(q):
+    w, x, y, z = q
+    return (w * w - x * x - y * y - z * z) * np.eye(3) + 2.0 * (
+        np.outer(q[1:], q[1:]) + w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    )
+
+
+ANGLES = ((-176.5919, 9.8196, 2.0734), (172.8601, 12.2128, 0.3871), (30.5, -45.25, 100.0))
+TURNS = ((0.3, -1.2, 2.2), (-0.01, 0.02, 0.005), (1.0, 1.0, -0.5))
+UNITS = ((0.5, 0.5, -0.5, 0.5), (0.6, 0.0, 0.0, 0.8), (0.48, -0.64, 0.36, 0.48))
+FORMS_OF_TABLES = [
+    ("kuka", "name,X,Y,Z,A,B,C", 1.0, ANGLES, turned),
+    ("yaskawa", "image;X [mm];Y [mm];Z [mm];Rx [deg];Ry [deg];Rz [deg]", 1.0, ANGLES, fixed),
+    ("fanuc", "image,X,Y,Z,W,P,R", 1.0, ANGLES, fixed),
+    ("ur", "image x y z rx ry rz", 1e-3, TURNS, vector),
+    ("abb", "image,x,y,z,q1,q2,q3,q4", 1.0, UNITS, quaternion),
+    ("euler-xyz-deg", "image,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", 1.0, ANGLES, fixed),
+    ("euler-ZYX-deg", "image,x_m,y_m,z_m,rz_deg,ry_deg,rx_deg", 1e-3, ANGLES, turned),
+    (None, "image,x,y,z,qw,qx,qy,qz", 1.0, UNITS, quaternion),
+    ("kuka", "", 1.0, ANGLES, turned),
+]
+PLACES = ((905.634, -110.794, 337.887), (922.339, -28.866, 337.888), (-847.943, 46.255, 1.5))
+
+
+@pytest.mark.parametrize(("form", "header", "scale", "turns", "matrix"), FORMS_OF_TABLES)
+def test_a_table_in_a_controllers_form_holds_these_poses(tmp_path, form, header, scale, turns, matrix):
+    mark = ";" if ";" in header else " " if " " in header else ","
+    lines = [header] * bool(header)
+    for k, (place, turn) in enumerate(zip(PLACES, turns, strict=True)):
+        lines.append(mark.join([f"shot{k}", *(repr(scale * x) for x in place), *map(str, turn)]))
+    (tmp_path / "poses.txt").write_text("\n".join(lines))
+    found = load_hand_poses(tmp_path / "poses.txt", rotation=form)
+    assert list(found) == ["shot0", "shot1", "shot2"]
+    rows = np.array(list(found.values()))
+    np.testing.assert_allclose(rows[:, :3], PLACES, atol=1e-9)
+    expected = np.array([matrix(np.array(turn)) for turn in turns])
+    np.testing.assert_allclose(Pose(rows[:, :3], rows[:, 3:]).rotation, expected, atol=1e-12)
+
+
+MATRICES = [np.block([[fixed(t), np.array([p]).T], [np.zeros((1, 3)), 1]]) for t, p in zip(ANGLES, PLACES, strict=True)]
+
+
+@pytest.mark.parametrize("width", [4, 16])
+@pytest.mark.parametrize("back", [False, True])
+def test_matrices_one_after_the_other_are_poses_in_the_order_of_the_photographs(tmp_path, width, back):
+    numbers = np.array([np.linalg.inv(m) if back else m for m in MATRICES])
+    np.savetxt(tmp_path / "robot.txt", numbers.reshape(-1, width))
+    found = load_hand_poses(tmp_path / "robot.txt", base_in_hand=back, names=["a", "b", "c"])
+    rows = np.array([found[name] for name in "abc"])
+    np.testing.assert_allclose(rows[:, :3], PLACES, atol=1e-9)
+    np.testing.assert_allclose(Pose(rows[:, :3], rows[:, 3:]).rotation, [m[:3, :3] for m in MATRICES], atol=1e-12)
+
+
+def test_tables_of_poses_that_leave_a_doubt_are_refused(tmp_path):
+    def refused(text, why, **more):
+        (tmp_path / "poses.csv").write_text(text)
+        with pytest.raises(InputError, match=why):
+            load_hand_poses(tmp_path / "poses.csv", **more)
+
+    angles = "image,x,y,z,rx,ry,rz\na,700,1,2,3,4,5\nb,700,2,3,4,5,6\n"
+    refused(angles, "state --rotation")
+    refused(angles, "call them image, x, y, z, qw, qx, qy, qz", rotation="abb")
+    refused(angles, "is no form of rotations", rotation="adept")
+    refused(angles.replace("\nb", "\na"), "names 'a' twice", rotation="fanuc")
+    refused(angles.replace("700", "0.7"), "at most 3 mm from the base, if its lengths are in mm", rotation="fanuc")
+    refused(angles, "at most 700000 mm from the base, if its lengths are in m", rotation="ur")
+    refused(angles.replace("image,x", "ape,x"), "2 poses without names, and there are 3", rotation="fanuc", names="abc")
+    refused(angles.replace("4,5\n", "4,up\n"), "'up' is not a number", rotation="fanuc")
+    turned_over = "\n".join(" ".join(map(str, row)) for m in MATRICES for row in m.T)
+    refused(turned_over, "is no matrix whose last row is 0 0 0 1")
+    refused("1,2,3,4,5\n2,3,4,5,6\n", "has no names of columns, and 5 of them")
+
+
+def test_metres_are_told_by_the_unit_asked_for(tmp_path):
+    (tmp_path / "poses.csv").write_text("image,x,y,z,rx,ry,rz\na,0.7,1,2,3,4,5\n")
+    assert load_hand_poses(tmp_path / "poses.csv", rotation="fanuc", unit="m")["a"][:3] == (700.0, 1000.0, 2000.0)
+    assert load_hand_poses(tmp_path / "poses.csv", rotation="ur", unit="mm")["a"][:3] == (0.7, 1.0, 2.0)
+
+
+def test_photographs_go_by_their_numbers(tmp_path):
+    for name in ("image10.png", "image2.png", "image1.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert photo_names(tmp_path) == ["image1.png", "image2.png", "image10.png"]
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_poses_that_run_from_base_to_hand_are_told_by_the_pixels(setup):
+    study = simulate_hand_eye(setup=setup, images=8, pixel_error=0.2, seed=2).study
+    assert other_direction(study) == []
+    (said,) = other_direction(replace(study, poses=inverse(study.poses)))
+    other = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}[setup]
+    assert "0.11" in said
+    assert "--base-in-hand" in said
+    assert f"--setup {other}" in said
+    assert other_direction(replace(study, setup=other, poses=inverse(study.poses))) == []
 
 
 def test_a_simulated_camera_sees_all_points():
