@@ -13,15 +13,13 @@ class HC4(Composable):
     """Natural interval evaluation of every constraint, then narrowing of its arguments down to the variables.
 
     Works on any network and any box, also unbounded ones. Readings are narrowed like variables but never
-    reported: a reading is a number that exists in its set. `sweeps` is how often the two sweeps are repeated, unless
-    nothing moves.
+    reported: a reading is a number that exists in its set.
     """
 
     def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64", sweeps: int = 1
+        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
     ) -> None:
-        self._engine, self._sweeps = get_arithmetic(arithmetic), sweeps
-        self._tape = rows_tape(network)
+        self._engine, self._tape = get_arithmetic(arithmetic), rows_tape(network)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         left = self.contract_batch(box.array[None])
@@ -29,4 +27,4 @@ class HC4(Composable):
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
-        return self._tape.contract(self._engine, boxes, self._sweeps)
+        return self._tape.contract(self._engine, boxes)

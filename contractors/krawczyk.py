@@ -73,14 +73,9 @@ class IntervalRows:
 
 
 class Linearised:
-    """The one-sided rows of a network, to be linearised box by box.
+    """The one-sided rows of a network, to be linearised box by box."""
 
-    `slopes`: the matrix holds slopes from the expansion point instead of derivatives (paper, eq. 5). They are about
-    half as wide, but every expansion point needs its own.
-    """
-
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, slopes: bool) -> None:
-        self._slopes = slopes
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._forms: list[tuple[CentredForm, Indices]] = []
         for row in one_sided_rows(network):
             form = CentredForm(network, row.expr, engine)
@@ -93,17 +88,14 @@ class Linearised:
         A point is in the box; for affine rows, whose matrix is the same everywhere, it may lie anywhere.
         """
         chosen = [(form, origin) for form, origin in self._forms if affine is None or form.affine == affine]
-        jacobians = [None if self._slopes and not form.affine else form.jacobian(box) for form, _ in chosen]
+        if not chosen:
+            return []
+        matrix = _joined([form.jacobian(box) for form, _ in chosen])
+        origin = np.concatenate([origin for _, origin in chosen])
+        bounds = np.isfinite(matrix.lo).all(axis=1) & np.isfinite(matrix.hi).all(axis=1)
         out = []
-        for point in points if chosen else ():
-            value = [form.at(point, self._slopes) for form, _ in chosen]
-            matrix = [
-                form.slopes(box, point) if jacobian is None else jacobian
-                for (form, _), jacobian in zip(chosen, jacobians, strict=True)
-            ]
-            origin = np.concatenate([origin for _, origin in chosen])
-            rows = IntervalRows(point, _joined(value), _joined(matrix), origin)
-            bounds = np.isfinite(rows.matrix.lo).all(axis=1) & np.isfinite(rows.matrix.hi).all(axis=1)
+        for point in points:
+            rows = IntervalRows(point, _joined([form.at(point) for form, _ in chosen]), matrix, origin)
             out.append(rows.only(bounds & np.isfinite(rows.value.lo)))  # the others say nothing
         return out
 
@@ -151,7 +143,7 @@ def inequalities(engine: Arithmetic, rows: IntervalRows, box: Box, decomposition
 class Krawczyk(Composable):
     """Centred form on the box, the polyhedron of eq. 12, a linear program per bound; again while it pays.
 
-    `slopes` takes slopes (eq. 5) instead of interval Jacobians (eq. 7). The loop ends when the sum of the widths,
+    The loop ends when the sum of the widths,
     each measured in units of what it was at first, shrinks to no less than `ratio` of what it was, or after `most`
     rounds. Boxes that are not bounded come back as they are.
     """
@@ -165,12 +157,11 @@ class Krawczyk(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        slopes: bool = False,
         ratio: float = 0.9,
         most: int = 20,
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._system = Linearised(network, self._arithmetic, slopes)
+        self._system = Linearised(network, self._arithmetic)
         self._objective = None if objective is None else network.names.index(objective)
         self._ratio, self._most = ratio, most
 

@@ -29,7 +29,7 @@ from cpcal.common.values import Floats
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, study_json
 from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.prover import Contracted, System, contracted, write_steps
+from cpcal.solver.certificate.prover import Contracted, Descent, System, write_steps
 
 Tell = Callable[[str], None]
 _ROTATIONS = frozenset((*R_X, *R_F))
@@ -215,10 +215,10 @@ class Prover:
         def narrow(radius: Floats) -> bool:
             return bool(radius[places].max() < _NARROW)
 
-        return contracted(
-            System(rows, lifted, asked, tuple(derived)), rows.root, narrow=narrow, gain=_GAIN[stage],
-            splits=places, most_boxes=boxes, end=end, tell=self._told(stage),
-        )  # fmt: skip
+        system = System(rows, lifted, asked, tuple(derived))
+        return Descent(
+            system, narrow, _GAIN[stage], splits=places, most_boxes=boxes, end=end, tell=self._told(stage)
+        ).over(rows.root)
 
     def _told(self, stage: str) -> Callable[[Box | None], None]:
         def say(box: Box | None) -> None:

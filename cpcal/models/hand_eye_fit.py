@@ -267,7 +267,8 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 
     def moved(at: ReadFrames, step: Floats) -> ReadFrames:
         turn, shifted = rotation_matrix(quaternion_from_rotation_vector(step[:3])), step.copy()
-        shifted[3:6] += turn @ arm(at) - arm(at)
+        center = arm(at)
+        shifted[3:6] += turn @ center - center
         return exact.moved(at, shifted)
 
     at = least_squares(exact, jacobian, at, tolerance=1e-13, moved=moved, steps=_STEPS).at

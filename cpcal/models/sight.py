@@ -41,7 +41,7 @@ from cpcal.common.files import write_file
 from cpcal.common.values import ByValue, Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.prover import Contracted, System, contracted, line, write_steps
+from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.batch.detect import ImageSource
@@ -445,7 +445,7 @@ class _Search:
         system = System(rows, lifted, range(12), wrong=header["outliers"], owner=rows.dot_of)
         first = not header["after"]
         gain, loss = (_FIRST_GAIN, _FIRST_LOSS) if first else (_GAIN, _LOSS)
-        found = contracted(system, rows.root, narrow=narrow, gain=gain, loss=loss)
+        found = Descent(system, narrow, gain, loss=loss).over(rows.root)
         if found.steps or first:
             stem = "" if self.stem is None else self.stem.name
             said = {"format": FORMAT, "pose_set": self.digest, **header, "turn": [number(v) for v in header["turn"]]}

@@ -505,10 +505,9 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
     """
     lo, hi = campaign.position.min(axis=0), campaign.position.max(axis=0)
     mean = mean_orientation(campaign)
-    usual = float(np.median(_sensitivity(robot, Pose(campaign.position, campaign.quaternion), held)))
-    turned = np.linalg.norm(
-        rotation_vector(quaternion_product(campaign.quaternion, quaternion_conjugate(mean))), axis=1
-    )
+    measured = Pose(campaign.position, campaign.quaternion)
+    usual = float(np.median(_sensitivity(robot, measured, held)))
+    turned = distances(measured, Pose(campaign.position, mean))[1]
     choice = np.vstack([mean, campaign.quaternion[np.argsort(turned, kind="stable")]])
     middles = Pose(np.broadcast_to(0.5 * (lo + hi), (len(choice), 3)), choice)
     chosen = int(np.argmax(_sensitivity(robot, middles, held) <= usual))  # 0, the mean, where there is none

@@ -18,7 +18,6 @@ from contractors import (
     HC4,
     Beaumont,
     Cid,
-    Krawczyk,
     Lifted,
     Newton,
     Shaving,
@@ -66,8 +65,7 @@ def krawczyk_only(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 ALGEBRA = {"then": then, "union": union, "repeat": repeated}
 VARIANTS = {
-    "krawczyk with slopes": partial(Krawczyk, slopes=True),
-    "beaumont with slopes": partial(Beaumont, slopes=True, most=3),
+    "beaumont thrice": partial(Beaumont, most=3),
     "shaving twice": shaved,
     "cid repeated": sliced,
     "newton krawczyk": krawczyk_only,

@@ -455,62 +455,51 @@ def write_steps(
         out.writelines(line(one).encode() for one in (header, said, *steps))
 
 
-def contracted(
-    system: System,
-    root: ExactBox,
-    *,
-    narrow: Callable[[Floats], bool],
-    gain: float,
-    splits: Sequence[int] = (),
-    most_boxes: int = 1,
-    loss: float = 0.02,
-    end: float = math.inf,
-    tell: Callable[[ExactBox | None], None] = lambda box: None,
-) -> Contracted:
-    """Contract until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
-    then halve the widest of the unknowns `splits`, in at most so many boxes.
+@dataclass
+class Descent:
+    """Contracts until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
+    then halves the widest of the unknowns `splits`, in at most so many boxes.
 
     narrow   of half-widths: whether programs without columns are worth a try
     loss     share of what is left of a width, given away for shorter numbers
     """
-    found = Contracted(None)
-    descent = _Descent(system, narrow, gain, loss, end, tell, found)
-    waiting, left, fresh = [(0, root)], list[ExactBox](), 1
-    while waiting:
-        name, whole = waiting.pop()
-        box = descent.over(name, whole)
-        if box is None:
-            continue
-        if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
-            if system.derived and found.steps:
-                box, _ = descent.once_over(name, box, system.lifted, system.derived)
-            left += [] if box is None else [box]
-            continue
-        widths = {k: box.hi[k] - box.lo[k] for k in splits}
-        i = max(splits, key=widths.__getitem__)
-        cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
-        found.steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
-        waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
-        fresh += 2
-    if left:
-        lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
-        found.left = ExactBox(tuple(map(min, lo)), tuple(map(max, hi)))
-    return found
-
-
-@dataclass
-class _Descent:
-    """Passes over boxes, with the options of `contracted`."""
 
     system: System
     narrow: Callable[[Floats], bool]
     gain: float
-    loss: float
-    end: float
-    tell: Callable[[ExactBox | None], None]
-    found: Contracted
+    splits: Sequence[int] = ()
+    most_boxes: int = 1
+    loss: float = 0.02
+    end: float = math.inf
+    tell: Callable[[ExactBox | None], None] = lambda box: None
+    found: Contracted = field(init=False, default_factory=lambda: Contracted(None))
 
-    def over(self, name: int, box: ExactBox) -> ExactBox | None:
+    def over(self, root: ExactBox) -> Contracted:
+        """What is left of a box."""
+        system, steps = self.system, self.found.steps
+        waiting, left, fresh = [(0, root)], list[ExactBox](), 1
+        while waiting:
+            name, whole = waiting.pop()
+            box = self._passes(name, whole)
+            if box is None:
+                continue
+            if not self.splits or fresh + 1 > 2 * self.most_boxes - 2 or time.monotonic() > self.end:
+                if system.derived and steps:
+                    box, _ = self._once_over(name, box, system.lifted, system.derived)
+                left += [] if box is None else [box]
+                continue
+            widths = {k: box.hi[k] - box.lo[k] for k in self.splits}
+            i = max(self.splits, key=widths.__getitem__)
+            cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
+            steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
+            waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
+            fresh += 2
+        if left:
+            lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
+            self.found.left = ExactBox(tuple(map(min, lo)), tuple(map(max, hi)))
+        return self.found
+
+    def _passes(self, name: int, box: ExactBox) -> ExactBox | None:
         """What passes leave of a box, until one gains too little."""
         for _ in range(_PASSES):
             if time.monotonic() > self.end:
@@ -527,13 +516,13 @@ class _Descent:
         """Without columns of products where that is worth a try, and with them where it gained too little."""
         system = self.system
         if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
-            left, given_away = self.once_over(name, box, np.zeros_like(system.lifted), system.asked)
+            left, given_away = self._once_over(name, box, np.zeros_like(system.lifted), system.asked)
             if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
                 return left
             box = left
-        return self.once_over(name, box, system.lifted, system.asked)[0]
+        return self._once_over(name, box, system.lifted, system.asked)[0]
 
-    def once_over(
+    def _once_over(
         self, name: int, box: ExactBox, columns: Bools, asked: Sequence[int]
     ) -> tuple[ExactBox | None, float]:
         """Two programs for each unknown that is asked for; what is proved of them is a step.

@@ -133,23 +133,17 @@ def hc4(p: Program, x: Arrays) -> bool:
 
 
 @compiled
-def contract_all(p: Program, leaves: Arrays, boxes: Arrays, sweeps: int) -> None:
-    """hc4 on B boxes (B, n), in place, `sweeps` times each or until nothing moves; NaN where nothing is left."""
+def contract_all(p: Program, leaves: Arrays, boxes: Arrays) -> None:
+    """hc4 on B boxes (B, n), in place; NaN where nothing is left."""
     x = np.empty(p.first + len(p.code)), np.empty(p.first + len(p.code))
     for r in range(len(boxes[0])):
         lo, hi = boxes[0][r], boxes[1][r]
         x[0][: p.size], x[1][: p.size] = lo, hi
         x[0][p.size : p.first], x[1][p.size : p.first] = leaves
-        for _ in range(sweeps):
-            if not hc4(p, x):
-                lo[:], hi[:] = np.nan, np.nan
-                break
-            moved = False
-            for j in range(p.size):
-                moved = moved or x[0][j] > lo[j] or x[1][j] < hi[j]
-                lo[j], hi[j] = at(x, j)
-            if not moved:
-                break
+        if hc4(p, x):
+            lo[:], hi[:] = x[0][: p.size], x[1][: p.size]
+        else:
+            lo[:], hi[:] = np.nan, np.nan
 
 
 @compiled

@@ -100,10 +100,10 @@ class Tape:
         """Bounds (B, K) of all roots' elements."""
         return slots[:, self.program.roots]
 
-    def contract(self, engine: Arithmetic, boxes: IntervalArray, sweeps: int = 1) -> IntervalArray:
+    def contract(self, engine: Arithmetic, boxes: IntervalArray) -> IntervalArray:
         """hc4 for `root <= 0`: what is left of boxes (B, n); NaN where nothing is."""
         left = _own(boxes)
-        sweeps_of(engine).contract_all(self.program, _both(self._leaves), left, sweeps)
+        sweeps_of(engine).contract_all(self.program, _both(self._leaves), left)
         return IntervalArray(*left)
 
     def continuous(self, engine: Arithmetic, slots: IntervalArray) -> bool:

@@ -50,14 +50,6 @@ class Blocks:
     own: Floats
     own_side: Floats
 
-    @classmethod
-    def from_rows(cls, residual: Floats, shared: Floats, own: Floats) -> Blocks:
-        """Of residuals (v, r), r in each block, with derivatives (v, r, s) and (v, r, k); pad short blocks with 0."""
-        across = np.swapaxes(own, 1, 2)
-        flat = shared.reshape(-1, shared.shape[2])
-        sides = -flat.T @ residual.ravel(), -(across @ residual[..., None])[..., 0]
-        return cls(flat.T @ flat, sides[0], across @ shared, across @ own, sides[1])
-
     def reduced(self, damping: float = 0.0) -> tuple[Floats, Floats]:
         """The equations (s, s), (s,) of the shared unknowns alone. Raises LinAlgError where a block is singular."""
         both = np.concatenate([self.mixed, self.own_side[..., None]], axis=2)
