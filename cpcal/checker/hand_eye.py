@@ -14,11 +14,11 @@ from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
-from .bounds import between, matrix, number, numbers, skew
+from .bounds import Bounds, between, matrix, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
-from .frames import R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, holds, rotation
+from .frames import E_, R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, holds, rotation
 from .lens import Cameras, values
 from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
@@ -52,8 +52,7 @@ STUDY_FORMAT = "cpcal-study/1"
 # 12 images of any rotation take 12,000,000 units
 _POINTS, _POINT_WORK, _MOST_POINTS = 10_000, 2_000, 20_000  # of a run: more for each point beyond so many
 _ERRORS_WORK = 2_000  # of a point: what its lens and its errors at two pairs of frames cost
-HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/5"
-UNKNOWNS = 24  # of a result: R and t of both frames
+HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/6"
 BEYOND = F(1.1)  # of eps_hi: the tolerance of ranges that nobody asked for
 _LENS = F(1, 10**7)  # px: how far a pixel and the image of its undistorted one may be apart
 _SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -192,9 +191,7 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
     for place, turn, shift in ((0, R_X, T_X), (7, R_F, T_F)):
         low += [-up(-lo[i]) for i in shift]
         high += [up(hi[i]) for i in shift]
-        center = enclosed_rotation(numbers(about[place + 3 : place + 7]))
-        turns = product(matrix([between(lo[i], hi[i]) for i in turn]), transposed(center))
-        k2 = sum(((turns[a][b] - number(a == b)).size.ends[1] ** 2 for a in range(3) for b in range(3)), F(0)) / 8
+        turns, k2 = _turned([between(lo[i], hi[i]) for i in turn], about[place + 3 : place + 7])
         if k2 > F(1, 4):
             low += [-180.0] * 3
             high += [180.0] * 3
@@ -204,6 +201,41 @@ def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tu
             low.append(-_degrees(-sine.ends[0] / 2, factor))
             high.append(_degrees(sine.ends[1] / 2, factor))
     return low, high
+
+
+def known_point(
+    lo: Sequence[F], hi: Sequence[F], hand: Sequence[F], at: Sequence[F], about: Sequence[F]
+) -> tuple[float, float]:
+    """How far at most frames in a box put a point (3, mm, in the camera frame), and turn the camera, from where the
+    frames `about` (14) do: mm and degrees, 180 where no turn is excluded.
+
+    X = (R, t) puts p at R p + t = w + R (p - e), with w = `hand`. Two of them, the second with an index 0, are at most
+    `|e - e0| + |(R - R0) (p - e0)|` apart, and at most `|t - t0| + |(R - R0) p|`: the less of both counts.
+    """
+    turn, shift = _turn(about[3:7]), about[:3]
+    e = applied(transposed(turn), minus(hand, shift))
+
+    def off(places: Iterable[int], values: Iterable[F]) -> list[Bounds]:
+        return [between(lo[i] - v, hi[i] - v) for i, v in zip(places, values, strict=True)]
+
+    turned = matrix(off(R_X, (v for row in turn for v in row)))
+    ways = (
+        _norm(off(places, known)) + _norm(applied(turned, numbers(minus(at, origin))))
+        for places, known, origin in ((E_, e, e), (T_X, shift, (F(0),) * 3))
+    )
+    k2 = _turned([between(lo[i], hi[i]) for i in R_X], about[3:7])[1]
+    angle = 180.0 if k2 > F(1, 4) else _degrees(number(4 * k2 / (1 - k2)).root.ends[1], F(1))
+    return up(min(way.ends[1] for way in ways)), angle
+
+
+def _norm(vector: Iterable[Bounds]) -> Bounds:
+    return sum((v.size.square for v in vector), number(0)).root
+
+
+def _turned(turn: Sequence[Bounds], about: Sequence[F]) -> tuple[Sequence[Sequence[Bounds]], F]:
+    """Rotations (9) times the inverse of the quaternion `about`, and an upper bound of sin(theta / 2)^2 of these."""
+    turns = product(matrix(turn), transposed(enclosed_rotation(numbers(about))))
+    return turns, sum(((turns[a][b] - number(a == b)).size.ends[1] ** 2 for a in range(3) for b in range(3)), F(0)) / 8
 
 
 def _degrees(sine: F, factor: F) -> float:
@@ -312,16 +344,17 @@ class _Run:
             raise Refused("is at another tolerance than was asked for")
         return eps
 
-    def accepted(self, name: Any, eps: F, images: Sequence[int]) -> Accepted:
-        """A certificate about these images and the box that was asked for, at a tolerance."""
+    def accepted(self, name: Any, eps: F, images: Sequence[int]) -> tuple[Accepted, Sequence[F]]:
+        """A certificate about these images and the box that was asked for, at a tolerance; and its w."""
         accepted, header = self.certificates.accepted(name)
-        if _ASKED(header[5])[:3] != [tuple(self.center), self.reach, self.angle]:
+        center, reach, angle, hand, _ = _ASKED(header[5])
+        if [center, reach, angle] != [tuple(self.center), self.reach, self.angle]:
             raise Refused(f"rests on {shown(name)}, which speaks of another box")
         if header[4] != eps:
             raise Refused(f"rests on {shown(name)}, which is at another tolerance")
         if not {*header[3]} <= {*images}:
             raise Refused(f"rests on {shown(name)}, which is about other images")
-        return accepted
+        return accepted, hand
 
     def refuted(self, groups: Any, eps: F, beside: str | None = None) -> list[Accepted]:
         """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""
@@ -332,7 +365,7 @@ class _Run:
                 raise Refused("names an image of a group twice")
             if beside is not None and beside not in group["images"]:
                 raise Refused("has a group without the image that it names")
-            claims.append(self.accepted(group["certificate"], eps, numbers))
+            claims.append(self.accepted(group["certificate"], eps, numbers)[0])
             if not claims[-1].claims.infeasible:
                 raise Refused("rests on a certificate that does not claim that there are no frames")
             family.append(frozenset(name for name in group["images"] if name != beside))
@@ -378,18 +411,21 @@ class _Run:
         ranges, eps = self.result["ranges"], self.tolerance()
         if ranges is None:
             return ""
-        accepted = self.accepted(ranges["certificate"], eps, self.kept())
-        claims, sides = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")]
+        accepted, hand = self.accepted(ranges["certificate"], eps, self.kept())
+        claims, sides, known = accepted.claims, [ranges[key] for key in ("lo", "hi", "low", "high")], ranges["known"]
         what = f"every pixel{self.others()} to {float(eps)!r} px ({accepted.steps} steps)"
         if claims.infeasible:
-            compare(("ranges", side, []) for side in sides)
+            compare([*(("ranges", side, []) for side in sides), ("point before the camera", known, None)])
             return f"ranges: PROVED, no frames explain {what}"
         if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
             raise Refused("rests on a certificate that claims no box of frames")
-        lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
-        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(self.result["point"]))]
+        lo, hi = (list(side[:SIZE]) for side in claims.enclosure)
+        point = _placed(self.result["point"])
+        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, point)]
         for name, side, proved in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
             same(name, [exact(v) for v in array(side)], [F(v) for v in proved])
+        place, turn = known_point(lo, hi, hand, [exact(v) for v in array(known["at"], 3)], point)
+        compare([("place of a point", exact(known["place"]), F(place)), ("turn", exact(known["turn"]), F(turn))])
         return f"ranges: PROVED for all frames that explain {what}"
 
     def lower_end(self) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
-from cpcal.cli.options import FIRST_ROW, FORCE, Status, argument, check_new, option, output, refuse
+from cpcal.cli.options import FIRST_ROW, FORCE, Status, argument, check_new, numbers_of, option, output, refuse
 from cpcal.cli.terminal import Talk, answer
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
@@ -46,7 +46,7 @@ from cpcal.questions.hand_eye import (
     save_hand_eye_result,
 )
 from cpcal.questions.next_measurement import next_images
-from cpcal.report.hand_eye_page import names_of, sentences, write_hand_eye
+from cpcal.report.hand_eye_page import known_sentence, names_of, sentences, write_hand_eye
 from cpcal.robot.units import CONTROLLERS
 from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
@@ -169,6 +169,12 @@ def certify(
     within: str = option("any,2000", "Search within these of the classical answer; 'any' for all rotations.", "DEG,MM"),
     gap: float = option(GAP, "Relative width of the bracket that is asked for."),
     time_limit: float | None = option(None, "Seconds for each proof, at most.", "S"),
+    at: str | None = option(
+        None,
+        "How accurate is a point there, mm in the camera frame?",
+        "X,Y,Z",
+        show_default="on its axis, as far as the target",
+    ),
     *,
     talk: Talk,
 ) -> Status:
@@ -190,6 +196,7 @@ def certify(
     if count is not None and poses is not None:
         return _next(study, poses, count, asked, talk)
     assert run is not None
+    asked["at"] = numbers_of(at, float, "x, y, z in mm", "--at")
     asked |= {"outliers": wrong, "within": Within.parsed(within), "gap": gap}
     asked["time_limit"] = np.inf if time_limit is None else time_limit
 
@@ -198,7 +205,7 @@ def certify(
         return certify_hand_eye(study, certificates=draft, **asked)
 
     def show(found: HandEyeResult) -> None:
-        talk.say(*sentences(found))
+        talk.say(*known_sentence(found), *sentences(found))
         if found.ranges is not None and not found.ranges.empty:
             sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
             rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]

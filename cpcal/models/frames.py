@@ -203,8 +203,8 @@ class Prover:
         rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
         turns, lifted = _ROTATIONS, _lifted
         asked, derived = (
-            (*R_X, *R_F, *(T_X if stage == "links" else E_), *F_),
-            (*T_F, *(E_ if stage == "links" else T_X)),
+            (*R_X, *R_F, *((*T_X, *E_) if stage == "links" else E_), *F_),
+            (*T_F, *(() if stage == "links" else T_X)),
         )
         if stage == "image":
             turns, lifted, asked, derived = frozenset(range(9)), _all, tuple(range(12)), ()

@@ -15,13 +15,13 @@ import numpy as np
 
 from cpcal.checker import Refused, Unusable
 from cpcal.checker.bounds import Bounds, between, matrix
-from cpcal.checker.frames import R_F, R_X, T_F, T_X, holds
+from cpcal.checker.frames import R_F, R_X, SIZE, T_F, T_X, holds
 from cpcal.checker.hand_eye import (
     HAND_EYE_FORMAT,
     HAND_EYE_NAME,
-    UNKNOWNS,
     check_hand_eye,
     errors,
+    known_point,
     largest,
     parameter_ranges,
 )
@@ -110,25 +110,42 @@ class AskedBox(Within):
         return holds(placed.numbers, self.center.numbers, F(self.reach), None if self.angle is None else F(self.angle))
 
 
+_POINT = "computed again from `lo`, `hi`, `point` and the certificate's `hand`, exactly"
+
+
+@dataclass(frozen=True)
+class KnownPoint:
+    """PROVED: frames of the ranges put the point `at` (mm, in the camera frame) at most `place` mm from where the point
+    of the result does, in the hand frame (eye in hand) or the base frame; the camera is turned from there by at most
+    `turn` degrees, 180 where nothing is known."""
+
+    at: Annotated[tuple[float, float, float], checked("what was asked")]
+    place: Annotated[float, checked(_POINT)]
+    turn: Annotated[float, checked(_POINT)]
+
+
 @dataclass(frozen=True)
 class FrameRanges:
     """PROVED: frames in the box that explain every pixel to within `eps` px of the result have these parameters.
 
     In the order of PARAMETERS: positions in mm, and the rotation vector in degrees by which a frame is turned from that
-    of the point (in base or hand coordinates); 180 either way where nothing is known. `lo`, `hi` (24): of the unknowns.
-    Without numbers there are no such frames. `certificate`: the file that claims it.
+    of the point (in base or hand coordinates); 180 either way where nothing is known. `lo`, `hi` (30): of the unknowns.
+    Without numbers there are no such frames. `known`: what that says of a point before the camera. `certificate`: the
+    file that claims it.
     """
 
     low: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
     high: Annotated[tuple[float, ...], checked("computed again from `lo`, `hi` and `point`, exactly")]
     lo: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
     hi: Annotated[tuple[float, ...], checked("the claim of `ranges.certificate`")]
+    known: KnownPoint | None
     certificate: Annotated[str, _FILE]
 
     def __post_init__(self) -> None:
         sizes = len(self.low), len(self.high), len(self.lo), len(self.hi)
-        if sizes not in ((0, 0, 0, 0), (len(PARAMETERS), len(PARAMETERS), UNKNOWNS, UNKNOWNS)):
-            raise ValueError(f"ranges are not of {len(PARAMETERS)} parameters and {UNKNOWNS} unknowns")
+        full = (len(PARAMETERS), len(PARAMETERS), SIZE, SIZE)
+        if sizes != ((0, 0, 0, 0) if self.known is None else full):
+            raise ValueError(f"ranges are not of {len(PARAMETERS)} parameters and {SIZE} unknowns, and of a point")
 
     @property
     def empty(self) -> bool:
@@ -276,6 +293,7 @@ def _check_finite(value: object, where: str) -> None:
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
 LOWER, RANGES, WRONG = "lower", "ranges", "wrong"  # with which the names of certificates begin
+_FARTHEST = 1e6  # mm: of a point before the camera
 _NOTHING = 1e-12  # px: what rounding leaves of pixels that fit exactly
 _SHARES = (0.0, 1e-4, 1e-2, 0.1)  # below eps_hi: tolerances that are tried for the lower end
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # the same below the least error of a single image
@@ -297,6 +315,7 @@ def certify_hand_eye(
     gap: float = GAP,
     certificates: Path | None = None,
     time_limit: float = math.inf,
+    at: Sequence[float] | None = None,
     seed: int = 0,
     tell: Tell = lambda text: None,
 ) -> HandEyeResult:
@@ -309,13 +328,17 @@ def certify_hand_eye(
     gap           relative width of the bracket that is asked for
     certificates  a folder that exists, for `lower.cert.jsonl`, `ranges.cert.jsonl` and those that these rest on
     time_limit    seconds for each of the proofs; what is proved until then is stated
+    at            mm, in the camera frame: how well a point there is known; default on its axis, as far away as the
+                  target was on average
 
-    Raises InputError for studies without a classical answer, for one whose points lie outside of the box, and for
-    fewer than four images a group.
+    Raises InputError for a point that is none, for studies without a classical answer, for one whose points lie outside
+    of the box, and for fewer than four images a group.
     """
     began, every = time.monotonic(), range(len(study.images))
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
         raise unusable("tolerance", f"is {tolerance}", "give pixels, from 0")
+    if at is not None and (len(at) != 3 or not np.abs(at).max() < _FARTHEST):
+        raise unusable("point before the camera", f"is {list(at)}", "give x, y, z in the camera frame, mm")
     if outliers and not 0 < outliers <= len(every) // _LEAST - 2:
         most = max(len(every) // _LEAST - 2, 0)
         what = f"is {outliers} of {len(every)} images"
@@ -369,7 +392,7 @@ def certify_hand_eye(
         support=_support(study, lower),
         tolerance=tolerance,
         eps=eps,
-        ranges=None if wide is None else _ranges(wide, point),
+        ranges=None if wide is None else _ranges(wide, point, prover.hand, at),
         classical=judged,
         blamed=tuple((study.images[k], _groups(study, found)) for k, found in blamed.items()),
         version=__version__,
@@ -503,13 +526,19 @@ def _support(study: HandEyeStudy, proofs: _Refuted) -> tuple[tuple[str, str], ..
     return tuple((study.images[study.image[k]], study.names[k]) for k in points)
 
 
-def _ranges(wide: Proof, point: PlacedFrames) -> FrameRanges:
+def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[float] | None) -> FrameRanges:
     file = wide.certificate or ""
     if wide.left is None:
-        return FrameRanges((), (), (), (), file)
-    lo, hi = (tuple(map(float, side[:UNKNOWNS])) for side in (wide.left.lo, wide.left.hi))
-    low, high = map(tuple, parameter_ranges(exact(lo), exact(hi), point.numbers))
-    return FrameRanges(low, high, lo, hi, file)
+        return FrameRanges((), (), (), (), None, file)
+    if at is None:  # w is where the target's centre was on average, in the hand or base frame
+        away = float(point.frames.e_rotation[2] @ np.array(hand, float) + point.frames.e_translation[2])
+        at = (0.0, 0.0, float(round(away)))
+    there = tuple(map(float, at))
+    box = exact(wide.left.lo), exact(wide.left.hi)
+    low, high = map(tuple, parameter_ranges(*box, point.numbers))
+    known = KnownPoint((there[0], there[1], there[2]), *known_point(*box, hand, exact(there), point.numbers))
+    lo, hi = (tuple(map(float, side)) for side in box)
+    return FrameRanges(low, high, lo, hi, known, file)
 
 
 def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:

@@ -58,7 +58,7 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
         "hand-eye calibration",
         "Which images are wrong?" if found.outliers else "How well do any frames explain the pixels?",
         [
-            Section("Answer", [(badge, f" {first}"), *said], notes=[note]),
+            Section("Answer", [*known_sentence(found), (badge, f" {first}"), *said], notes=[note]),
             *_blamed(found),
             *_ranges(found),
             _classical(found),
@@ -210,6 +210,29 @@ def names_of(setup: str) -> list[tuple[str, str]]:
         turned = axis.startswith("r")
         found.append((f"{named[frame]}: {'turn about ' + axis[1] if turned else axis}", "deg" if turned else "mm"))
     return found
+
+
+def known_sentence(found: HandEyeResult) -> list[str]:
+    """How accurate the calibration is, in mm at a point before the camera; nothing where no ranges are proved."""
+    if found.ranges is None or found.ranges.known is None:
+        return []
+    known, classical = found.ranges.known, found.asked.center
+    ahead = not any(known.at[:2]) and known.at[2] > 0.0
+    where = (
+        f"A point {stated(known.at[2])} mm in front of the camera"
+        if ahead
+        else f"The point ({', '.join(map(stated, known.at))}) mm in the camera frame"
+    )
+    put = [np.array(p.camera_position) + p.frames.e_rotation.T @ np.array(known.at) for p in (found.point, classical)]
+    apart = np.trace(found.point.frames.e_rotation @ classical.frames.e_rotation.T)
+    turned = math.degrees(math.acos(min(max(0.5 * (apart - 1.0), -1.0), 1.0)))
+    unturned = "any turn" if known.turn >= 180.0 else f"{at_most(known.turn, 2)} degrees"
+    return [
+        f"{where} is known in the {'hand' if found.setup == 'eye-in-hand' else 'base'} frame to within "
+        f"{at_most(known.place, 2)} mm and {unturned} (proved); least squares puts it "
+        f"{nearest(float(np.linalg.norm(put[1] - put[0])), 2)} mm and {nearest(turned, 2)} degrees from the best "
+        "frames."
+    ]
 
 
 def sentences(found: HandEyeResult) -> list[str]:

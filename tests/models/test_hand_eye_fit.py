@@ -103,8 +103,8 @@ def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
     found = certify_hand_eye(study, tolerance=0.2, time_limit=0.0)
     assert found.timed
     x = unknowns_of(truth)
-    assert (np.array(found.ranges.lo) <= x).all()
-    assert (x <= np.array(found.ranges.hi)).all()
+    assert (np.array(found.ranges.lo)[:24] <= x).all()
+    assert (x <= np.array(found.ranges.hi)[:24]).all()
     assert found.eps_lo <= found.eps_hi <= 0.2
 
 
@@ -115,8 +115,8 @@ def test_of_many_images_the_most_different_ones_narrow_the_ranges(monkeypatch):
     found = certify_hand_eye(study, tolerance=0.2, tell=said.append)
     assert sum("its pose is bounded" in text for text in said) == 3
     x = unknowns_of(truth)
-    assert (np.array(found.ranges.lo) <= x).all()
-    assert (x <= np.array(found.ranges.hi)).all()
+    assert (np.array(found.ranges.lo)[:24] <= x).all()
+    assert (x <= np.array(found.ranges.hi)[:24]).all()
 
 
 def test_programs_of_many_readings_give_the_frames_of_those_of_few(monkeypatch):

@@ -19,7 +19,9 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal.checker
-from cpcal.checker.hand_eye import errors, largest, parameter_ranges
+from cpcal.checker.frames import E_, T_X
+from cpcal.checker.hand_eye import errors, known_point, largest, parameter_ranges
+from cpcal.checker.readers import dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.models.frames import PlacedFrames, Prover, exact, exact_study
@@ -28,13 +30,22 @@ from cpcal.models.hand_eye_fit import PixelModel, classical_answer
 from cpcal.models.hand_eye_sources import read_pose_pairs, study_of_pairs
 from cpcal.questions import hand_eye
 from cpcal.questions.hand_eye import (
+    KnownPoint,
     Within,
     certify_hand_eye,
     load_hand_eye_result,
     save_hand_eye_result,
     verify_hand_eye,
 )
-from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.robot import (
+    Pose,
+    normalised,
+    quaternion_from_matrix,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_matrix,
+    rotation_vector,
+)
 from tests.changed import put
 from tests.every_key import accepted_changes, unlisted_keys
 from tests.models.conftest import unknowns_of
@@ -138,7 +149,7 @@ def test_all_certificates_of_a_run_have_one_budget(exact_run):
 def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run, uncertain):
     for run in (exact_run, uncertain):
         x = unknowns_of(run.truth)
-        lo, hi = np.array(run.result.ranges.lo), np.array(run.result.ranges.hi)
+        lo, hi = np.array(run.result.ranges.lo)[:24], np.array(run.result.ranges.hi)[:24]
         assert (lo <= x).all()
         assert (x <= hi).all()
         assert (hi - lo).max() < 0.5  # mm: and they say something
@@ -162,6 +173,34 @@ def test_no_stage_excludes_a_planted_truth(seed):
     x = unknowns_of(found.truth)
     assert (np.array(left.lo[:24], float) <= x).all()
     assert (x <= np.array(left.hi[:24], float)).all()
+
+
+@pytest.mark.parametrize("at", [None, (0.0, 0.0, 0.0), (-150.0, 200.0, 900.0)])
+def test_the_truth_puts_a_point_no_farther_from_the_best_frames_than_is_proved(exact_run, uncertain, at):
+    """And the bound says something."""
+    for run in (exact_run, uncertain):
+        ranges, truth, best = run.result.ranges, run.truth, run.result.point.frames
+        known = ranges.known
+        if at is not None:
+            header = json.loads((run.folder / ranges.certificate).read_text().splitlines()[0])
+            hand = [dyadic(v) for v in header["asked"]["hand"]]
+            box = exact(ranges.lo), exact(ranges.hi)
+            known = KnownPoint(at, *known_point(*box, hand, exact(at), run.result.point.numbers))
+        put = [f.e_rotation.T @ (np.array(known.at) - f.e_translation) for f in (truth, best)]
+        away = float(np.linalg.norm(put[0] - put[1]))
+        turned = rotation_vector(quaternion_from_matrix(truth.e_rotation @ best.e_rotation.T))
+        assert 0.0 < away <= known.place < 2.0
+        assert 0.0 < np.degrees(np.linalg.norm(turned)) <= known.turn < 0.2
+
+
+def test_the_bound_of_a_point_is_attained_where_only_its_place_before_the_camera_is_open(exact_run):
+    ranges, point = exact_run.result.ranges, exact_run.result.point
+    hand = exact([30.0, -20.0, 500.0])
+    e = point.frames.e_rotation @ np.array(hand, float) + point.frames.e_translation
+    lo, hi, corner = np.array(ranges.lo), np.array(ranges.hi), e + [1.0, -2.0, 2.0]
+    lo[T_X], hi[T_X], lo[E_], hi[E_] = -1e3, 1e3, corner, corner
+    place, _ = known_point(exact(lo), exact(hi), hand, exact(e), point.numbers)
+    assert math.isclose(place, 3.0, rel_tol=1e-9)
 
 
 def test_brackets_close_to_a_millionth(exact_run, uncertain):
@@ -237,6 +276,7 @@ def lower_by(certificate):
 
 UP, DOWN = (lambda v: v * (1 + 1e-9)), (lambda v: v * (1 - 1e-9))
 BOX = "speaks of another box"
+EMPTY: dict[str, list[float]] = {"lo": [], "hi": [], "low": [], "high": []}
 NUMBERS = {
     "a larger lower end": (put("eps_lo", to=UP), "lower end", "at another tolerance"),
     "a smaller lower end": (put("eps_lo", to=DOWN), "lower end", "at another tolerance"),
@@ -255,6 +295,9 @@ NUMBERS = {
     "a smaller upper end of an unknown": (put("ranges", "hi", 9, to=plus(-1e-9)), "ranges", "another box of the unkn"),
     "a smaller lower end of an unknown": (put("ranges", "lo", 9, to=plus(-1e-9)), "ranges", "another box of the unk"),
     "a larger upper end of an unknown": (put("ranges", "hi", 9, to=plus(1e-9)), "ranges", "another box of the unkn"),
+    "a point that is known better": (put("ranges", "known", "place", to=DOWN), "ranges", "another place of a point"),
+    "a point elsewhere": (put("ranges", "known", "at", 0, to=plus(1.0)), "ranges", "another place of a point"),
+    "a point that is turned less": (put("ranges", "known", "turn", to=DOWN), "ranges", "another turn than"),
     "a wider search": (put("asked", "reach", to=200.0), "ranges", BOX),
     "a narrower search": (put("asked", "reach", to=49.0), "lower end", BOX),
     "a box without the point": (put("asked", "reach", to=1e-9), "upper end", "a point that is not in the box"),
@@ -274,7 +317,8 @@ NUMBERS = {
     "ranges that stop early": (
         put("ranges", "certificate", to="ranges-image-1.cert.jsonl"), "ranges", "claims no box of frames"),
     "no frames where there are some": (
-        put("ranges", to=lambda one: one | {"lo": [], "hi": [], "low": [], "high": []}), "ranges", "another box of"),
+        put("ranges", to=lambda one: one | EMPTY | {"known": None}),
+        "ranges", "another box of"),
     "a point of the support less": (without_one("support"), "lower end", "another support"),
     "another point of the support": (put("support", 0, 1, to="p"), "lower end", "another support"),
     "a better image": (put("classical", "images", 0, "largest", to=DOWN), "least squares", "another error in an image"),
@@ -347,7 +391,7 @@ WRONG = {
     "a better image that is left out": (
         put("classical", "images", 4, "largest", to=DOWN), "least squares", "another error in an image"),
     "ranges that nobody proved": (
-        put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "lo": [], "hi": [], "low": [], "high": []}),
+        put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "known": None} | EMPTY),
         "ranges", "at another tolerance"),
     "a centre elsewhere": (put("asked", "center", "target_position", 0, to=plus(300.0)), "centre", "not the least-sq"),
     "a wider search": (put("asked", "reach", to=60.0), "lower end", BOX),

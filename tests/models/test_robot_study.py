@@ -39,8 +39,8 @@ def test_the_frames_of_the_simulation_lie_in_the_ranges(case, frames):
     camera, target = inverse(case[2].camera), case[2].target
     x = np.concatenate([camera.rotation.ravel(), camera.position, target.rotation.ravel(), target.position])
     assert not frames.ranges.empty
-    assert (np.array(frames.ranges.lo) <= x).all()
-    assert (x <= np.array(frames.ranges.hi)).all()
+    assert (np.array(frames.ranges.lo)[:24] <= x).all()
+    assert (x <= np.array(frames.ranges.hi)[:24]).all()
 
 
 def test_joints_in_the_robots_frames_hold_the_true_ones(case, frames):
