@@ -79,7 +79,10 @@ def study(
     robot: Path | None = option(
         None, "A parallel robot's study: its drawing and legs say where the platform is.", "STUDY"
     ),
-    off: str | None = option(None, "How far each pose of the robot may be off, on each axis.", "MM,DEG"),
+    of: Path | None = option(None, "A study, to say --off of it.", "STUDY"),
+    off: str | None = option(
+        None, "How far each pose of the robot may be off, on each axis; or 'estimated' from the data.", "MM,DEG"
+    ),
     size: float = option(100.0, "Of the square that stands in for a marker.", "MM"),
     simulated: int | None = option(None, "Simulate N images.", "N", "--simulate"),
     pixel_error: float = option(0.2, "With --simulate: at most, on each axis.", "PX"),
@@ -93,8 +96,8 @@ def study(
     With --robot the poses are those of a parallel robot's platform, as its drawing has them; its photographs are named
     POSE/RUN or POSE/RUN/IMAGE, and without --photos the poses that its camera saw stand in for them.
     """
-    if sum([bool(photos or robot), bool(pairs), simulated is not None]) != 1:
-        remedy = "give --photos, --pairs, --simulate N, or --robot with or without --photos"
+    if sum([bool(photos or robot), bool(pairs), bool(of), simulated is not None]) != 1:
+        remedy = "give --photos, --pairs, --simulate N, --of STUDY, or --robot with or without --photos"
         raise unusable("handeye study", "needs one source", remedy)
     check_new(folder, force=force)
     left: list[str] = []
@@ -103,6 +106,8 @@ def study(
         made, left = _of_photos(photos, board, camera, poses, robot, setup, first_row, form)
     elif robot is not None:
         made = study_of_robot(load_study(robot))
+    elif of is not None:
+        made = load_hand_eye(of)
     elif pairs is not None:
         made = study_of_pairs(*read_pose_pairs(pairs, setup=setup, metres=unit != "mm"), setup=setup, size=size)
     else:
@@ -124,6 +129,7 @@ def study(
         *(f"left out: {text}" for text in left),
         *(other_direction(made) if photos is not None or pairs is not None else ()),
         f"{made.setup}: {len(made.images)} images, {len(made.image):,} points in {folder}",
+        *(f"half-widths of poses, {made.provenance['half_widths']}" for _ in [off] if off == "estimated"),
     )
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Literal
@@ -31,6 +31,7 @@ from cpcal.files.log import poses_of_log, read_log
 from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
 from cpcal.files.tables import Table, csv_table, json_object, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.robot.campaign import SIMULATION
 from cpcal.robot.kinematics import normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
@@ -52,6 +53,7 @@ class HandEyeStudy(Value):
     half_width  (N,) px: the true pixel lies that near to the measured one; 0 where it is taken as exact
     pose_half_width  (n, 6) mm and rad: the true pose is position + d, R(1, s) R(q) with |d| and |2 s| at most that on
                 each axis of the base frame; 0 where poses are taken as exact
+    provenance  what is known of its making: `generator`, `half_widths`, ...
 
     Raises InputError for arrays that do not belong together.
     """
@@ -66,6 +68,7 @@ class HandEyeStudy(Value):
     points: Floats
     half_width: Floats = field(default_factory=lambda: np.zeros(0))
     pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count, n = len(self.image), len(self.images)
@@ -82,6 +85,11 @@ class HandEyeStudy(Value):
             raise unusable("study", "has arrays that do not belong together", "see HandEyeStudy")
         if count and not 0 <= places.min() <= places.max() < n:
             raise unusable("study", "has a point of an image without pose", "name the images by number")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether a simulation made it, as the provenance says."""
+        return self.provenance.get("generator", "").startswith(SIMULATION)
 
     @property
     def uncertain(self) -> bool:
@@ -208,6 +216,7 @@ def simulate_hand_eye(
         names=tuple(f"p{k + 1}" for _ in range(images) for k in range(count)),
         pixels=pixels.reshape(-1, 2),
         points=np.tile(board, (images, 1)),
+        provenance={"generator": f"{SIMULATION}, hand-eye", "seed": str(seed)},
     )
     return SimulatedHandEye(study, HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
 
@@ -251,13 +260,13 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
         raise InputError([Problem(str(folder), what, _ABSENT)], see=_SEE)
-    setup, camera = _settings(folder, problems)
+    setup, camera, provenance = _settings(folder, problems)
     poses = _table(folder / POSES_NAME, POSE_COLUMNS, list(POSE_WIDTHS), problems)
     points = _table(folder / POINTS_NAME, POINT_COLUMNS, ["du"], problems)
     problems.raise_any(_SEE)
     assert setup is not None  # what keeps these from being read is a problem, and was raised
     assert camera is not None
-    return _study(folder, setup, camera, poses, points, problems)
+    return _study(folder, setup, camera, provenance, poses, points, problems)
 
 
 def load_hand_poses(
@@ -290,21 +299,21 @@ def load_hand_poses(
     return {name: tuple(row) for name, row in zip(given, rows, strict=True)}
 
 
-def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
+def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None, dict[str, str]]:
     reader = TomlReader.opened(folder / HANDEYE_NAME, HANDEYE_FORMAT, ("study",), problems, _ABSENT)
     if reader is None:
-        return None, None
-    reader.provenance()
+        return None, None, {}
+    provenance = reader.provenance()
     found = reader.section("study", {"setup": one_of(SETUPS), "camera": _camera_file})
     if found is None:
-        return None, None
+        return None, None, {}
     setup, name = found["setup"], found["camera"]
     try:
-        return setup, load_camera(folder / name).camera
+        return setup, load_camera(folder / name).camera, provenance
     except InputError as error:
         for problem in error.problems:
             problems.add(problem)
-        return setup, None
+        return setup, None, {}
 
 
 def _camera_file(reader: TomlReader, path: KeyPath, value: object) -> str:
@@ -318,7 +327,15 @@ def _table(path: Path, required: list[str], optional: list[str], problems: Probl
     return read_table(path, 0, problems, _ABSENT, required=lambda _: required, optional=lambda _: optional)
 
 
-def _study(folder: Path, setup: Setup, camera: Camera, poses: Table, points: Table, problems: Problems) -> HandEyeStudy:
+def _study(
+    folder: Path,
+    setup: Setup,
+    camera: Camera,
+    provenance: Mapping[str, str],
+    poses: Table,
+    points: Table,
+    problems: Problems,
+) -> HandEyeStudy:
     where = str(folder / POINTS_NAME)
     number = {name: k for k, name in enumerate(poses.image)}
     for name in sorted(set(points.image) - set(number)):
@@ -345,6 +362,7 @@ def _study(folder: Path, setup: Setup, camera: Camera, poses: Table, points: Tab
         pose_half_width=np.nan_to_num(
             np.stack([poses.values.get(name, np.zeros(len(number))) for name in POSE_WIDTHS], axis=1)
         ),
+        provenance=provenance,
     )
 
 
@@ -356,7 +374,7 @@ def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
 
 def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     """The bytes of the four files, by name."""
-    settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, {})
+    settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, study.provenance)
     pose_columns, point_columns = POSE_COLUMNS, POINT_COLUMNS
     poses, points = [study.poses.position, study.poses.quaternion], [study.pixels, study.points]
     if study.uncertain:
@@ -385,6 +403,7 @@ def study_json(study: HandEyeStudy) -> bytes:
     points = np.concatenate(numbers, axis=1).tolist()
     data = {
         "format": STUDY_FORMAT,
+        "provenance": dict(study.provenance),
         "setup": study.setup,
         "camera": {
             "size": [camera.width, camera.height],
@@ -421,6 +440,7 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
             points=numbers[:, 4:7],
             half_width=numbers[:, 7],
             pose_half_width=poses[:, 7:],
+            provenance={str(key): str(value) for key, value in data.get("provenance", {}).items()},
         )
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise unusable(str(path), f"lacks or garbles a field: {shown(str(error))}", remedy) from None

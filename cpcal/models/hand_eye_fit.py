@@ -7,7 +7,7 @@ proved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -167,10 +167,14 @@ class PixelModel:
 _LEAST_GAIN = 1e-9  # of the deviation of a reading that is taken as exact, against dividing by zero
 
 
-def _weighted_fit(model: PixelModel, start: ReadFrames, pixel: float) -> tuple[ReadFrames, Floats]:
-    """Frames and readings from a start, and the covariance (12, 12) of the frames; `pixel`: deviation in px."""
+def _weighted_fit(
+    model: PixelModel, start: ReadFrames, pixel: float, deviation: Floats
+) -> tuple[ReadFrames, Floats, Floats]:
+    """Frames and readings from a start, the covariance (12, 12) of the frames, and the variances (n, 6) of readings.
+
+    `pixel`: deviation in px, `deviation`: of readings (n, 6), mm and rad.
+    """
     study = model.study
-    deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
     image = np.tile(study.image, 2)
 
     def residual(at: ReadFrames) -> Floats:
@@ -191,9 +195,14 @@ def _weighted_fit(model: PixelModel, start: ReadFrames, pixel: float) -> tuple[R
         return Blocks(by_frames.T @ by_frames, -by_frames.T @ off, mixed, alone, side)
 
     at = least_squares(residual, blocks, start, tolerance=1e-12, moved=model.moved, steps=_STEPS).at
-    normal, _ = blocks(at).reduced()
+    found = blocks(at)
+    normal, _ = found.reduced()
     scale = np.sqrt(np.diagonal(normal))
-    return at, np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+    inverse_ = np.linalg.inv(found.own)
+    carried = inverse_ @ found.mixed
+    variance = inverse_ + carried @ covariance @ np.swapaxes(carried, 1, 2)
+    return at, covariance, np.diagonal(variance, axis1=1, axis2=2)
 
 
 _STEPS = 100
@@ -276,7 +285,8 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     covariance, weak = _covariance(exact.jacobian(at), residuals)
     rms = float(np.sqrt(np.mean(residuals**2)))
     if study.uncertain:
-        at, covariance = _weighted_fit(model, at, max(alone, _LEAST_PIXEL))
+        deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
+        at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
         residuals = model(at)
     elif 0.0 < _APART * alone < rms:
         weak = [*weak, _robot(alone, rms)]
@@ -288,6 +298,37 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         rms=float(np.sqrt(np.mean(residuals**2))),
         remarks=(*closed.remarks, *weak),
     )
+
+
+_ROUNDS, _STILL = 50, 1e-3  # of deviations that are estimated, and what they may change by in the last one
+_FREE = 1e3  # deviations: so far readings may go while theirs are estimated
+_MORE = 1.25  # times the largest reading, or the uniform error
+
+
+def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
+    """mm and rad: how far the poses have to be off on an axis, at most, so that the pixels of all images fit as those
+    of single images do. Half-widths that the study states are passed over.
+
+    Deviations, one of positions and one of turns, are those of readings that are fitted with them (expectation and
+    maximization: what the fit leaves open of a reading counts too). Then a quarter more than the largest reading, and
+    than a uniform error with that deviation has. It is an estimate: what is proved with it holds if no pose is off by
+    more.
+
+    Raises InputError as `classical_answer` does.
+    """
+    start, alone, count = classical_answer(study.exactly()).frames, image_poses(study)[2], len(study.images)
+    spread, pixel = np.array([1.0, 1e-3]), max(alone, _LEAST_PIXEL)
+    for _ in range(_ROUNDS):
+        deviation, before = np.tile(np.repeat(spread, 3), (count, 1)), spread
+        model = PixelModel(replace(study, pose_half_width=_FREE * deviation))
+        at, _, variance = _weighted_fit(model, model.stated(start), pixel, deviation)
+        squares = (at.readings**2 + variance).reshape(count, 2, 3)
+        spread = np.maximum(np.sqrt(squares.mean(axis=(0, 2))), _LEAST_GAIN)
+        if np.allclose(spread, before, rtol=_STILL):
+            break
+    largest = np.abs(at.readings.reshape(count, 2, 3)).max(axis=(0, 2))
+    position, turn = (_MORE * np.maximum(largest, np.sqrt(3.0) * spread)).tolist()
+    return position, turn
 
 
 def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
@@ -369,7 +410,7 @@ def _robot(alone: float, rms: float) -> str:
     """What single images fit to, beside all together."""
     return (
         f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses are "
-        "off by more than the pixels. With half-widths in poses.csv (docs/hand-eye.md) they are weighed"
+        "off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs them"
     )
 
 

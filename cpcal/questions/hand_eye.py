@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -202,7 +202,8 @@ class HandEyeResult:
 
     `tolerance`: px, that was asked for; `eps`: what ranges and verdicts speak of. `gap`: relative, that was asked for.
     Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and F of `ClassicalAnswer.covariance`)
-    and `remarks`. `programs`: linear ones that were solved. `timed`: the time limit ended a search.
+    and `remarks`. `provenance`: the study's. `programs`: linear ones that were solved. `timed`: the time limit ended
+    a search.
     """
 
     setup: Annotated[str, _STUDY]
@@ -225,6 +226,7 @@ class HandEyeResult:
         tuple[tuple[str, tuple[RefutedGroup, ...]], ...],
         checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`"),
     ]
+    provenance: Informed[Mapping[str, str]]
     version: Informed[str]
     gap: Informed[float]
     rms: Informed[float]
@@ -395,6 +397,7 @@ def certify_hand_eye(
         ranges=None if wide is None else _ranges(wide, point, prover.hand, at),
         classical=judged,
         blamed=tuple((study.images[k], _groups(study, found)) for k, found in blamed.items()),
+        provenance=study.provenance,
         version=__version__,
         gap=gap,
         rms=classical.rms,

@@ -385,11 +385,11 @@ def _joined(studies: Sequence[HandEyeStudy]) -> HandEyeStudy:
         ),
         image=np.concatenate([one.image + k for one, k in zip(studies, first, strict=False)]),
         names=tuple(name for one in studies for name in one.names),
-        **{name: np.concatenate([getattr(one, name) for one in studies]) for name in _ARRAYS},
+        pixels=np.concatenate([one.pixels for one in studies]),
+        points=np.concatenate([one.points for one in studies]),
+        half_width=np.concatenate([one.half_width for one in studies]),
+        pose_half_width=np.concatenate([one.pose_half_width for one in studies]),
     )
-
-
-_ARRAYS = ("pixels", "points", "half_width", "pose_half_width")
 
 
 def _as_stated(frames: HandEyeFrames) -> Floats:

@@ -25,6 +25,7 @@ from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
 from cpcal.report.figures import Bar, bars_svg, series
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
 from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT
+from cpcal.robot.campaign import SIMULATION
 
 HAND_EYE_PAGE = "handeye.html"
 _MOST = 40  # rows of a table
@@ -54,7 +55,7 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
         badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
     said = [sentence for sentence in rest if not sentence.endswith(":")]  # the last one announces the ranges
     page = Page(
-        f"Hand-eye calibration: {found.setup}",
+        f"{_simulated(found)}Hand-eye calibration: {found.setup}",
         "hand-eye calibration",
         "Which images are wrong?" if found.outliers else "How well do any frames explain the pixels?",
         [
@@ -68,6 +69,10 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
         lead=asked,
     )
     return page.write(Path(folder) / HAND_EYE_PAGE)
+
+
+def _simulated(found: HandEyeResult) -> str:
+    return "Simulated: " * found.provenance.get("generator", "").startswith(SIMULATION)
 
 
 def _blamed(found: HandEyeResult) -> Iterator[Section]:
@@ -240,7 +245,7 @@ def sentences(found: HandEyeResult) -> list[str]:
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
     said = [
-        f"{found.setup}: {found.images} images, {found.points:,} points. "
+        f"{_simulated(found)}{found.setup}: {found.images} images, {found.points:,} points. "
         f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer.",
     ]
     one, eps = found.outliers == 1, at_least(found.eps, 4)
@@ -262,7 +267,8 @@ def sentences(found: HandEyeResult) -> list[str]:
     else:
         said.append(f"Some frames explain every pixel to within {high} px (proved); nothing is proved from below.")
     if found.readings:
-        said.append("Robot poses are uncertain: a pixel is explained at some reading of its image's pose.")
+        told = found.provenance.get("half_widths", "as the study states")
+        said.append(f"Robot poses are uncertain ({told}): a pixel is explained at some reading of its image's pose.")
     if not found.complete and not found.outliers:
         more = "more time (--time-limit)" if found.timed else "a smaller --within"
         said.append(f"The bracket is open: {more} may close it.")
@@ -279,7 +285,10 @@ def sentences(found: HandEyeResult) -> list[str]:
     said += found.remarks
     if found.support:
         named = dict.fromkeys(image for image, _ in found.support)
-        said.append(f"{len(found.support)} points of {len(named)} images force the lower end: {listed(named, 6)}.")
+        said.append(
+            f"{len(found.support)} point{'s' * (len(found.support) > 1)} of {len(named)} image{'s' * (len(named) > 1)} "
+            f"force{'s' * (len(found.support) == 1)} the lower end: {listed(named, 6)}."
+        )
     if found.ranges is not None and not found.ranges.empty:
         said.append(f"Every pair of frames that explains all pixels to {eps} px lies here (proved):")
     return said

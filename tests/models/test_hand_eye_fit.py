@@ -10,7 +10,15 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.models import frames, hand_eye_fit
 from cpcal.models.hand_eye import HandEyeStudy, read_poses, simulate_hand_eye
-from cpcal.models.hand_eye_fit import PixelModel, ReadFrames, classical_answer, excess, minimax_fit
+from cpcal.models.hand_eye_fit import (
+    PixelModel,
+    ReadFrames,
+    classical_answer,
+    estimated_half_widths,
+    excess,
+    minimax_fit,
+)
+from cpcal.models.hand_eye_sources import with_half_widths
 from cpcal.questions.hand_eye import certify_hand_eye
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_matrix
 from tests.models.conftest import unknowns_of
@@ -106,6 +114,21 @@ def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
     assert (np.array(found.ranges.lo)[:24] <= x).all()
     assert (x <= np.array(found.ranges.hi)[:24]).all()
     assert found.eps_lo <= found.eps_hi <= 0.2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_half_widths_that_are_estimated_hold_what_the_poses_are_off(seed):
+    """Of robots that are off in positions, in turns, or in both; of a perfect one next to nothing is left."""
+    mm, turn = ((0.3, 1e-3), (0.3, 0.0), (0.0, 1e-3), (0.0, 0.0))[seed]
+    made = {"images": 12, "corners": (4, 3), "pitch": 60.0, "pixel_error": 0.05}
+    study = simulate_hand_eye(position_error=mm, rotation_error=turn, seed=seed, **made).study
+    widths = estimated_half_widths(study)
+    for width, true, little in zip(widths, (mm, turn), (0.05, 1e-4), strict=True):
+        assert true <= width < 2.0 * true + little
+    stated = with_half_widths(study, "estimated")
+    assert (stated.pose_half_width == np.repeat(widths, 3)).all()
+    assert stated.provenance["half_widths"].startswith("estimated from the data: ")
+    assert classical_answer(stated).rms < 0.06
 
 
 def test_of_many_images_the_most_different_ones_narrow_the_ranges(monkeypatch):
