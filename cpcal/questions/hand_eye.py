@@ -175,7 +175,7 @@ class Classical:
 
     readings: Annotated[
         tuple[Reading, ...],
-        checked("least squares, computed again: a thousandth of the half-widths apart at most, and in them"),
+        _LEAST_SQUARES,
     ]
     largest: Annotated[float, _AGAIN]
     images: tuple[ImageVerdict, ...]
@@ -224,7 +224,7 @@ class HandEyeResult:
     classical: Classical
     blamed: Annotated[
         tuple[tuple[str, tuple[RefutedGroup, ...]], ...],
-        checked("images left out, each once, and in all of its groups; these as `lower`, at `eps`"),
+        _BLAMED,
     ]
     provenance: Informed[Mapping[str, str]]
     version: Informed[str]

@@ -304,26 +304,3 @@ def orientation(homography: Floats, points: Floats) -> Floats:
     """The sign (n,) of the area that H gives to a small positive area at each of the points (n, 2)."""
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(np.sign(np.linalg.det(homography) * depth))
-
-
-def line_maps(places: Floats, images: Floats) -> Floats:
-    """The 1-D homographies (..., 3) a, b, c that take three places (..., 3) to their images (..., 3).
-
-    s goes to (a s + b) / (1 + c (s - s_0)) with s_0 the first place, where the denominator is 1.
-    """
-    s1, s2 = places[..., 1] - places[..., 0], places[..., 2] - places[..., 0]
-    t0 = images[..., 0]
-    u1, u2 = (images[..., 1] - t0) / s1, (images[..., 2] - t0) / s2
-    # with s from s_0 and t from t_0: t = a s / (c s + 1), so a - c t = t / s at both further places
-    v1, v2 = images[..., 1] - t0, images[..., 2] - t0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        c = (u1 - u2) / (v2 - v1)
-    a = u1 + c * v1
-    return np.stack([a + c * t0, t0 - (a + c * t0) * places[..., 0], c], axis=-1)
-
-
-def on_line(maps: Floats, origin: Floats, places: Floats) -> Floats:
-    """The images (..., k) of places (..., k) under 1-D homographies (..., 3) with their s_0 (...)."""
-    a, b, c = (maps[..., i, None] for i in range(3))
-    depth = 1.0 + c * (places - origin[..., None])
-    return np.asarray((a * places + b) / np.where(depth > 0.0, depth, np.nan))
