@@ -21,6 +21,15 @@ def test_every_page_is_in_the_site():
     assert pages <= set(index)
 
 
+def test_pages_name_the_formats_that_files_have_today():
+    def named(*paths):
+        return set(re.findall(r"\bcpcal-[a-z-]+/[0-9]+\b", "".join(path.read_text(encoding="utf-8") for path in paths)))
+
+    written = named(*(ROOT / "cpcal").rglob("*.py"))
+    assert len(written) > 10
+    assert named(ROOT / "README.md", *(ROOT / "docs").glob("*.md")) <= written
+
+
 def test_the_files_that_contributors_are_sent_to_are_there():
     text = "".join((ROOT / name).read_text(encoding="utf-8") for name in ("CONTRIBUTING.md", "docs/architecture.md"))
     named = re.findall(r"`((?:cpcal|contractors|tests|docs|benchmarks)/[\w./-]*)`", text)
