@@ -191,11 +191,11 @@ def certify(
     With --wrong the bracket holds whichever Q images are left out (a slipped board, a wrong robot pose, a wrong name),
     and images that must be wrong are named. With --next the widths are first-order estimates, not proofs.
     """
-    together, alone = "--next and --poses go together", "--gap and --time-limit have no meaning with --wrong"
+    together, alone = "--next and --poses go together", "--gap, --time-limit and --at have no meaning with --wrong"
     refuse(
         ((count is None) != (poses is None), "options", together, "give both, or none"),
         (count is None and run is None, "option --output", "is missing", "name a folder for the run"),
-        (wrong and (gap != GAP or time_limit is not None), "options", alone, "leave them out"),
+        (wrong and (gap != GAP or time_limit is not None or at is not None), "options", alone, "leave them out"),
     )
     study = _chosen(load_hand_eye(folder), images)
     asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}

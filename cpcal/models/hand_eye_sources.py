@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.common.errors import InputError, Problems, unusable
 from cpcal.common.files import small_file
-from cpcal.common.numbers import at_most, nearest
+from cpcal.common.numbers import at_most, nearest, stated
 from cpcal.common.values import Floats, Indices
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
@@ -169,16 +169,17 @@ def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
     if text == "estimated":
         position, turn = estimated_half_widths(study)
         told = f"estimated from the data: {at_most(position, 2)} mm, {at_most(np.degrees(turn), 2)} degrees"
-        wide, said = [position] * 3 + [turn] * 3, {**study.provenance, "half_widths": told}
-        return replace(study, pose_half_width=np.tile(wide, (len(study.images), 1)), provenance=said)
-    try:
-        position, angle = (float(part) for part in text.split(","))
-    except ValueError:
-        position = angle = np.nan
-    if not (0.0 <= position < 1e4 and 0.0 <= angle <= 30.0):
-        raise unusable("option --off", f"is {text!r:.60}", "give mm and degrees, such as 0.1,0.05, or estimated")
-    wide = [position] * 3 + [float(np.radians(angle))] * 3
-    return replace(study, pose_half_width=np.tile(wide, (len(study.images), 1)))
+    else:
+        try:
+            position, angle = (float(part) for part in text.split(","))
+        except ValueError:
+            position = angle = np.nan
+        if not (0.0 <= position < 1e4 and 0.0 <= angle <= 30.0):
+            what = f"is {text!r:.60}"
+            raise unusable("option --off", what, "give mm and degrees, such as 0.1,0.05, or estimated")
+        turn, told = float(np.radians(angle)), f"stated: {stated(position)} mm, {stated(angle)} degrees"
+    widths = np.tile([position] * 3 + [turn] * 3, (len(study.images), 1))
+    return replace(study, pose_half_width=widths, provenance={**study.provenance, "half_widths": told})
 
 
 # ------------------------------------------------------------------------------------------------------------------

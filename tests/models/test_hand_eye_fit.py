@@ -128,6 +128,7 @@ def test_half_widths_that_are_estimated_hold_what_the_poses_are_off(seed):
     stated = with_half_widths(study, "estimated")
     assert (stated.pose_half_width == np.repeat(widths, 3)).all()
     assert stated.provenance["half_widths"].startswith("estimated from the data: ")
+    assert with_half_widths(stated, "0.1,0.05").provenance["half_widths"] == "stated: 0.1 mm, 0.05 degrees"
     assert classical_answer(stated).rms < 0.06
 
 

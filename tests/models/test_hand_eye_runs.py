@@ -251,6 +251,16 @@ def test_a_tolerance_below_the_bracket_is_refuted(exact_run, tmp_path):
     assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
 
 
+def test_a_point_of_ones_own_is_asked_about(exact_run, tmp_path):
+    run = certified(Run(tmp_path / "run", exact_run.study, None), within=NEAR, time_limit=0.0, at=(10.0, -20.0, 300.0))
+    assert run.result.ranges.known.at == (10.0, -20.0, 300.0)
+    assert run.result.ranges.known.place > exact_run.result.ranges.known.place  # without time
+    assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
+    for at in ((1.0, 2.0), (0.0, 0.0, math.nan), (0.0, 0.0, 1e6)):
+        with pytest.raises(InputError, match=r"point before the camera: is .* -> give x, y, z in the camera frame, mm"):
+            certify_hand_eye(exact_run.study, at=at)
+
+
 def test_too_many_wrong_images_for_the_study_are_refused():
     study = simulate_hand_eye(images=9, corners=(3, 3), seed=1).study
     with pytest.raises(InputError, match="outliers: is 2 of 9 images"):
