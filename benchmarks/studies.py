@@ -64,7 +64,6 @@ from cpcal.models.platform import pose_bounds
 from cpcal.questions.accuracy import (
     FAR,
     distance_from_measured,
-    distances,
     expanded_uncertainty,
     suggested_error,
 )
@@ -76,6 +75,7 @@ from cpcal.robot import (
     Pose,
     Robot,
     Uncertainty,
+    distances,
     forward_kinematics,
     quaternion_from_rotation_vector,
     quaternion_product,

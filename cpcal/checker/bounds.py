@@ -126,6 +126,10 @@ def total(parts: Iterable[Bounds]) -> Bounds:
     return Bounds(lo, hi)
 
 
+def norm(vector: Iterable[Bounds]) -> Bounds:
+    return total(part.square for part in vector).root
+
+
 def numbers(values: Iterable[F | int]) -> list[Bounds]:
     return [number(value) for value in values]
 

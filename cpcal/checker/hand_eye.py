@@ -14,7 +14,7 @@ from math import inf, nextafter, pi
 from pathlib import Path
 from typing import Any
 
-from .bounds import Bounds, between, matrix, number, numbers, skew
+from .bounds import Bounds, between, matrix, norm, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
@@ -127,7 +127,7 @@ def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequenc
     directions = [
         numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
     ]
-    farthest = max(((x.square + y.square).root for x, y in directions), key=lambda one: one.hi)
+    farthest = max(map(norm, directions), key=lambda one: one.hi)
     lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, False, farthest.ends[1])
     for x, pixel in zip(directions, pixels, strict=True):
         for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
@@ -220,16 +220,12 @@ def known_point(
 
     turned = matrix(off(R_X, (v for row in turn for v in row)))
     ways = (
-        _norm(off(places, known)) + _norm(applied(turned, numbers(minus(at, origin))))
+        norm(off(places, known)) + norm(applied(turned, numbers(minus(at, origin))))
         for places, known, origin in ((E_, e, e), (T_X, shift, (F(0),) * 3))
     )
     k2 = _turned([between(lo[i], hi[i]) for i in R_X], about[3:7])[1]
     angle = 180.0 if k2 > F(1, 4) else _degrees(number(4 * k2 / (1 - k2)).root.ends[1], F(1))
     return up(min(way.ends[1] for way in ways)), angle
-
-
-def _norm(vector: Iterable[Bounds]) -> Bounds:
-    return sum((v.size.square for v in vector), number(0)).root
 
 
 def _turned(turn: Sequence[Bounds], about: Sequence[F]) -> tuple[Sequence[Sequence[Bounds]], F]:

@@ -12,7 +12,7 @@ from fractions import Fraction as F
 from functools import cached_property
 from itertools import pairwise
 
-from .bounds import ONE, UNIT, ZERO, Bounds, Vector, between, number, numbers, sizes, total
+from .bounds import ONE, UNIT, ZERO, Bounds, Vector, between, norm, number, numbers, sizes, total
 from .polynomial import inner, plus
 from .readers import Refused
 
@@ -92,7 +92,7 @@ class Cameras:
 
     def most(self, row: Vector) -> Bounds:
         """The largest value of row . t."""
-        return total(c.square for c in row).root.most if self.ball else total(sizes(row))
+        return norm(row).most if self.ball else total(sizes(row))
 
     def by_t(self, row: Vector, first: int = 0) -> list[Bounds]:
         """What is linear in the camera's numbers, from one on, by t."""
@@ -173,7 +173,7 @@ class Cameras:
             ((p - v).size + self.most(b) + e) / f.least
             for p, v, b, e, f in zip(pixels, value, by, second, wide, strict=True)
         ]
-        size = total(a.square for a in away).root.most
+        size = norm(away).most
         near = self.least_slope([x.around(size / self.least) for x in x0])
         rho = (size / max(near, self.least, key=lambda one: one.lo).least).most
         rows = [[along, mixed], [mixed, down]]

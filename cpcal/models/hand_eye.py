@@ -87,11 +87,6 @@ class HandEyeStudy(Value):
             raise unusable("study", "has a point of an image without pose", "name the images by number")
 
     @property
-    def simulated(self) -> bool:
-        """Whether a simulation made it, as the provenance says."""
-        return self.provenance.get("generator", "").startswith(SIMULATION)
-
-    @property
     def uncertain(self) -> bool:
         """Whether the robot's poses have half-widths."""
         return bool(self.pose_half_width.any())

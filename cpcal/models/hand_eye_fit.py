@@ -301,7 +301,6 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
 
 
 _ROUNDS, _STILL = 50, 1e-3  # of deviations that are estimated, and what they may change by in the last one
-_FREE = 1e3  # deviations: so far readings may go while theirs are estimated
 _MORE = 1.25  # times the largest reading, or the uniform error
 
 
@@ -316,12 +315,12 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
 
     Raises InputError as `classical_answer` does.
     """
-    start, alone, count = classical_answer(study.exactly()).frames, image_poses(study)[2], len(study.images)
-    spread, pixel = np.array([1.0, 1e-3]), max(alone, _LEAST_PIXEL)
+    count, spread, pixel = len(study.images), np.array([1.0, 1e-3]), max(image_poses(study)[2], _LEAST_PIXEL)
+    model = PixelModel(replace(study, pose_half_width=np.full((count, READING), np.inf)))  # readings go anywhere
+    at = model.stated(classical_answer(study.exactly()).frames)
     for _ in range(_ROUNDS):
         deviation, before = np.tile(np.repeat(spread, 3), (count, 1)), spread
-        model = PixelModel(replace(study, pose_half_width=_FREE * deviation))
-        at, _, variance = _weighted_fit(model, model.stated(start), pixel, deviation)
+        at, _, variance = _weighted_fit(model, at, pixel, deviation)
         squares = (at.readings**2 + variance).reshape(count, 2, 3)
         spread = np.maximum(np.sqrt(squares.mean(axis=(0, 2))), _LEAST_GAIN)
         if np.allclose(spread, before, rtol=_STILL):

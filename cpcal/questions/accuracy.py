@@ -33,6 +33,7 @@ from cpcal.robot import (
     Campaign,
     Pose,
     Robot,
+    distances,
     inverse_kinematics,
     normalised,
     pose_jacobian,
@@ -639,9 +640,3 @@ def _estimates(
     really = None if truth is None else truth(robot, poses)
     columns += [] if really is None else distances(really, poses)
     return [Estimated(*row) for row in np.stack(columns, axis=1).tolist()]
-
-
-def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
-    """Between K poses: mm, and the angle in rad."""
-    turn = quaternion_product(one.quaternion, quaternion_conjugate(other.quaternion))
-    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(rotation_vector(turn), axis=-1)

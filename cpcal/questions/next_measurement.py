@@ -375,9 +375,8 @@ class _Ranges:
 def _joined(studies: Sequence[HandEyeStudy]) -> HandEyeStudy:
     """All their images as one study."""
     first = np.cumsum([0, *(len(one.images) for one in studies)])
-    return HandEyeStudy(
-        setup=studies[0].setup,
-        camera=studies[0].camera,
+    return replace(
+        studies[0],
         images=tuple(name for one in studies for name in one.images),
         poses=Pose(
             np.concatenate([one.poses.position for one in studies]),

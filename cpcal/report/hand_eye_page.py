@@ -25,7 +25,8 @@ from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
 from cpcal.report.figures import Bar, bars_svg, series
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
 from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT
-from cpcal.robot.campaign import SIMULATION
+from cpcal.robot import Pose, distances, normalised, transformed
+from cpcal.robot.campaign import is_simulated
 
 HAND_EYE_PAGE = "handeye.html"
 _MOST = 40  # rows of a table
@@ -72,7 +73,7 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
 
 
 def _simulated(found: HandEyeResult) -> str:
-    return "Simulated: " * found.provenance.get("generator", "").startswith(SIMULATION)
+    return "Simulated: " * is_simulated(found.provenance)
 
 
 def _blamed(found: HandEyeResult) -> Iterator[Section]:
@@ -228,15 +229,13 @@ def known_sentence(found: HandEyeResult) -> list[str]:
         if ahead
         else f"The point ({', '.join(map(stated, known.at))}) mm in the camera frame"
     )
-    put = [np.array(p.camera_position) + p.frames.e_rotation.T @ np.array(known.at) for p in (found.point, classical)]
-    apart = np.trace(found.point.frames.e_rotation @ classical.frames.e_rotation.T)
-    turned = math.degrees(math.acos(min(max(0.5 * (apart - 1.0), -1.0), 1.0)))
+    poses = [Pose(np.array(p.camera_position), normalised(p.camera_quaternion)) for p in (found.point, classical)]
+    apart, turned = distances(*(Pose(transformed(pose, [known.at])[0], pose.quaternion) for pose in poses))
     unturned = "any turn" if known.turn >= 180.0 else f"{at_most(known.turn, 2)} degrees"
     return [
         f"{where} is known in the {'hand' if found.setup == 'eye-in-hand' else 'base'} frame to within "
         f"{at_most(known.place, 2)} mm and {unturned} (proved); least squares puts it "
-        f"{nearest(float(np.linalg.norm(put[1] - put[0])), 2)} mm and {nearest(turned, 2)} degrees from the best "
-        "frames."
+        f"{about(float(apart), 2)} mm and {about(float(np.degrees(turned)), 2)} degrees from the best frames."
     ]
 
 

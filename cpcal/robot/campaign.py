@@ -97,6 +97,11 @@ SIMULATION = "cpcal simulate"  # in a provenance, what begins the `generator` of
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
+def is_simulated(provenance: Mapping[str, str]) -> bool:
+    """Whether a simulation made the data of this provenance."""
+    return provenance.get("generator", "").startswith(SIMULATION)
+
+
 def table_problems(
     where: str,
     row: str,
@@ -358,7 +363,7 @@ class Campaign(Value):
     @property
     def simulated(self) -> bool:
         """Whether a simulation made the readings, as the provenance says; imports and means of them keep it."""
-        return self.provenance.get("generator", "").startswith(SIMULATION)
+        return is_simulated(self.provenance)
 
     @property
     def title(self) -> str:

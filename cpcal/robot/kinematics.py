@@ -312,6 +312,12 @@ def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
     return np.asarray(pose.position[..., None, :] + turned)
 
 
+def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
+    """Between K poses: mm, and the angle in rad."""
+    turn = quaternion_product(one.quaternion, quaternion_conjugate(other.quaternion))
+    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(rotation_vector(turn), axis=-1)
+
+
 # ------------------------------------------------------------------------------------------------------------------
 # Two frames from pairs of poses: X and Z of `X B_i = A_i Z`.
 

@@ -20,7 +20,6 @@ from cpcal.questions.accuracy import (
     ACCURACY_NAME,
     NamedPoses,
     certify_accuracy,
-    distances,
     load_accuracy,
     save_accuracy,
 )
@@ -28,6 +27,7 @@ from cpcal.robot import (
     Pose,
     Robot,
     central_pose,
+    distances,
     forward_kinematics,
     inverse_kinematics,
     quaternion_conjugate,

@@ -20,10 +20,10 @@ from cpcal.models.platform import (
     proved_image,
     sizes,
 )
-from cpcal.questions.accuracy import distances
 from cpcal.robot import (
     Pose,
     central_pose,
+    distances,
     forward_kinematics,
     leg_vectors,
     normalised,

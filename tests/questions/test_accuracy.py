@@ -26,7 +26,6 @@ from cpcal.questions.accuracy import (
     NamedPoses,
     certify_accuracy,
     distance_from_measured,
-    distances,
     expanded_uncertainty,
     load_accuracy,
     measured_poses,
@@ -36,7 +35,16 @@ from cpcal.questions.accuracy import (
 )
 from cpcal.questions.result import Recommended
 from cpcal.report.accuracy_page import assumption, degrees_up, headline, sentences, write_accuracy
-from cpcal.robot import ROBOTS, Pose, Robot, central_pose, forward_kinematics, inverse_kinematics, pose_jacobian
+from cpcal.robot import (
+    ROBOTS,
+    Pose,
+    Robot,
+    central_pose,
+    distances,
+    forward_kinematics,
+    inverse_kinematics,
+    pose_jacobian,
+)
 from cpcal.simulate import reached_poses, true_robot
 from tests.models.known_robot import ERROR, known
 from tests.report.made import made_leg, made_result
