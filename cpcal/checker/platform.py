@@ -5,42 +5,43 @@ other parameters x = (a, b, l) and a model error e of at most eps, the platform 
 
     ||P + p + R(1, s) R b - a|| = ||v^|| - l^ + l + e      for each of its legs
 
-A certificate of each leg claims the boxes of x, and of the *form* T(x) = ||P + R b - a||^2 - (||v^|| - l^ + l)^2 at
-every pose. Squared, less T, and times (1 + s.s), an equation is a polynomial in (p, s), with x at the middle of its
-box, and small terms that hold both (p, s) and what x is off that middle. On a box of (p, s) their sizes are bounded;
-then a left inverse of the linear parts gives each unknown by itself, on a smaller box. Some of (p, s) may be *held* at
-0 by the robot's mechanism, which is an assumption: a planar robot of three legs moves in its plane.
+A certificate of each leg claims the boxes of x, of x along seven directions, and of the *form* T(x) = ||P + R b - a||^2
+- (||v^|| - l^ + l)^2 at every pose. Squared, less T, and times (1 + s.s), an equation is a polynomial in (p, s), with x
+in the middle of its set, and small terms that hold both (p, s) and what x is off that middle.
+
+About a centre (p, s) = c + w the linear parts of all legs' polynomials are J w. With a left inverse C of J we write
+w = C y, where y = J w but for rounding: y_j is by how much leg j is longer. A box of y is bounded leg by leg, on a
+smaller box each time; that of (p, s) would be far larger, for a platform can move where its legs hardly change. What x
+is off in a direction that the measurements leave open mostly makes a leg longer or shorter as a whole, and so adds a
+share of y_j, not of (p, s). Some of (p, s) may be *held* at 0 by the robot's mechanism, which is an assumption: a
+planar robot of three legs moves in its plane.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from math import isqrt
-from operator import mul
+from math import isqrt, prod
 from pathlib import Path
-from typing import NamedTuple
 
 from .certificate import Accepted, Given, polynomial
 from .files import ACCURACY_NAME, content, leg_work, parsed
 from .frames import AXES, rotation
 from .leg import NAME, ExactCampaign
 from .polynomial import (
+    FIELD,
+    READINGS,
     Polynomial,
     Spend,
     applied,
-    combined,
-    dyadics,
+    cross,
     inner,
-    least,
     minus,
     plus,
-    signed,
+    product,
     substituted,
     transposed,
-    unknown,
 )
 from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up, whole
 from .rule import Box, Unknowns
@@ -48,25 +49,31 @@ from .run import INFORMATION, LegCertificates, of_the_campaign
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")  # of (p, 2 s)
 MOST_LEGS = 12  # the largest ||p|| is sought at 2^n corners
-_LENGTH_BITS, _BOX_BITS, _WEIGHT_BITS = 40, 60, 50
-_PASSES = 20
-_SETTLED = F(95, 100)  # of a width: passes go on while some becomes smaller
-_PASS_WORK = 60_000
-ACCURACY_FORMAT = "cpcal-accuracy/8"
+DIRECTION_BITS = 40
+_LENGTH_BITS, _BOX_BITS = 40, 60
+_CENTERINGS = 2
+_PASSES = 100
+_SETTLED = 0.98  # of a size: passes go on while some becomes smaller
+_ROW_WORK, _PASS_WORK = 10_000, 10_000
+ACCURACY_FORMAT = "cpcal-accuracy/9"
 POSE_WORK = 1_000_000  # of a run, for each pose, beyond that of its legs
 _BOUNDS = ("lo", "hi", "position_bound", "rotation_bound")
 _POSITION, _QUATERNION, _PARAMETERS = (many(exact, count) for count in (3, 4, 7))
+_DIRECTIONS = many(_PARAMETERS, 7)
 _ROUNDED, _TINY = 1.0 + 2.0**-30, 2.0**-200
 Vector = Sequence[F]
 
 
 @dataclass(frozen=True)
 class Leg:
-    """The controller's parameters, the box of those that are possible, the model error, and the range of the form."""
+    """The controller's parameters, the box of those that are possible and their ranges `along` directions (any serve,
+    best orthonormal ones), the model error, and the range of the form."""
 
     controller: Vector
     lo: Vector
     hi: Vector
+    directions: Sequence[Vector]
+    along: Sequence[tuple[F, F]]
     eps: F
     form: tuple[F, F]
 
@@ -113,58 +120,80 @@ class Commanded:
         return tuple((m, c / scale) for m, c in terms.items() if c)
 
 
+def direction_form(direction: Vector) -> Given:
+    """x along a direction."""
+    if any(abs(v) > 1 or (v * 2**DIRECTION_BITS).denominator > 1 for v in direction):
+        raise Refused(f"states a direction that is no vector of multiples of 2^-{DIRECTION_BITS} up to 1")
+    return tuple(((i,), v) for i, v in enumerate(direction) if v)
+
+
 def pose_bounds(
     pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend, held: Sequence[int] = ()
 ) -> PoseBounds | None:
     """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn, and 0 where `held`, that the legs allow; None where
     nothing is proved."""
-    asked = (reach,) * 3 + (half_turn,) * 3
-    box, free = Box(tuple(-v for v in asked), asked), [i for i in range(6) if i not in held]
-    rows, found = [_Row(pose, leg, spend, held) for leg in legs], None
-    for _ in range(_PASSES):
-        spend(_PASS_WORK)
-        found = _pass(rows, box, free, spend)
-        if found is None:
+    asked = [F(0) if i in held else reach if i < 3 else half_turn for i in range(6)]
+    rows, center = [_Row(pose, leg, spend, held) for leg in legs], [F(0)] * 6
+    for step in range(_CENTERINGS + 1):
+        forms = [_About(row, center, spend) for row in rows]
+        lines = _left_inverse([[form.slopes[i] for i in range(6) if asked[i]] for form in forms])
+        if lines is None:
             return None
-        before, box = box, Box(tuple(map(max, box.lo, found.lo)), tuple(map(min, box.hi, found.hi)))
-        if any(a > b for a, b in zip(box.lo, box.hi, strict=True)):
-            return None
-        ends = zip(before.lo, before.hi, box.lo, box.hi, strict=True)
-        if all(d - c > _SETTLED * (b - a) for a, b, c, d in ends):
-            break
-    if found is None or any(asked[i] in (-box.lo[i], box.hi[i]) for i in free):
+        inverse = [lines.pop(0) if most else [F(0)] * len(rows) for most in asked]
+        if step < _CENTERINGS:
+            middle = [(a + b) / 2 for a, b in (form.value for form in forms)]
+            center = [_cut(c + inner(line, middle)) for c, line in zip(center, inverse, strict=True)]
+    bounds = _legwise(forms, center, inverse, asked, spend)
+    if bounds is None:
         return None
-    box = Box(*(tuple(v if i in free else F(0) for i, v in enumerate(side)) for side in (box.lo, box.hi)))
-    position, turn = (_longest(found, rows, box, slice(k, k + 3)) for k in (0, 3))
-    return PoseBounds(box.lo, box.hi, position, turn)
-
-
-class _Solved(NamedTuple):
-    """Each unknown is the weighted values of the rows, and something in `rest`; so it lies from lo to hi."""
-
-    weights: Sequence[Vector]
-    rest: Sequence[tuple[F, F]]
-    lo: Vector
-    hi: Vector
+    moves = [[(w * a, w * b) for w, (a, b) in zip(line, bounds, strict=True)] for line in inverse]
+    ends = [[sum(map(of, pairs), c) for c, pairs in zip(center, moves, strict=True)] for of in (min, max)]
+    lo = [max(_cut(a), -most) for a, most in zip(ends[0], asked, strict=True)]
+    hi = [min(-_cut(-b), most) for b, most in zip(ends[1], asked, strict=True)]
+    if any(a > b or (most and most in (-a, b)) for a, b, most in zip(lo, hi, asked, strict=True)):
+        return None
+    box = [max(-a, b) for a, b in zip(lo, hi, strict=True)]
+    position, turn = (
+        min(_longest(center[three], moves[three]), _root(inner(box[three], box[three])))
+        for three in (slice(3), slice(3, 6))
+    )
+    return PoseBounds(lo, hi, position, turn)
 
 
 class _Row:
     """The equation of a leg, times |q|^2: `polynomial` in (p, s) is (1 + s.s) times what lies in `value`, but for terms
-    with what x is off the middle of its box, which `beside` bounds."""
+    with what x is off the middle of its set, which `beside` bounds."""
 
     def __init__(self, pose: Commanded, leg: Leg, spend: Spend, held: Sequence[int] = ()) -> None:
+        spend(_ROW_WORK)
         n, believed = pose.norm, pose.length(leg.controller)
-        middle, off = ([v / 2 for v in way(leg.hi, leg.lo)] for way in (plus, minus))
+        middle = applied(transposed(leg.directions), [(a + b) / 2 for a, b in leg.along])
+        off = [max(b - x, x - a) for x, a, b in zip(middle, leg.lo, leg.hi, strict=True)]
         self._norm, self._arm = n, applied(pose.turn, middle[3:6])
         self._place = minus(pose.position, middle[:3])
-        sizes = (off[:3], [inner(map(abs, row), off[3:6]) for row in pose.turn], self._place, self._arm)
-        self._sizes = [_sizes(values) for values in sizes]
+        self._sizes = _sizes(self._place), _sizes(self._arm)
+        # x is off by the directions, each times how far along it, and by what these lack of being orthonormal
+        there, squared = applied(leg.directions, middle), product(transposed(leg.directions), leg.directions)
+        self.far = _sizes([max(b - x, x - a) for x, (a, b) in zip(there, leg.along, strict=True)])
+        lost = [inner([abs(v - (i == j)) for j, v in enumerate(row)], off) for i, row in enumerate(squared)]
+        self._off, self._lost = (
+            (_sizes(by[:3]), [inner(map(float, map(abs, row)), _sizes(by[3:6])) for row in pose.turn])
+            for by in (off, lost)
+        )
+        self.gradients = [
+            self._gradient(direction[:3], applied(pose.turn, direction[3:6])) for direction in leg.directions
+        ]
         scale, length = pose.scale(believed), believed - leg.controller[6]
         longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
         error = leg.eps + F(2, 2**_LENGTH_BITS)
         most = n * error * (2 * longest + error)
         self.value = -leg.form[1] * scale - most, -leg.form[0] * scale + most
         self.polynomial = self._formed(spend, set(held))
+
+    def _gradient(self, base: Vector, arm: Vector) -> list[F]:
+        """In (p, s) at 0: of what the equation changes by, where a moves by `base` and |q|^2 R b by `arm`."""
+        turned = minus(cross(arm, self._place), cross(self._arm, base))
+        return [2 * (b - self._norm * a) for a, b in zip(base, arm, strict=True)] + [4 * v for v in turned]
 
     def _formed(self, spend: Spend, held: set[int]) -> Polynomial:
         """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`."""
@@ -190,76 +219,129 @@ class _Row:
                 add((*monomial, i), 4 * c)
         return polynomial(tuple((m, c) for m, c in terms.items() if c and held.isdisjoint(m)), spend)
 
-    def beside(self, p: Sequence[float], s: Sequence[float]) -> F:
-        """At most so large is all else, for (p, s) at most so large.
+    def beside(self, z: Sequence[float], linear: Sequence[float]) -> float:
+        """At most so large is all else, for components of (p, s) at most as large as `z`, and products with the
+        `gradients` at most as large as `linear`.
 
         Nothing here is negative: no sum or product is wrong by more than a few hundred roundings.
         """
-        off, swing, place, arm = self._sizes
-        n, square = float(self._norm), math.fsum(v * v for v in s)
-        shift = math.fsum(q * (n * a + b) for q, a, b in zip(p, off, swing, strict=True))
-        away = zip(place, p, off, _turning(s, swing), strict=True)
-        swung = math.fsum((w + q + a) * moved for w, q, a, moved in away)
-        turned = math.fsum(a * moved for a, moved in zip(off, _turning(s, arm), strict=True))
-        rest = float(self.value[1] - self.value[0]) * square
-        return F((2.0 * (1.0 + square) * shift + 4.0 * (swung + turned) + rest) * _ROUNDED + _TINY)
+        (off, swing), (lost, stray), (place, arm), n = self._off, self._lost, self._sizes, float(self._norm)
+        p, s = z[:3], z[3:]
+        square, once = inner(s, s), _crossed(s, swing)
+        more = inner(p, [n * a + b for a, b in zip(lost, stray, strict=True)])
+        more += 2.0 * (inner(place, _crossed(s, stray)) + inner(lost, _crossed(s, arm)))
+        more += square * inner(p, [n * a + b for a, b in zip(off, swing, strict=True)])
+        more += 2.0 * (inner(plus(p, off), once) + inner(off, _crossed(s, _crossed(s, arm))))
+        more += 2.0 * inner(plus(plus(place, p), off), _crossed(s, once))
+        rest = inner(self.far, linear) + 2.0 * more + float(self.value[1] - self.value[0]) * square
+        return float(rest)
 
 
-def _pass(rows: Sequence[_Row], box: Box, free: Sequence[int], spend: Spend) -> _Solved | None:
-    """What the rows say of the poses in a box, whose `free` unknowns are not 0; None where the platform is singular."""
-    x = Unknowns(box, spend)
-    forms = [substituted(row.polynomial, x.images) for row in rows]
-    inverse = _left_inverse([[_slope(form, i) / float(x.radius(i)) for i in free] for form in forms])
-    if inverse is None:
-        return None
-    lines = dict(zip(free, inverse, strict=True))
-    weights = [lines.get(i, [F(0)] * len(rows)) for i in range(6)]
-    most = _sizes([max(-box.lo[i], box.hi[i]) if i in lines else F(0) for i in range(6)])
-    beside = [row.beside(most[:3], most[3:]) for row in rows]
-    mask, parts, lo, hi = signed(6), list[tuple[F, F]](), list(box.lo), list(box.hi)
-    for i, line in enumerate(weights):
-        if i not in lines:
-            parts.append((F(0), F(0)))
-            continue
-        whole = dyadics(line)
-        one = x.variable(7 + i, x.center(i), x.radius(i))
-        rest = combined(
-            [(1, one), *((-w, form.times(1, -whole.power)) for w, form in zip(whole.values, forms, strict=True))], spend
+class _About:
+    """A row about a centre: slopes.w + (terms of w of degree two and more) is in `value`, but for what is beside."""
+
+    def __init__(self, row: _Row, center: Vector, spend: Spend) -> None:
+        self.row = row
+        x = Unknowns(Box(tuple(c - 1 for c in center), tuple(c + 1 for c in center)), spend)
+        form = substituted(row.polynomial, x.images)
+        self.value = row.value[0] - form.constant, row.value[1] - form.constant
+        self.slopes, self.curved = [F(0)] * 6, [[F(0)] * 6 for _ in range(6)]
+        self._higher: list[tuple[float, list[int]]] = []
+        for monomial, c in form.terms.items():
+            held = [i for i in range(6) for _ in range(monomial >> FIELD * (READINGS + i) & (1 << FIELD) - 1)]
+            coefficient = F(c) * F(2) ** form.exponent
+            if len(held) == 1:
+                self.slopes[held[0]] = coefficient
+            elif len(held) == 2:
+                for i, j in (held, held[::-1]):
+                    self.curved[i][j] = coefficient / (1 + (i != j))
+            elif held:
+                self._higher.append((float(abs(coefficient)), held))
+
+    def by_legs(self, inverse: Sequence[Vector], center: Vector) -> None:
+        """What is linear or of degree two in w, in the legs' coordinates y, w = C y."""
+        columns = transposed(inverse)
+        self._squares = [_Square(self.curved), _Square(product(columns, product(self.curved, inverse)))]
+        self._shares = [
+            (_sizes(k), float(abs(inner(k, center))), _sizes(applied(columns, k))) for k in self.row.gradients
+        ]
+
+    def spread(self, z: Sequence[float], w: Sequence[float], y: Sequence[float]) -> tuple[F, F]:
+        """How far below and above its linear part it may be, where (p, s), w and y are at most so large."""
+        linear = [min(inner(k, z), at + inner(by, y)) for k, at, by in self._shares]
+        rest = self.row.beside(z, linear) + sum(c * prod(w[i] for i in held) for c, held in self._higher)
+        of_w, of_y = (square.most(v) for square, v in zip(self._squares, (w, y), strict=True))
+        below, above = (F((min(pair) + rest) * _ROUNDED + _TINY) for pair in zip(of_w, of_y, strict=True))
+        return below, above
+
+
+class _Square:
+    """v' H v for symmetric H."""
+
+    def __init__(self, matrix: Sequence[Vector]) -> None:
+        self._own = [float(row[i]) for i, row in enumerate(matrix)]
+        self._mixed = [[0.0 if i == j else float(abs(v)) for j, v in enumerate(row)] for i, row in enumerate(matrix)]
+
+    def most(self, v: Sequence[float]) -> tuple[float, float]:
+        """How far below and above 0 it is, for components at most so large."""
+        mixed = sum(a * inner(row, v) for a, row in zip(v, self._mixed, strict=True))
+        return tuple(
+            mixed + sum(max(sign * c, 0.0) * a * a for c, a in zip(self._own, v, strict=True)) for sign in (-1, 1)
         )
-        given = sum((abs(w) * m for w, m in zip(line, beside, strict=True)), F(0))
-        ends = least(rest, mask) - given, given - least(rest.times(-1), mask)
-        parts.append(ends)
-        values = [sorted((w * a, w * b)) for w, (a, b) in zip(line, (row.value for row in rows), strict=True)]
-        lo[i] = _cut(ends[0] + sum(low for low, _ in values))
-        hi[i] = -_cut(-ends[1] - sum(high for _, high in values))
-    return _Solved(weights, parts, lo, hi)
 
 
-def _longest(found: _Solved, rows: Sequence[_Row], box: Box, three: slice) -> F:
-    """An upper bound of the norm of three unknowns in a box. What the values alone give is largest at a corner."""
-    rest = found.rest[three]
-    sums = [[(a + b) / 2 for a, b in rest]]
-    for j, row in enumerate(rows):
-        weights = [line[j] for line in found.weights[three]]
-        sums = [[c + w * v for c, w in zip(one, weights, strict=True)] for one in sums for v in row.value]
-    off = [(b - a) / 2 for a, b in rest]
-    most = [max(-a, b) for a, b in zip(box.lo[three], box.hi[three], strict=True)]
-    return min(_root(max(inner(one, one) for one in sums)) + _root(inner(off, off)), _root(inner(most, most)))
+def _legwise(
+    forms: Sequence[_About], center: Vector, inverse: Sequence[Vector], asked: Vector, spend: Spend
+) -> list[tuple[F, F]] | None:
+    """A box of y, for all (p, s) = c + C y in the box that is asked for; None where there is none.
+
+    y is J (C J)^-1 w. With E = I - C J and |E| r <= r / 2 for some r >= |w|, it is J w but for J E (C J)^-1 w, which is
+    at most 2 |J E| r.
+    """
+    reach, slopes = [abs(c) + most for c, most in zip(center, asked, strict=True)], [form.slopes for form in forms]
+    lost = [[F(i == k) - v for k, v in enumerate(row)] for i, row in enumerate(product(inverse, slopes))]
+    if any(2 * inner(map(abs, row), reach) > most for row, most in zip(lost, reach, strict=True)):
+        return None
+    rounding = [2 * inner(map(abs, row), reach) for row in product(slopes, lost)]
+    longest = [inner(map(abs, row), reach) + more for row, more in zip(slopes, rounding, strict=True)]
+    for form in forms:
+        form.by_legs(inverse, center)
+    bounds, weights = [(-most, most) for most in longest], [_sizes(line) for line in inverse]
+    y, w, z = map(_sizes, (longest, reach, asked))
+    for _ in range(_PASSES):
+        spend(_PASS_WORK)
+        for k, (form, more, (lo, hi)) in enumerate(zip(forms, rounding, bounds, strict=True)):
+            below, above = form.spread(z, w, y)
+            lo, hi = max(lo, _cut(form.value[0] - above - more)), min(hi, -_cut(-form.value[1] - below - more))
+            if lo > hi:
+                return None
+            bounds[k] = lo, hi
+        before, y = y, [up(max(-lo, hi)) for lo, hi in bounds]
+        w = [min(a, inner(line, y) * _ROUNDED) for a, line in zip(w, weights, strict=True)]
+        z = [min(a, (float(abs(c)) + b) * _ROUNDED) for a, c, b in zip(z, center, w, strict=True)]
+        if all(a > _SETTLED * b for a, b in zip(y, before, strict=True)):
+            break
+    return bounds
 
 
-def _slope(form: Polynomial, i: int) -> float:
-    c = form.terms.get(unknown(i), 0)
-    return float(F(c) * F(2) ** form.exponent)
+def _longest(center: Vector, moves: Sequence[Sequence[tuple[F, F]]]) -> F:
+    """An upper bound of the norm of three unknowns, which is largest at a corner of the box of y."""
+    sums = [center]
+    for ends in transposed(moves):
+        sums = [plus(one, [pair[side] for pair in ends]) for one in sums for side in (0, 1)]
+    return _root(max(inner(one, one) for one in sums))
 
 
-def _left_inverse(matrix: list[list[float]]) -> list[list[F]] | None:
+def _left_inverse(matrix: Sequence[Vector]) -> list[list[F]] | None:
     """Nearly, as short numbers: whatever they are, what they prove holds. With more rows than columns that of least
     squares."""
-    n, columns = len(matrix[0]), list(zip(*matrix, strict=True))
-    if len(matrix) > n:
-        square = _left_inverse([[sum(map(mul, a, b)) for b in columns] for a in columns])
-        return square and [[F(sum(map(mul, map(float, line), row))) for row in matrix] for line in square]
-    lines = [[*line, *(float(i == j) for j in range(n))] for i, line in enumerate(matrix)]
+    n, rows = len(matrix[0]), [list(map(float, row)) for row in matrix]
+    columns = list(zip(*rows, strict=True))
+    lines = (
+        [[*(inner(a, b) for b in columns), *a] for a in columns]
+        if len(rows) > n
+        else [[*row, *(float(i == j) for j in range(n))] for i, row in enumerate(rows)]
+    )
     for k in range(n):
         pivot = max(range(k, n), key=lambda i: abs(lines[i][k]))
         lines[k], lines[pivot] = lines[pivot], lines[k]
@@ -287,12 +369,6 @@ def _cut(value: F) -> F:
 
 def _sizes(values: Iterable[F]) -> list[float]:
     return [float(abs(v)) for v in values]
-
-
-def _turning(s: Sequence[float], r: Sequence[float]) -> list[float]:
-    """At most so large are the components of s x r + s x (s x r)."""
-    once = _crossed(s, r)
-    return plus(once, _crossed(s, once))
 
 
 def _crossed(p: Sequence[float], q: Sequence[float]) -> list[float]:
@@ -328,11 +404,15 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
     controller, boxes = many(_PARAMETERS, legs)(result["parameters"]), array(result["legs"], legs)
     budget = work or leg_work(1, legs * count) + POSE_WORK * len(poses)
     certificates, enclosed = LegCertificates(folder, campaign, budget), list[Accepted]()
+    directions = list[list[Vector]]()
     refuted = not all(box["lo"] for box in boxes)
     for leg, (row, box) in enumerate(zip(controller, boxes, strict=True), start=1):
         accepted = certificates.proved(box["certificate"])
         # of a run without poses nothing is said of the forms
-        forms = accepted.forms if refuted else [pose.form(row) for pose in poses]
+        forms: Sequence[Given] = accepted.forms
+        if not refuted:
+            directions.append(_DIRECTIONS(box["directions"]))
+            forms = [*(pose.form(row) for pose in poses), *map(direction_form, directions[-1])]
         compare(_of_the_set(leg, box, accepted, exact(result["delta"]), campaign, forms))
         enclosed.append(accepted)
         claim = "there are none" if accepted.claims.infeasible else "they lie in the box"
@@ -350,9 +430,10 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
             same(f"bounds of pose {k}", (one["proved"], *(one.get(key) for key in _BOUNDS)), (False, *[None] * 4))
             continue
         at = []
-        for row, accepted in zip(controller, enclosed, strict=True):
+        for row, accepted, own in zip(controller, enclosed, directions, strict=True):
             lo, hi = accepted.claims.enclosure or ((), ())
-            at.append(Leg(row, lo[:7], hi[:7], accepted.lo[7], (lo[8 + k], hi[8 + k])))
+            ranges = list(zip(lo[8:], hi[8:], strict=True))
+            at.append(Leg(row, lo[:7], hi[:7], own, ranges[len(poses) :], accepted.lo[7], ranges[k]))
         bounds = pose_bounds(pose, at, reach, turn / 2, certificates.budget.spend, held)
         if bounds is None:
             raise Refused(f"states bounds of pose {k} that are not proved")

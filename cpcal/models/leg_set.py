@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.checker.certificate import Given, with_forms
-from cpcal.checker.platform import Commanded
+from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
 from cpcal.common.errors import unusable
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
@@ -91,6 +91,12 @@ class AskedSet:
     contractors: Sequence[str] = ("lifted",)
     only: tuple[int, ...] | None = None
 
+    @property
+    def basis(self) -> Floats:
+        """(7, 7): directions by how well the measurements determine them, in floating point: any serve."""
+        jacobian = ModelResiduals(self.campaign, self.leg, PLAIN).jacobian(self.controller)
+        return np.linalg.svd(jacobian, full_matrices=True)[2].T
+
     def network(self, engine: Arithmetic) -> ConstraintNetwork:
         """The equations of the leg at `eps`."""
         box = leg_box(np.asarray(self.center, np.float64), self.delta)
@@ -120,10 +126,7 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
     if domain.is_empty:
         return None
     ranges = partial(_ranges, contractor, domain, controller, engine)
-    # in floating point: it chooses directions, and any serve
-    basis = np.linalg.svd(ModelResiduals(asked.campaign, asked.leg, PLAIN).jacobian(controller), full_matrices=True)[
-        2
-    ].T
+    basis = asked.basis
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T
     along = ranges(directions)
@@ -134,7 +137,8 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What certificates hold of the set: a box of x, and ranges of forms in x, one for each pose that is commanded.
+# What certificates hold of the set: a box of x, and ranges of forms in x, one for each pose that is commanded, and x
+# along seven directions.
 
 _FORMS = 64  # in one linear program
 _LOSS = 0.002  # of a width, given away for shorter numbers
@@ -142,11 +146,14 @@ _LOSS = 0.002  # of a width, given away for shorter numbers
 
 @dataclass(frozen=True)
 class EnclosedLeg:
-    """PROVED by its certificate: all x of the set lie from `lo` to `hi`, and each form in its range."""
+    """PROVED by its certificate: all x of the set lie from `lo` to `hi`, the form of each pose in its range, and x
+    `along` each of the `directions` (7 of 7 numbers) in its."""
 
     lo: tuple[F, ...]
     hi: tuple[F, ...]
     forms: tuple[tuple[F, F], ...]
+    directions: tuple[tuple[F, ...], ...]
+    along: tuple[tuple[F, F], ...]
 
 
 def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Path | None) -> EnclosedLeg | None:
@@ -156,7 +163,9 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     InputError when none of the contractors gives weights.
     """
     known = tuple(F(float(v)) for v in asked.controller)
-    forms = tuple(pose.form(known) for pose in poses)
+    one = 2.0**DIRECTION_BITS
+    directions = tuple(tuple(map(F, (np.rint(row * one) / one).tolist())) for row in asked.basis.T)
+    forms = (*(pose.form(known) for pose in poses), *map(direction_form, directions))
     statement = leg_statement(asked.campaign, asked.leg, asked.only, forms=forms)
     plain = asked.network(get_arithmetic("float64"))
     root = with_forms(exact_box(plain.domain), forms)
@@ -202,7 +211,8 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         write_steps(certificate, header, left, steps, asked.eps)
     if left is None:
         return None
-    return EnclosedLeg(left.lo[:7], left.hi[:7], tuple(zip(left.lo[8:], left.hi[8:], strict=True)))
+    ranges = tuple(zip(left.lo[8:], left.hi[8:], strict=True))
+    return EnclosedLeg(left.lo[:7], left.hi[:7], ranges[: len(poses)], directions, ranges[len(poses) :])
 
 
 def _with_forms(network: ConstraintNetwork, forms: Sequence[Given], box: Box) -> ConstraintNetwork:

@@ -49,7 +49,7 @@ from cpcal.solver.certificate.exact_network import free
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/8"
+FORMAT = "cpcal-accuracy/9"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -59,7 +59,7 @@ class AssumedLeg:
     `left_out`, each for some reading in its set, and at every pose that is spoken of.
 
     PROVED, by the `certificate`: all such parameters (a, b, l) lie from `lo` to `hi`, mm; both are empty where there
-    are none, and the campaign refutes what is assumed.
+    are none, and the campaign refutes what is assumed. `directions`: seven, along which it encloses them, too.
 
     `stated`: the user gave eps; else it was suggested by the largest `residual` of least squares, mm, and raised if
     lengths that are spoken of lie `far` from every measured one (a share of the measured stroke).
@@ -70,6 +70,7 @@ class AssumedLeg:
     eps: Annotated[float, checked("the cap of the certificate")]
     lo: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
     hi: Annotated[tuple[float, ...], checked("the enclosure of the certificate")]
+    directions: Annotated[tuple[tuple[float, ...], ...], checked("forms of the certificate")]
     left_out: Annotated[tuple[str, ...], checked("the measurements of the certificate")]
     certificate: Annotated[str, checked("a file of the folder, which is accepted")]
     stated: Informed[bool]
@@ -226,7 +227,7 @@ def load_accuracy(folder: str | os.PathLike[str]) -> Accuracy:
 
 PREFIX = "set-"  # of the certificates' names
 WITHIN = 20.0, 0.1  # mm, rad: of the poses that are commanded; about others nothing is said
-MOST_POSES = 1000  # which a certificate can hold
+MOST_POSES = 993  # which a certificate can hold, with the directions
 CONTROLLERS = ("recommended", "nominal")
 _WORST = 4  # poses, for which next poses are chosen
 _MEASURED = 64  # poses of the campaign, where none are asked about
@@ -318,9 +319,12 @@ def certify_accuracy(
             path = Path(draft if certificates is None else certificates) / name
             one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
             enclosed += [] if one is None else [one]
-            lo, hi = ((), ()) if one is None else (tuple(map(float, one.lo)), tuple(map(float, one.hi)))
+            lo, hi, *rows_ = (
+                ((), ()) if one is None else (tuple(map(float, side)) for side in (one.lo, one.hi, *one.directions))
+            )
             below = leg.bracket.lo if result.options.eps is None else 0.0
-            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, out, name, assume is not None, below, found[k][1], far[k]))
+            said = assume is not None, below, found[k][1], far[k]
+            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, tuple(rows_), out, name, *said))
     at, over, following = list[PoseAccuracy](), None, tuple[NextPose, ...]()
     say("certified sets")
     sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
@@ -330,7 +334,10 @@ def certify_accuracy(
         say(f"{len(named.names)} poses")
         for k, estimated in enumerate(_estimates(fitted, robot, sets, polytopes, named.poses, held, truth)):
             legs = zip(robot.parameters, enclosed, errors, strict=True)
-            rest = [Leg(_exact(row), one.lo, one.hi, F(eps), one.forms[k]) for row, one, eps in legs]
+            rest = [
+                Leg(_exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
+                for row, one, eps in legs
+            ]
             bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
             lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
             x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
