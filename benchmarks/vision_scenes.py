@@ -293,14 +293,6 @@ def normalised_errors(found: Calibration, camera: Camera) -> tuple[Floats, Float
     return error / found.standard_errors, np.linalg.solve(factor, error)
 
 
-def aligned(dots: Floats, stated: Floats) -> Floats:
-    """Dots (n, 2) shifted, turned and scaled onto the stated ones, by least squares."""
-    z, w = dots @ [1.0, 1.0j], stated @ [1.0, 1.0j]
-    z = z - z.mean()
-    moved = z * (np.vdot(z, w) / np.vdot(z, z)) + w.mean()
-    return np.stack([moved.real, moved.imag], axis=1)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lists", type=int, default=2000)

@@ -178,7 +178,6 @@ def detect(
     workers: int | None = WORKERS,
     scheduler: str | None = option(None, "Dask scheduler of a cluster, instead; its workers read IMAGES.", "ADDRESS"),
     calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
-    refine_dots: bool = option(False, "With --calibrate: the places of the dots on the plate, too."),
     *,
     talk: Talk,
 ) -> None:
@@ -194,7 +193,6 @@ def detect(
         refuse(
             (calibrate and many, "option --calibrate", "goes with none of --camera, --readings, --table", "choose"),
             (not (calibrate or camera), "option --camera", "is missing", "name one, or make it with --calibrate"),
-            (refine_dots and not calibrate, "option --refine-dots", "has no meaning without --calibrate", "drop it"),
             (bool(readings) != bool(table), "options", "--readings and --table go together", "give both, or none"),
         )
     with problems.noted():
@@ -202,7 +200,7 @@ def detect(
     problems.raise_any()
     if camera is None:
         files = [image_path(images, name) for name in names]
-        _calibrate(files, load_target(target), file, refine_dots, talk)
+        _calibrate(files, load_target(target), file, talk)
         return
     with problems.noted():
         plate = load_target(target)
@@ -267,19 +265,14 @@ def detected(
     return found
 
 
-def _calibrate(files: list[Path], plate: Target, file: Path, refine_dots: bool, talk: Talk) -> None:
-    """The camera; with refined dots also the target that was found, beside it."""
-    found = calibrate_from_images(files, plate, refine_dots=refine_dots)
+def _calibrate(files: list[Path], plate: Target, file: Path, talk: Talk) -> None:
+    found = calibrate_from_images(files, plate)
     save_camera(found.record(), file)
     talk.say(*str(found).split("\n"))
     for view in found.views:
         if not view.reason:
             talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
     talk.say(f"Camera: {file}")
-    if refine_dots:
-        refined = file.with_name("refined-target.toml")
-        save_target(found.target, refined)
-        talk.say(f"Target as it was seen: {refined}")
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -166,7 +166,7 @@ def _maps(sample: Sample, target: Target, camera: Camera) -> Iterator[Section]:
     lens = "the lens is not quite as the camera file says, or its model does not fit: calibrate the camera again"
     bent = (
         "dots are not quite where the target file says, or the plate is not flat. A wrong lens shows here as well: "
-        "where both maps are more than noise, calibrate first; --calibrate --refine-dots finds the dots, too"
+        "where both maps are more than noise, calibrate first"
     )
     image, plate = over_image(sample.residuals, camera.width, camera.height), over_plate(sample.residuals, target.dots)
     parts = []

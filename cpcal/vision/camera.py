@@ -34,85 +34,77 @@ LENSES = {
     "fisheye": ("k1", "k2", "k3", "k4"),
 }
 PACKED = ("fisheye", "p1", "p2", "k1", "k2", "k3", "k4", "k5", "k6")
-JET = 14  # numbers of `jet`
+JET = 9  # numbers of `jet`
 _NEAR = 1e-2  # below this r^2 the series of atan(r) / r has all digits
 _TERMS = 12
 _NEWTON_STEPS = 50
 _LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the error is its square
 _EXACT = 1e-9  # how near the inverse must come
 
-Four = tuple[float, float, float, float]
+Three = tuple[float, float, float]
 
 
 @compiled
-def radial(lens: Floats, s: float) -> Four:
-    """The factor g(s), s = r^2, and its first three derivatives by s."""
+def radial(lens: Floats, s: float) -> Three:
+    """The factor g(s), s = r^2, and its first two derivatives by s."""
     if lens[0] != 0.0:
         return _fisheye(lens, s)
-    n, n1, n2, n3 = _cubic(s, lens[3], lens[4], lens[5])
+    n, n1, n2 = _cubic(s, lens[3], lens[4], lens[5])
     if lens[6] == 0.0 and lens[7] == 0.0 and lens[8] == 0.0:
-        return n, n1, n2, n3
-    d, d1, d2, d3 = _cubic(s, lens[6], lens[7], lens[8])
+        return n, n1, n2
+    d, d1, d2 = _cubic(s, lens[6], lens[7], lens[8])
     g = n / d
     g1 = (n1 - g * d1) / d
-    g2 = (n2 - 2.0 * g1 * d1 - g * d2) / d
-    return g, g1, g2, (n3 - 3.0 * g2 * d1 - 3.0 * g1 * d2 - g * d3) / d
+    return g, g1, (n2 - 2.0 * g1 * d1 - g * d2) / d
 
 
 @compiled
-def _cubic(s: float, a: float, b: float, c: float) -> Four:
+def _cubic(s: float, a: float, b: float, c: float) -> Three:
     """1 + a s + b s^2 + c s^3."""
-    return 1.0 + s * (a + s * (b + s * c)), a + s * (2.0 * b + s * 3.0 * c), 2.0 * b + s * 6.0 * c, 6.0 * c
+    return 1.0 + s * (a + s * (b + s * c)), a + s * (2.0 * b + s * 3.0 * c), 2.0 * b + s * 6.0 * c
 
 
 @compiled
-def _fisheye(lens: Floats, s: float) -> Four:
+def _fisheye(lens: Floats, s: float) -> Three:
     h = _angle_by_radius(s)
-    square = _product((s, 1.0, 0.0, 0.0), _product(h, h))  # a^2
-    total = (0.0, 0.0, 0.0, 0.0)
+    square = _product((s, 1.0, 0.0), _product(h, h))  # a^2
+    total = (0.0, 0.0, 0.0)
     for k in (lens[6], lens[5], lens[4], lens[3], 1.0):  # Horner's rule
-        value, first, second, third = _product(total, square)
-        total = (value + k, first, second, third)
+        value, first, second = _product(total, square)
+        total = (value + k, first, second)
     return _product(h, total)
 
 
 @compiled
-def _product(f: Four, g: Four) -> Four:
+def _product(f: Three, g: Three) -> Three:
     """Leibniz's rule."""
-    return (
-        f[0] * g[0],
-        f[1] * g[0] + f[0] * g[1],
-        f[2] * g[0] + 2.0 * f[1] * g[1] + f[0] * g[2],
-        f[3] * g[0] + 3.0 * f[2] * g[1] + 3.0 * f[1] * g[2] + f[0] * g[3],
-    )
+    return f[0] * g[0], f[1] * g[0] + f[0] * g[1], f[2] * g[0] + 2.0 * f[1] * g[1] + f[0] * g[2]
 
 
 @compiled
-def _angle_by_radius(s: float) -> Four:
+def _angle_by_radius(s: float) -> Three:
     """h = atan(r) / r; away from 0 from 2 s h' + h = 1 / (1 + s) and that, derived: near it by the series."""
     if s < _NEAR:
-        h, h1, h2, h3, power = 0.0, 0.0, 0.0, 0.0, 1.0
+        h, h1, h2, power = 0.0, 0.0, 0.0, 1.0
         for k in range(_TERMS):  # of (-1)^k s^k / (2 k + 1), and derived
             sign = 1.0 - 2.0 * (k % 2)
             h += sign * power / (2 * k + 1)
             h1 -= sign * power * (k + 1) / (2 * k + 3)
             h2 += sign * power * (k + 1) * (k + 2) / (2 * k + 5)
-            h3 -= sign * power * (k + 1) * (k + 2) * (k + 3) / (2 * k + 7)
             power *= s
-        return h, h1, h2, h3
+        return h, h1, h2
     r = np.sqrt(s)
     h = np.arctan(r) / r
     h1 = (1.0 / (1.0 + s) - h) / (2.0 * s)
-    h2 = (-1.0 / (1.0 + s) ** 2 - 3.0 * h1) / (2.0 * s)
-    return h, h1, h2, (2.0 / (1.0 + s) ** 3 - 5.0 * h2) / (2.0 * s)
+    return h, h1, (-1.0 / (1.0 + s) ** 2 - 3.0 * h1) / (2.0 * s)
 
 
 @compiled
 def jet(lens: Floats, x: float, y: float, out: Floats) -> None:
-    """d (2), and its derivatives of the first (3: xx, xy, yy), second (4) and third (5) order at (x, y)."""
+    """d (2), and its derivatives of the first (3: xx, xy, yy) and second order (4) at (x, y)."""
     p1, p2 = lens[1], lens[2]
     xx, xy, yy = x * x, x * y, y * y
-    g, g1, g2, g3 = radial(lens, xx + yy)
+    g, g1, g2 = radial(lens, xx + yy)
     out[0] = x * g + 2.0 * p1 * xy + p2 * (3.0 * xx + yy)
     out[1] = y * g + p1 * (xx + 3.0 * yy) + 2.0 * p2 * xy
     out[2] = g + 2.0 * g1 * xx + 2.0 * p1 * y + 6.0 * p2 * x
@@ -122,11 +114,6 @@ def jet(lens: Floats, x: float, y: float, out: Floats) -> None:
     out[6] = 2.0 * g1 * y + 4.0 * g2 * xx * y + 2.0 * p1
     out[7] = 2.0 * g1 * x + 4.0 * g2 * x * yy + 2.0 * p2
     out[8] = 6.0 * g1 * y + 4.0 * g2 * y * yy + 6.0 * p1
-    out[9] = 6.0 * g1 + 24.0 * g2 * xx + 8.0 * g3 * xx * xx
-    out[10] = 12.0 * g2 * xy + 8.0 * g3 * xx * xy
-    out[11] = 2.0 * g1 + 4.0 * g2 * (xx + yy) + 8.0 * g3 * xx * yy
-    out[12] = 12.0 * g2 * xy + 8.0 * g3 * xy * yy
-    out[13] = 6.0 * g1 + 24.0 * g2 * yy + 8.0 * g3 * yy * yy
 
 
 @compiled
@@ -227,7 +214,7 @@ class Camera(Value):
         return self.jets(normalised)[..., [[2, 3], [3, 4]]]
 
     def jets(self, normalised: npt.ArrayLike) -> Floats:
-        """d with its derivatives up to the third, (..., 2) -> (..., JET), see `jet`."""
+        """d with its derivatives up to the second, (..., 2) -> (..., JET), see `jet`."""
         points = np.array(normalised, dtype=np.float64, order="C")
         out = np.empty((*points.shape[:-1], JET))
         jets(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, JET))

@@ -7,7 +7,7 @@ answer is a refusal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,15 @@ from cpcal.robot import (
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
-from cpcal.vision.projection import Prediction, centers_of, determinants, eigenvalues, median, placed_centers, predict
+from cpcal.vision.projection import (
+    by_camera,
+    centers_by_pose,
+    centers_of,
+    determinants,
+    eigenvalues,
+    median,
+    placed_centers,
+)
 from cpcal.vision.target import Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -289,33 +297,27 @@ def shared_part(
     """
     if covariance is None and not target.scale_sigma and not target.dot_sigma:
         return np.zeros((6, 6)), found.chi_square
-    asked = {"by_camera": covariance is not None, "by_dots": target.dot_sigma > 0.0}
-    prediction = predict(dots, target.radius, camera, found.pose, **asked)
-    by_pose = whitened(prediction.by_pose).reshape(-1, 6)
-    sources = _sources(prediction, found.pose, dots, target, covariance)
-    by_errors = np.concatenate([whitened(source).reshape(len(by_pose), -1) for source in sources], axis=1)
-    moved = np.linalg.solve(by_pose.T @ by_pose, by_pose.T @ by_errors)
-    left = by_errors - by_pose @ moved
+    count, pose = len(dots), found.pose
+    centers, by_pose = centers_by_pose(dots, target.radius, camera, pose)
+    sources: list[Floats] = []  # derivatives (m, 2, k) of the centres by k errors of deviation 1
+    if covariance is not None:
+        values, vectors = np.linalg.eigh(covariance)
+        half = vectors * np.sqrt(np.maximum(values, 0.0))
+        sources.append(by_camera(dots, target.radius, camera, pose, centers) @ half)
+    if target.scale_sigma:
+        outward = dots @ pose.rotation[:, :2].T  # mm, where a larger plate has its dots
+        sources.append(target.scale_sigma * by_pose[..., :3] @ outward[..., None])
+    if target.dot_sigma:
+        each = np.zeros((count, 2, count, 2))
+        each[np.arange(count), :, np.arange(count)] = target.dot_sigma * by_pose[..., :3] @ pose.rotation[:, :2]
+        sources.append(each.reshape(count, 2, 2 * count))
+    slopes = whitened(by_pose).reshape(-1, 6)
+    by_errors = np.concatenate([whitened(source).reshape(len(slopes), -1) for source in sources], axis=1)
+    moved = np.linalg.solve(slopes.T @ slopes, slopes.T @ by_errors)
+    left = by_errors - slopes @ moved
     against = found.residuals @ left
     explained = against @ np.linalg.solve(np.eye(len(against)) + left.T @ left, against)
     return np.asarray(moved @ moved.T), float(found.chi_square - explained)
-
-
-def _sources(
-    prediction: Prediction, pose: Pose, dots: Floats, target: Target, covariance: Floats | None
-) -> Iterator[Floats]:
-    """Derivatives (m, 2, k) of the centres by k errors of deviation 1."""
-    if prediction.by_camera is not None and covariance is not None:
-        values, vectors = np.linalg.eigh(covariance)
-        yield prediction.by_camera @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    if target.scale_sigma:
-        outward = dots @ pose.rotation[:, :2].T  # mm, where a larger plate has its dots
-        yield target.scale_sigma * prediction.by_pose[..., :3] @ outward[..., None]
-    if prediction.by_dots is not None:
-        count = len(dots)
-        each = np.zeros((count, 2, count, 2))
-        each[np.arange(count), :, np.arange(count)] = target.dot_sigma * prediction.by_dots
-        yield each.reshape(count, 2, 2 * count)
 
 
 FEWEST = 6  # dots

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
-from cpcal.vision.camera import JET, LENSES, PACKED, Camera, jet
+from cpcal.vision.camera import CAMERA_NUMBERS, JET, PACKED, Camera, jet
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
@@ -74,7 +72,8 @@ def inverses(matrices: Floats) -> Floats:
 #
 # A camera is packed as (13,): fx, fy, cx, cy and its lens (`cpcal.vision.camera`).
 
-_BROWN = np.array([PACKED.index(name) for name in LENSES["brown"]])  # where a lens of that model has its numbers
+Four = tuple[float, float, float, float]
+_ASIDE = 1e-4  # of a normalised coordinate and of a lens's number: derivatives by differences are good to 1e-8
 
 
 @compiled
@@ -96,8 +95,8 @@ def placed_centers(
     """The centres (n, 2) pixels of dots (n, 2) mm under the rotation (3, 3) and the position (3,) mm; with `slope`
     their derivatives (n, 2, 6) by position and rotation vector. nan where a dot is not wholly before the camera."""
     square = radius * radius
-    nx, ny, nz = turn[0, 2], turn[1, 2], turn[2, 2]
-    bend, shape, by = np.empty(JET), np.empty(5), np.empty((2, 5))
+    lens, nx, ny, nz = camera[4:], turn[0, 2], turn[1, 2], turn[2, 2]
+    bend, shape, by = np.empty(JET), np.empty(3), np.empty((2, 5))
     for i in range(len(dots)):
         arm_x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1]
         arm_y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1]
@@ -110,11 +109,19 @@ def placed_centers(
                 by_pose[i] = np.nan
             continue
         shape[0], shape[1], shape[2] = cx * cx - bxx / w, cx * cy - bxy / w, cy * cy - byy / w
-        jet(camera[4:], cx, cy, bend)
-        u, v = _center(bend, shape)
+        u, v, gx, gy = _center(lens, cx, cy, shape, bend)
         centers[i, 0], centers[i, 1] = camera[2] + camera[0] * u, camera[3] + camera[1] * v
         if slope:
-            _center_slopes(bend, shape, by)
+            xx, xy, yy = bend[2], bend[3], bend[4]
+            by[0, 2], by[0, 3] = 0.125 * (bend[5] + 2.0 * xx * gx), 0.125 * (bend[6] + xx * gy + xy * gx)
+            by[0, 4] = 0.125 * (bend[7] + 2.0 * xy * gy)
+            by[1, 2], by[1, 3] = 0.125 * (bend[6] + 2.0 * xy * gx), 0.125 * (bend[7] + xy * gy + yy * gx)
+            by[1, 4] = 0.125 * (bend[8] + 2.0 * yy * gy)
+            for m in range(2):
+                dx, dy = (_ASIDE, 0.0) if m == 0 else (0.0, _ASIDE)
+                ahead = _center(lens, cx + dx, cy + dy, shape, bend)
+                behind = _center(lens, cx - dx, cy - dy, shape, bend)
+                by[0, m], by[1, m] = 0.5 * (ahead[0] - behind[0]) / _ASIDE, 0.5 * (ahead[1] - behind[1]) / _ASIDE
             for k in range(2):
                 # how the centre moves with the dual conic D: M : dD; with the point -2 M P, with the normal -2 r^2 M n
                 sxx, sxy, syy = by[k, 2], by[k, 3], by[k, 4]
@@ -143,95 +150,19 @@ def all_placed_centers(
 
 
 @compiled
-def all_by_lens(dots: Floats, radius: float, camera: Floats, turns: Floats, places: Floats, out: Floats) -> None:
-    """The derivatives (m, n, 2, 5) of such centres by k1, k2, p1, p2, k3 of a lens of the model "brown", of which d is
-    a sum: each moves it as the lens that has this number alone differs from none."""
-    bend, alone, shape, one = np.empty(JET), np.empty(JET), np.empty(5), np.zeros(len(camera) - 4)
-    for m in range(len(places)):
-        turn = turns[m]
-        for i in range(len(dots)):
-            x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1] + places[m, 0]
-            y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1] + places[m, 1]
-            z = turn[2, 0] * dots[i, 0] + turn[2, 1] * dots[i, 1] + places[m, 2]
-            w, xx, xy, yy, cx, cy = _dual(radius * radius, x, y, z, turn)
-            if w == 0.0:
-                out[m, i] = np.nan
-                continue
-            shape[0], shape[1], shape[2] = cx * cx - xx / w, cx * cy - xy / w, cy * cy - yy / w
-            jet(camera[4:], cx, cy, bend)
-            _center(bend, shape)
-            for k in range(5):
-                one[_BROWN[k]] = 1.0
-                jet(one, cx, cy, alone)
-                one[_BROWN[k]] = 0.0
-                u, v = _moved_center(bend, shape, alone[2] - 1.0, alone[3], alone[4] - 1.0, alone[5:9])
-                out[m, i, 0, k], out[m, i, 1, k] = camera[0] * (alone[0] - cx + u), camera[1] * (alone[1] - cy + v)
-
-
-@compiled
-def _center(bend: Floats, shape: Floats) -> tuple[float, float]:
-    """The distorted centre, see above, by the jet of d and the shape's xx, xy, yy; g goes into shape[3:]."""
+def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> Four:
+    """The distorted centre, see above, of an ellipse about (x, y) with the shape's xx, xy, yy; and g. The jet of d
+    goes into `bend`."""
+    jet(lens, x, y, bend)
     xx, xy, yy = bend[2], bend[3], bend[4]
     sxx, sxy, syy = shape[0], shape[1], shape[2]
     det = xx * yy - xy * xy
     gx = (yy * bend[5] - 2.0 * xy * bend[6] + xx * bend[7]) / det
     gy = (yy * bend[6] - 2.0 * xy * bend[7] + xx * bend[8]) / det
-    shape[3], shape[4] = gx, gy
     ax, ay = sxx * gx + sxy * gy, sxy * gx + syy * gy  # S g
     u = bend[0] + 0.125 * (bend[5] * sxx + 2.0 * bend[6] * sxy + bend[7] * syy + 2.0 * (xx * ax + xy * ay))
     v = bend[1] + 0.125 * (bend[6] * sxx + 2.0 * bend[7] * sxy + bend[8] * syy + 2.0 * (xy * ax + yy * ay))
-    return u, v
-
-
-@compiled
-def _moved_center(
-    bend: Floats, shape: Floats, jxx: float, jxy: float, jyy: float, second: Floats
-) -> tuple[float, float]:
-    """How (H : S + 2 J S g) / 8 changes as J and H (4) do; g by tr J^-1 dH - tr J^-1 dJ J^-1 H."""
-    xx, xy, yy = bend[2], bend[3], bend[4]
-    sxx, sxy, syy, gx, gy = shape[0], shape[1], shape[2], shape[3], shape[4]
-    det = xx * yy - xy * xy
-    ax, ay = sxx * gx + sxy * gy, sxy * gx + syy * gy
-    txx = (yy * yy * jxx - 2.0 * yy * xy * jxy + xy * xy * jyy) / (det * det)  # T = J^-1 dJ J^-1
-    txy = (-yy * xy * jxx + (yy * xx + xy * xy) * jxy - xy * xx * jyy) / (det * det)
-    tyy = (xy * xy * jxx - 2.0 * xy * xx * jxy + xx * xx * jyy) / (det * det)
-    dgx = (yy * second[0] - 2.0 * xy * second[1] + xx * second[2]) / det
-    dgx -= txx * bend[5] + 2.0 * txy * bend[6] + tyy * bend[7]
-    dgy = (yy * second[1] - 2.0 * xy * second[2] + xx * second[3]) / det
-    dgy -= txx * bend[6] + 2.0 * txy * bend[7] + tyy * bend[8]
-    bx, by = sxx * dgx + sxy * dgy, sxy * dgx + syy * dgy
-    u = second[0] * sxx + 2.0 * second[1] * sxy + second[2] * syy + 2.0 * (jxx * ax + jxy * ay + xx * bx + xy * by)
-    v = second[1] * sxx + 2.0 * second[2] * sxy + second[3] * syy + 2.0 * (jxy * ax + jyy * ay + xy * bx + yy * by)
-    return 0.125 * u, 0.125 * v
-
-
-@compiled
-def _center_slopes(bend: Floats, shape: Floats, by: Floats) -> None:
-    """The derivatives (2, 5) of the distorted centre by the undistorted one and by the shape's xx, xy (of both), yy."""
-    xx, xy, yy, gx, gy = bend[2], bend[3], bend[4], shape[3], shape[4]
-    for m in range(2):  # as the centre moves along x or y
-        u, v = _moved_center(bend, shape, bend[5 + m], bend[6 + m], bend[7 + m], bend[9 + m : 13 + m])
-        by[0, m], by[1, m] = bend[2 + m] + u, bend[3 + m] + v
-    by[0, 2], by[0, 3] = 0.125 * (bend[5] + 2.0 * xx * gx), 0.125 * (bend[6] + xx * gy + xy * gx)
-    by[0, 4] = 0.125 * (bend[7] + 2.0 * xy * gy)
-    by[1, 2], by[1, 3] = 0.125 * (bend[6] + 2.0 * xy * gx), 0.125 * (bend[7] + xy * gy + yy * gx)
-    by[1, 4] = 0.125 * (bend[8] + 2.0 * yy * gy)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Centres with their derivatives; leading axes are those of the poses.
-
-    centers    (..., n, 2) pixels; nan where a dot is not wholly before the camera
-    by_pose    (..., n, 2, 6) by position (mm) and by the rotation vector w (rad) in the camera frame: R becomes R(w) R
-    by_camera  (..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3; None when not asked for
-    by_dots    (..., n, 2, 2) of each dot by its own x, y on the target (mm); None when not asked for
-    """
-
-    centers: Floats
-    by_pose: Floats
-    by_camera: Floats | None = None
-    by_dots: Floats | None = None
+    return u, v, gx, gy
 
 
 def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
@@ -242,41 +173,37 @@ def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
 
 def centers_of(dots: Floats, radius: float, camera: Camera, pose: Pose) -> Floats:
     """`predicted_centers` for dots (n, 2) mm of a given radius."""
-    return _placed_centers(dots, radius, camera, pose, False)[0]
+    return _placed_centers(dots, radius, camera.packed, pose, False)[0]
 
 
-def predict(
-    dots: Floats, radius: float, camera: Camera, pose: Pose, *, by_camera: bool = False, by_dots: bool = False
-) -> Prediction:
-    """The centres of dots (n, 2) mm with their derivatives by the pose and, on request, by camera and dots."""
-    centers, by_pose = _placed_centers(dots, radius, camera, pose, True)
-    numbers = None
-    if by_camera:
-        numbers = np.zeros((*centers.shape, 9))
-        numbers[..., [0, 1], [0, 1]] = (centers - camera.center) / camera.focal
-        numbers[..., [0, 1], [2, 3]] = 1.0
-        by_lens = np.empty((pose.position.size // 3, len(dots), 2, 5))
-        all_by_lens(*_arguments(dots, radius, camera, pose), by_lens)
-        numbers[..., 4:] = by_lens.reshape(*centers.shape, 5)
-    return Prediction(
-        centers, by_pose, numbers, by_pose[..., :3] @ pose.rotation[..., None, :, :2] if by_dots else None
-    )
+def centers_by_pose(dots: Floats, radius: float, camera: Camera, pose: Pose) -> tuple[Floats, Floats]:
+    """`centers_of`, and their derivatives (..., n, 2, 6) by position (mm) and by the rotation vector w (rad) in the
+    camera frame: R becomes R(w) R."""
+    return _placed_centers(dots, radius, camera.packed, pose, True)
 
 
-def _placed_centers(dots: Floats, radius: float, camera: Camera, pose: Pose, slope: bool) -> tuple[Floats, Floats]:
-    """Centres (..., n, 2), and derivatives (..., n, 2, 6) when they are asked for, by compiled code."""
-    given = _arguments(dots, radius, camera, pose)
-    count, shape = len(given[0]), (*np.shape(pose.position)[:-1], len(given[0]))
-    centers = np.empty((len(given[4]), count, 2))
-    by_pose = np.empty((len(given[4]), count if slope else 1, 2, 6))
-    all_placed_centers(*given, slope, centers, by_pose)
+def by_camera(dots: Floats, radius: float, camera: Camera, pose: Pose, centers: Floats) -> Floats:
+    """The derivatives (..., n, 2, 9) of `centers` by fx, fy, cx, cy, k1, k2, p1, p2, k3 of a lens of the model
+    "brown"."""
+    out = np.zeros((*centers.shape, len(CAMERA_NUMBERS)))
+    out[..., [0, 1], [0, 1]] = (centers - camera.center) / camera.focal
+    out[..., [0, 1], [2, 3]] = 1.0
+    for k, name in enumerate(CAMERA_NUMBERS[4:], start=4):
+        step = _ASIDE * np.eye(len(camera.packed))[4 + PACKED.index(name)]
+        ahead, behind = (_placed_centers(dots, radius, camera.packed + s * step, pose, False)[0] for s in (1.0, -1.0))
+        out[..., k] = 0.5 * (ahead - behind) / _ASIDE
+    return out
+
+
+def _placed_centers(dots: Floats, radius: float, camera: Floats, pose: Pose, slope: bool) -> tuple[Floats, Floats]:
+    """Centres (..., n, 2) by a packed camera, and derivatives (..., n, 2, 6) when they are asked for."""
+    # not read-only, for which would be compiled once more
+    places, dots = np.array(pose.position).reshape(-1, 3), np.array(dots, dtype=np.float64)
+    count, shape = len(dots), (*np.shape(pose.position)[:-1], len(dots))
+    centers = np.empty((len(places), count, 2))
+    by_pose = np.empty((len(places), count if slope else 1, 2, 6))
+    all_placed_centers(dots, radius, camera, pose.rotation.reshape(-1, 3, 3), places, slope, centers, by_pose)
     return centers.reshape(*shape, 2), by_pose.reshape(*shape, 2, 6) if slope else by_pose
-
-
-def _arguments(dots: Floats, radius: float, camera: Camera, pose: Pose) -> tuple[Floats, float, Floats, Floats, Floats]:
-    """Not read-only, for which would be compiled once more."""
-    places = np.array(pose.position).reshape(-1, 3)
-    return np.array(dots, dtype=np.float64), radius, camera.packed, pose.rotation.reshape(-1, 3, 3), places
 
 
 # ------------------------------------------------------------------------------------------------------------------

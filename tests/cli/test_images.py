@@ -158,9 +158,9 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
 
 def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
     said = refused(
-        "image", "detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--refine-dots"
+        "image", "detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--table", "t"
     )
-    for part in ("--camera: is missing", "--refine-dots", "holds no PNG, JPEG or TIFF"):
+    for part in ("--camera: is missing", "--readings and --table", "holds no PNG, JPEG or TIFF"):
         assert part in said
 
 

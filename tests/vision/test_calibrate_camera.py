@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.vision_scenes import Setting, aligned, normalised_errors, simulated_views
-from cpcal.common.errors import InputError
+from benchmarks.vision_scenes import Setting, normalised_errors, simulated_views
 from cpcal.vision.calibrate import NotCalibratedError, TargetView, calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
@@ -90,32 +89,6 @@ def test_points_are_calibrated_as_opencv_does():
     assert result.rms * np.sqrt(2.0) == pytest.approx(rms, rel=1e-4)
 
 
-def test_dots_off_their_places_are_found():
-    rng = np.random.default_rng(8)
-    stated = FEWER
-    true = replace(stated, dots=stated.dots + 0.05 * rng.standard_normal(stated.dots.shape))
-    plain, refined = (calibrated(58, true, stated, refine_dots=refine) for refine in (False, True))
-    assert plain.scale > 3.0
-    assert plain.target == stated
-    assert np.isnan(plain.dot_errors).all()
-    assert refined.scale == pytest.approx(1.0, abs=0.1)
-    error = refined.target.dots - aligned(true.dots, stated.dots)
-    assert np.sqrt(np.mean(error**2)) < 0.004
-    assert np.mean((error / refined.dot_errors) ** 2) == pytest.approx(1.0, abs=0.5)
-    assert np.abs(normalised_errors(refined, DELTALAB_CAMERA)[0]).max() < 4.0
-    np.testing.assert_allclose(refined.target.dots.mean(axis=0), stated.dots.mean(axis=0), atol=1e-9)
-
-
-def test_a_dot_that_is_hardly_seen_is_not_refined():
-    found, _ = views(9)
-    rare = [replace_dots(view, view.numbers != 7) if row > 1 else view for row, view in enumerate(found)]
-    result = calibrate_camera(rare, FEWER, SIZE, refine_dots=True)
-    assert np.isnan(result.dot_errors[7]).all()
-    assert np.isfinite(np.delete(result.dot_errors, 7, axis=0)).all()
-    np.testing.assert_array_equal(result.target.dots[7], FEWER.dots[7])
-    assert not any(view.used[given.numbers == 7].any() for view, given in zip(result.views, rare, strict=True))
-
-
 def replace_dots(view, keep):
     return TargetView(view.centers[keep], view.covariance[keep], view.numbers[keep], view.name)
 
@@ -194,29 +167,3 @@ def test_noise_alone_is_refused():
         for _ in range(9)
     ]
     assert "only 0 of 9 views" in refused(nonsense)
-
-
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({"centers": np.zeros((8, 3))}, "other shapes"),
-        ({"covariance": np.ones((8, 2))}, "other shapes"),
-        ({"numbers": np.arange(7)}, "other shapes"),
-        ({"centers": np.full((8, 2), np.nan)}, "not finite"),
-        ({"covariance": np.zeros((8, 2, 2))}, "not positive"),
-        ({"numbers": np.arange(8) + 1000}, "does not have"),
-        ({"numbers": np.arange(8) - 1}, "does not have"),
-        ({"numbers": np.arange(8) + 0.5}, "does not have"),
-        ({"numbers": np.zeros(8, dtype=int)}, "more than once"),
-    ],
-)
-def test_what_is_no_view_is_refused(changed, said):
-    good = {"centers": np.ones((8, 2)), "covariance": np.tile(np.eye(2), (8, 1, 1)), "numbers": np.arange(8)}
-    view = TargetView(**(good | changed), name="mine")
-    with pytest.raises(InputError, match=f"mine: .*{said}"):
-        calibrate_camera([TargetView(**good), view], FEWER, SIZE)
-
-
-def test_options_that_mean_nothing_are_refused():
-    with pytest.raises(InputError, match="width and height"):
-        calibrate_camera([], FEWER, (0, 768))
