@@ -1,14 +1,21 @@
-"""Where the platform can be when its controller says P, R: boxes proved by interval Newton to hold the true pose.
+"""Where the platform can be when its controller says P, R: boxes proved to hold the true pose, leg by leg.
 
 The true pose is written P + p, R(1, s) R. With the true parameters x of each leg in its certified set S, and a model
 error e of at most eps, its n equations are, divided by 2 `scale` so that they are in mm,
 
     F_i(p, s) = (||P + p + R(1, s) R b - a||^2 - (L + l + e)^2) / (2 scale_i) = 0,     L the controller's reading
 
-F(0) lies in the ranges of `deviations`, widened by eps. The Krawczyk operator of F, with x over S and e over
-[-eps, eps], is taken for all poses of a cell at once; where its image lies in the interior of the box D of (p, s), for
-every x and e exactly one (p, s) in D solves the equations, and it lies in the image (see existence.operators). More
-than six equations are combined into six by the operator's weights. Coordinates that the mechanism holds, `held`, are 0.
+F(0) lies in the ranges of `deviations`, widened by eps. With z = (p, s), J the linear part of F at a cell's centre and
+C a left inverse of it, z = C y, where y_i says by how much leg i is longer. Times 1 + s.s equations are polynomials,
+
+    y_i = -F_i(0) - (what is linear in z besides, with poses of the cell and x of S) - (terms of degree two and more)
+
+Where the image of a box Y about 0, bounded by sizes, lies inside of Y, no pose on its boundary solves them, whichever
+part t F(0) of F(0), 0 <= t <= 1, is taken. At t = 0 the pose commanded does. So the platform with parameters x that
+stands there, its legs then moved to the lengths that they have, stays in the image: that is the branch of assembly that
+the controller means. A box of (p, s) would be far larger than that of y, for a platform can move where its legs hardly
+change; what the measurements leave open of x mostly makes a leg longer as a whole, and adds a share of y_i. Coordinates
+that the mechanism holds, `held`, are 0.
 """
 
 from __future__ import annotations
@@ -129,6 +136,14 @@ def along_turn(s: Intervals, m: Intervals) -> Intervals:
     return (2.0 / (1.0 + squares(s)))[..., None] * (m - cross(s, m))
 
 
+def crossing(v: Intervals) -> Intervals:
+    """The matrices (..., 3, 3) of s -> s x v."""
+    nothing = intervals(np.zeros(v.shape[:-1]))
+    x, y, z = (v[..., k] for k in range(3))
+    rows = ((nothing, z, -y), (-z, nothing, x), (y, -x, nothing))
+    return joined([joined([one[..., None] for one in row])[..., None, :] for row in rows], -2)
+
+
 # ------------------------------------------------------------------------------------------------------------------
 # Cells of the workspace: all poses P + p, R(1, s) R(q) with (p, s) in a box around 0. A pose is a cell of no size.
 
@@ -160,12 +175,13 @@ class Cells:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The equations of the legs over cells, and Newton's operator.
+# The equations of the legs over cells. Sizes are floats that nothing negative enters: sums of them are off by a few
+# hundred roundings at most, which `_ROUNDED` makes up for.
 
-_TRIES = 8  # inflations of D
-_REFINED = 3  # applications of the operator after the proof
-_INFLATE = 0.15  # of the image's width, on both sides
-_STRAY = 1e-12
+_TRIES = 20  # inflations of Y
+_REFINED = 30  # images after the proof
+_INFLATE = 1.1
+_ROUNDED, _LOST = 1.0 + 1e-12, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +219,7 @@ def pose_inverse(jacobian: Floats, held: Sequence[int] = ()) -> Floats:
 
 
 class Equations:
-    """F of n legs over K cells, for all x of the sets, with approximate inverses C (K, 6, n) of its Jacobian.
+    """F of n legs over K cells, for all x of the sets, with left inverses C (K, 6, n) of its linear part.
 
     For the legs that the controller believes in: `rotation` (K, 1, 3, 3): R. `arm` (K, n, 3): R b^. `vector` (K, n, 3):
     v = P + R b^ - a^, mm. `length` (K, n): ||v||.
@@ -214,19 +230,23 @@ class Equations:
         self.controller, self.basis = np.stack([one.controller for one in sets]), np.stack([one.basis for one in sets])
         self.box, self.along = (joined([getattr(one, name)[None] for one in sets], 0) for name in ("box", "along"))
         robot = Robot.from_parameters("controller", self.controller)
-        jacobian = pose_jacobian(robot, cells.center)
-        jacobian[..., 3:] *= 2.0
-        self._free = np.diag(np.isin(np.arange(6), held, invert=True).astype(np.float64))
+        # the middle of the sets: any parameters serve
+        self.middle = self.controller + (self.basis @ self.along.mid[..., None])[..., 0]
+        # mm: lengths of the legs at the centers, in floating point, make deviations mm
+        self.scale: Floats = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
+        among = Robot.from_parameters("middle", self.middle)
+        length = np.linalg.norm(leg_vectors(among, cells.center), axis=-1)
+        self.jacobian = pose_jacobian(among, cells.center) * (length / self.scale)[..., None]
+        self.jacobian[..., 3:] *= 2.0
+        self.jacobian[..., list(held)] = 0.0
         with np.errstate(all="ignore"):
-            self.regular = np.linalg.cond(np.delete(jacobian, held, axis=-1)) < 1e12
-            self.inverse = pose_inverse(np.where(self.regular[:, None, None], jacobian, 1.0), held)
+            self.regular = np.linalg.cond(np.delete(self.jacobian, held, axis=-1)) < 1e12
+            self.inverse = pose_inverse(np.where(self.regular[:, None, None], self.jacobian, 1.0), held)
         self.rotation = turned_pose(cells.reach[:, 3:], cells.center)
         self.arm = applied(self.rotation, self.controller[None, :, 3:6])
         position = cells.center.position + cells.reach[:, :3]
         self.vector = position[:, None] + self.arm - self.controller[None, :, :3]
         self.length = norm(self.vector)
-        # mm: lengths of the legs at the centers, in floating point, make deviations mm
-        self.scale: Floats = np.linalg.norm(leg_vectors(robot, cells.center), axis=-1)
         self._directions = np.swapaxes(self.basis, 1, 2)[None]  # (1, n, 7 directions, 7 components)
 
     def deviations(self) -> Intervals:
@@ -270,12 +290,17 @@ class Equations:
     def bounds(self, deviation: Intervals) -> PoseBounds:
         """From F(0) without errors e."""
         value = self.with_error(deviation)
-        step = -applied(intervals(self.inverse), value)
-        image, proved = proved_image(self.spread, step, self.regular & np.isfinite(value.lo).all(axis=1))
-        sizes_ = sizes(self.inverse, value, self.spread(_with_zero(image)))
-        position, angle = (np.where(proved, size, np.inf) for size in sizes_)
-        box = IntervalArray(np.where(proved[:, None], image.lo, -np.inf), np.where(proved[:, None], image.hi, np.inf))
-        return PoseBounds(proved, box, position, angle)
+        good = self.regular & np.isfinite(value.lo).all(axis=1)
+        with np.errstate(all="ignore"):
+            image = self.image(value)
+            size, proved = proved_sizes(image, value.mag, good)
+        size = np.where(proved[:, None], size, 0.0)
+        more = image(size)
+        y = (IntervalArray(-more, more) - value).intersect(IntervalArray(-size, size))
+        box = applied(intervals(self.inverse), y)
+        position, angle = (np.where(proved, most, np.inf) for most in sizes(self.inverse, y))
+        lo, hi = (np.where(proved[:, None], of, end) for of, end in ((box.lo, -np.inf), (box.hi, np.inf)))
+        return PoseBounds(proved, IntervalArray(lo, hi), position, angle)
 
     def with_error(self, deviation: Intervals) -> Intervals:
         """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
@@ -285,121 +310,115 @@ class Equations:
         reach = np.where(length.lo <= eps, np.inf, most.hi)
         return deviation + IntervalArray(-reach, reach)
 
-    def spread(self, box: Intervals) -> Intervals:
-        """(I - C J(D)) D, (K, 6), for boxes D (K, 6) of (p, s) that hold 0, with the interval Jacobian J of F."""
-        return applied(self._free[None] - self._product(intervals(box)), box)
+    def image(self, value: Intervals) -> Callable[[Floats], Floats]:
+        """How large y + F(0) can be, (K, n), for sizes of y (K, n) and F(0) in `value`: a function of the sizes of y.
 
-    def _product(self, box: Intervals) -> Intervals:
-        """C J (K, 6, 6) over D, all x of the sets and all poses of the cells.
+        With r the mobile joint's place R b, w = P - a, v = w + r, d = p + 2 s x r, and x off the middle by t tau along
+        its directions, F (1 + s.s) 2 scale has, beside its value at 0 and J z, these terms: linear in z the change of J
+        over the cell, and t (2 Delta.p + 4 s.(r x Delta + R tau_b x v)), Delta = R tau_b - tau_a; of degree two
+        ||d||^2 - 4 (s x v).(s x r) and F(0) s.s; and the rest, which is small.
 
-        With r the mobile joint's place R b, w = P - a and u = w + r the leg, J is (u, 2 (m - s x m) / (1 + s.s)) over
-        scale, m = r x u. Sums over legs are taken before the range over poses, so that what moves all legs alike
-        cancels: with a shift t and a turn 2 S of the pose, from the cell's center on, and the weights C / scale,
-
-            sum u = sum u_0 + (sum 1) t + 2 S x (sum r)
-            sum m = sum m_0 + (sum r) x t + (T - tr T) 2 S          with T = sum r w'
+        y is J (C J)^-1 z. With E = I - C J and |E| r <= r / 2 for sizes r of z, it is J z but for at most 2 |J| |E| r.
         """
-        reach = self.cells.reach
-        shift = reach[:, :3] + box[:, :3]
-        turn = _turns_joined(box[:, 3:], reach[:, 3:])
-        weight = (intervals(self.inverse) / self.scale[:, None])[..., None]  # (K, 6, n, 1)
-        nowhere = intervals(np.zeros(turn.shape))
-        arm_0, leg_0 = self._at(nowhere, nowhere)
-        arm, leg = self._at(turn, shift)
-        arms = _sum(weight, arm)  # (K, 6, 3)
-        outer = arm[..., :, None] * (leg - arm)[..., None, :]  # (K, n, 3, 3)
-        of_turn = intervals(_sum(weight, outer.reshape((*outer.shape[:2], 9))).reshape((len(reach.lo), 6, 3, 3)))
-        trace = of_turn[..., 0, 0] + of_turn[..., 1, 1] + of_turn[..., 2, 2]
-        way = _path(turn)[:, None]
-        units = total(weight[..., 0])
-        of_legs = _sum(weight, leg_0) + units[..., None] * shift[:, None] + cross(way, arms)
-        turned_by = applied(of_turn, way) - trace[..., None] * way
-        moments = _sum(weight, cross(arm_0, leg_0)) + (cross(arms, shift[:, None]) + turned_by)
-        return joined([of_legs, along_turn(box[:, None, 3:], moments)])
+        tau, scale = self._directions, 2.0 * self.scale
+        ends = intervals(self.middle)[None]
+        arm = applied(self.rotation, ends[..., 3:6])
+        place = self.cells.center.position + self.cells.reach[:, :3]
+        place = intervals(place[:, None] - ends[..., :3])
+        leg = place + arm
+        turned = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
+        delta = turned - tau[..., :3]
+        moment = cross(arm[:, :, None], delta) + cross(turned, leg[:, :, None])
+        shares = self._sizes(joined([2.0 * delta, 4.0 * moment])) / scale[..., None, None]
+        slopes = joined([2.0 * leg, 4.0 * cross(arm, leg)]) / scale[..., None]
+        size_of, steep = np.abs(self.inverse), np.abs(self.jacobian)
+        lost = np.abs(np.eye(6) - self.inverse @ self.jacobian) + _LOST * (size_of @ steep)
+        linear = self._sizes(slopes - self.jacobian) + 2.0 * (steep @ lost @ size_of)
+        off = self.box[:, :7] - (self.middle - self.controller)
+        # the basis is orthonormal up to rounding: so much more covers what that leaves
+        stray = 1e-12 * off.mag.sum(axis=1, keepdims=True)
+        far = (self.along - applied(transposed(intervals(self.basis)), self.middle - self.controller)).mag + stray
+        linear = linear + (far[None, :, :, None] * shares).sum(axis=2)
+        identity, nothing = np.broadcast_to(np.eye(3), (*leg.shape, 3)), np.zeros((*leg.shape, 3))
+        forms = (
+            joined([intervals(one), way])
+            for one, way in ((identity, 2.0 * crossing(arm)), (nothing, crossing(leg)), (nothing, crossing(arm)))
+        )
+        # ||d||^2 - 4 (s x v).(s x r) in y: about the middles of these three, and what they are off
+        (d, d_off), (of_v, v_off), (of_r, r_off) = map(self._in_legs, forms)
+        half = np.swapaxes(of_v, -1, -2) @ of_r
+        middle = np.abs(np.swapaxes(d, -1, -2) @ d - 2.0 * (half + np.swapaxes(half, -1, -2)))
+        far_d, far_v, far_r = (np.abs(one) for one in (d, of_v, of_r))
+        base, swing = off[:, :3].mag[None], applied(intervals(self.rotation), off[None, :, 3:6]).mag
+        at, arm_, leg_, value_ = place.mag, arm.mag, leg.mag, value.mag
 
-    def _at(self, turn: Intervals, shift: Intervals) -> tuple[Intervals, Intervals]:
-        """R b and the leg P + R b - a, (K, n, 3) both, over all x of the sets; `turn` is S and `shift` t, (K, 3)."""
-        matrix = turned_pose(turn, self.cells.center)
-        arm = applied(matrix, (self.controller[:, 3:6] + self.box[:, 3:6])[None])
-        place = (self.cells.center.position + shift)[:, None]
-        plain = place - (self.controller[:, :3] + self.box[:, :3])[None] + arm
-        return arm, intervals(plain.intersect(self._leg(matrix, place)))
+        def image(y: Floats) -> Floats:
+            z = (size_of @ y[..., None])[..., 0]
+            near = (2.0 * (lost @ z[..., None])[..., 0] <= z).all(axis=1)
+            p, s = z[:, None, :3], z[:, None, 3:]
+            square = (s * s).sum(axis=-1)
+            column = y[:, None, :, None]
+            (a, da), (b, db), (c, dc) = (
+                ((one @ column)[..., 0], (by @ column)[..., 0])
+                for one, by in ((far_d, d_off), (far_v, v_off), (far_r, r_off))
+            )
+            beside = (2.0 * a + da) * da + _LOST * a * a + 4.0 * ((b + db) * dc + db * c + _LOST * b * c)
+            curved = (
+                (y[:, None] * (middle @ column)[..., 0]).sum(axis=-1) + beside.sum(axis=-1) + value_ * scale * square
+            )
+            turned = _crossed(s, swing)
+            more = square * ((p * p).sum(axis=-1) + 2.0 * (p * (leg_ + base + swing)).sum(axis=-1))
+            more += 4.0 * (p * _crossed(s, _crossed(s, arm_))).sum(axis=-1)
+            more += 4.0 * ((p + base) * turned + base * _crossed(s, _crossed(s, arm_))).sum(axis=-1)
+            more += 4.0 * ((at + p + base) * _crossed(s, turned)).sum(axis=-1)
+            found = ((linear @ y[..., None])[..., 0] + (curved + more) / scale) * _ROUNDED
+            return np.where(near[:, None], found, np.inf)
 
-    def _leg(self, matrix: Intervals, place: Intervals) -> Intervals:
-        """The leg by the sets' directions: what shifts a and b alike hardly changes it."""
-        known = place + applied(matrix, self.controller[None, :, 3:6]) - self.controller[None, :, :3]
-        tau = self._directions
-        by_each = applied(matrix[:, :, None], tau[..., 3:6]) - tau[..., :3]
-        # the basis is orthonormal up to rounding: so much of the sets' size covers what that leaves
-        stray = _STRAY * self.box.mag[None, :, :7].sum(axis=2, keepdims=True)
-        return known + total(by_each * self.along[None, :, :, None], 2) + IntervalArray(-stray, stray)
+        return image
 
+    def _in_legs(self, gradients: Intervals) -> tuple[Floats, Floats]:
+        """(K, n, ..., n): coefficients of y in what has these gradients (K, n, ..., 6) in z = C y, and how far off."""
+        inverse = self.inverse.reshape((len(self.inverse), *[1] * (gradients.ndim - 3), *self.inverse.shape[1:]))
+        middle = gradients.mid
+        off = np.maximum(gradients.hi - middle, middle - gradients.lo) + _LOST * gradients.mag
+        return middle @ inverse, (off @ np.abs(inverse)) * _ROUNDED
 
-def _sum(weight: Intervals, vectors: IntervalArray) -> Intervals:
-    """Weighted sums over the legs: (K, 6, n, 1) and (K, n, m) give (K, 6, m)."""
-    return total(weight * vectors[:, None], 2)
-
-
-def _turns_joined(s: Intervals, t: Intervals) -> Intervals:
-    """S with R(1, S) = R(1, s) R(1, t), a box around 0 of (K, 3); infinite where a half-turn is among them."""
-    scalar = (1.0 - total(s * t))[:, None]
-    found, far = (s + t + cross(s, t)) / scalar, scalar.lo <= 0.0
-    return _with_zero(IntervalArray(np.where(far, -np.inf, found.lo), np.where(far, np.inf, found.hi)))
-
-
-def _path(turn: Intervals) -> Intervals:
-    """What the turns tau S, tau from 0 to 1, add up to: 2 S times a number between 1 / (1 + S.S) and 1."""
-    least = (1.0 / (1.0 + intervals(squares(turn).hi))).lo
-    return intervals(IntervalArray(2.0 * least, np.full_like(least, 2.0)))[:, None] * turn
-
-
-def proved_image(
-    spread: Callable[[Intervals], IntervalArray], step: Intervals, good: Bools
-) -> tuple[IntervalArray, Bools]:
-    """An image of D by the operator `step + spread(D)`, and whether it lies in the interior of D; D always holds 0."""
-    box = _inflated(step)
-    image: IntervalArray = step
-    proved = np.zeros(len(good), dtype=bool)
-    with np.errstate(all="ignore"):
-        for _ in range(_TRIES):
-            image = step + spread(box)
-            proved = good & ((image.lo > box.lo) & (image.hi < box.hi)).all(axis=1)
-            if proved[good].all():
-                break
-            grown = _inflated(image)
-            keep = proved[:, None] | ~np.isfinite(grown.lo) | ~np.isfinite(grown.hi)
-            box = Intervals(np.where(keep, box.lo, grown.lo), np.where(keep, box.hi, grown.hi))
-        for _ in range(_REFINED):
-            image = image.intersect(step + spread(_with_zero(image)))
-    return image, proved & np.isfinite(image.lo).all(axis=1)
+    def _sizes(self, gradients: Intervals) -> Floats:
+        """At most so large are these coefficients."""
+        middle, off = self._in_legs(gradients)
+        return np.asarray(np.abs(middle) + off)
 
 
-def sizes(inverse: Floats, value: IntervalArray, spread: IntervalArray) -> tuple[Floats, Floats]:
-    """Bounds (K,) of ||p|| in mm and of the angle in rad.
+def _crossed(x: Floats, y: Floats) -> Floats:
+    """The most that the components of a cross product can be."""
+    return x[..., _FORTH] * y[..., _BACK] + x[..., _BACK] * y[..., _FORTH]
 
-    (p, s) = -C F(0) + an element of `spread`, and a norm is largest at a corner of the box of F(0). The angle of
-    R(1, s) is 2 atan ||s|| <= 2 ||s||.
+
+def proved_sizes(image: Callable[[Floats], Floats], value: Floats, good: Bools) -> tuple[Floats, Bools]:
+    """Sizes of Y (K, n) of which it is proved that |value| + image(Y) lies inside, and where."""
+    size, proved = value, np.zeros(len(good), dtype=bool)
+    for _ in range(_TRIES):
+        grown = np.where(proved[:, None], size, _INFLATE * (value + image(size)) + 1e-9)
+        size = np.where(np.isfinite(grown), grown, size)
+        proved = good & (value + image(size) < size).all(axis=1)
+        if proved[good].all():
+            break
+    for _ in range(_REFINED):
+        size = np.where(proved[:, None], np.minimum(size, (value + image(size)) * _ROUNDED), size)
+    return size, proved
+
+
+def sizes(inverse: Floats, y: IntervalArray) -> tuple[Floats, Floats]:
+    """Bounds (K,) of ||p|| in mm and of the angle in rad, for (p, s) = C y: a norm is largest at a corner of the box.
+
+    The angle of R(1, s) is 2 atan ||s|| <= 2 ||s||.
     """
     legs = inverse.shape[-1]
     corners = (np.arange(1 << legs)[:, None] >> np.arange(legs) & 1).astype(bool)
-    values = np.where(corners[None], value.hi[:, None], value.lo[:, None])  # (K, 2^n, n)
-    moves = applied(intervals(inverse)[:, None], np.where(np.isfinite(values), values, 0.0))  # (K, 2^n, 6)
-    more = intervals(spread.mag)
-    position, turn = (
-        intervals(norm(moves[..., part]).hi.max(axis=1)) + norm(more[:, part]).hi for part in (slice(3), slice(3, 6))
-    )
-    return position.hi, 2.0 * turn.hi
-
-
-def _with_zero(box: IntervalArray) -> Intervals:
-    return Intervals(np.minimum(box.lo, 0.0), np.maximum(box.hi, 0.0))
-
-
-def _inflated(box: IntervalArray) -> Intervals:
-    """Around zero and the box."""
-    held = _with_zero(box)
-    more = _INFLATE * (held.hi - held.lo) + 1e-9
-    return Intervals(held.lo - more, held.hi + more)
+    values = np.where(corners[None], y.hi[:, None], y.lo[:, None])  # (K, 2^n, n)
+    moves = applied(intervals(inverse)[:, None], values)  # (K, 2^n, 6)
+    position, turn = (norm(moves[..., part]).hi.max(axis=1) for part in (slice(3), slice(3, 6)))
+    return position, 2.0 * turn
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -290,8 +290,8 @@ def _next(found: Accuracy) -> Iterator[Section]:
 def _origin(found: Accuracy) -> Section:
     proofs = (
         "Certificates hold what the legs allow; cpcal verify checks them and computes the bounds of poses again. The "
-        "bounds of a workspace come from linear programs and interval Newton in outward-rounded arithmetic, which no "
-        f"certificate holds. {about(found.seconds)} s."
+        "bounds of a workspace come from linear programs and the legs' equations in outward-rounded arithmetic: no "
+        f"certificate holds them. {about(found.seconds)} s."
     )
     campaign = (Mark(found.campaign.sha256, "code"), f", {found.campaign.measurements} measurements")
     return origin({"Campaign, SHA-256": campaign, "Proofs": proofs})

@@ -17,11 +17,12 @@ from cpcal.models.platform import (
     cover,
     intervals,
     pose_bounds,
-    proved_image,
+    proved_sizes,
     sizes,
 )
 from cpcal.robot import (
     Pose,
+    Robot,
     central_pose,
     distances,
     forward_kinematics,
@@ -135,17 +136,14 @@ def test_the_turns_of_a_cell_are_those_between_its_poses_and_its_centre():
         assert ((cells.reach.lo[:, 3:] <= s + 1e-12) & (s - 1e-12 <= cells.reach.hi[:, 3:])).all()
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("r", [0.1, 0.5, 0.9, 0.99, 1.01, 2.0])
-def test_what_is_proved_holds_the_zero_on_whichever_side_the_step_goes(side, r):
-    step = intervals(np.full((1, 6), 3.0 * side))
-    reach = np.full((1, 6), r)  # equations p = step + M p, whose M is anywhere in [-r, r] on the diagonal
-    image, proved = proved_image(lambda box: box * IntervalArray(-reach, reach), step, np.array([True]))
-    assert proved[0] or r > 0.4
+def test_what_is_proved_holds_the_zero_that_is_farthest(r):
+    # equations y = v + m y, whose m is anywhere in [-r, r] and v of size 3
+    size, proved = proved_sizes(lambda y: r * y, np.full((1, 6), 3.0), np.array([True]))
+    assert proved[0] or r > 0.6
     assert not (proved[0] and r >= 1.0)
     if proved[0]:
-        zero = step.lo / (1.0 - r)  # of M = r, the farthest
-        assert ((image.lo <= zero) & (zero <= image.hi)).all()
+        assert (size >= 3.0 / (1.0 - r)).all()  # of m = r
 
 
 def test_a_model_error_moves_the_platform_by_its_square_as_well(known):
@@ -175,32 +173,38 @@ def alone(known, eps):
     ]
 
 
-def test_newtons_operator_holds_what_it_makes_of_every_pose_in_the_box(known):
-    # x - C F(x), F by its definition; with the ends of the box, where what is not linear counts most
-    poses, rng = unseen(known, 3, 8), np.random.default_rng(9)
-    equations = Equations(Cells.of_poses(poses), alone(known, 0.0))
-    half = np.array([5.0, 5.0, 5.0, 0.03, 0.03, 0.03])
-    box = IntervalArray(np.tile(-half, (3, 1)), np.tile(half, (3, 1)))
-    spread = equations.spread(box)
-    length = np.linalg.norm(leg_vectors(known.controller, poses), axis=-1)
-    for corner in rng.uniform(size=(100, 3, 6)):
-        move = half * np.where(corner < 0.4, -1.0, np.where(corner > 0.6, 1.0, 10.0 * corner - 5.0))
+@pytest.mark.parametrize("held", [(), (3, 4)])
+def test_the_image_holds_what_the_equations_leave_at_every_pose_in_the_box(known, held):
+    # y + F(C y) - F(0), F by its definition, with parameters anywhere in the sets; where what is not linear counts most
+    rng, sets = np.random.default_rng(9), known.sets
+    poses = unseen(known, 3, 8)
+    equations = Equations(Cells.of_poses(poses), sets, held)
+    image = equations.image(intervals(np.zeros((3, 6))))
+    drawn = [one.basis @ rng.uniform(one.along.lo, one.along.hi) for one in sets]
+    x = Robot.from_parameters(
+        "drawn",
+        known.controller.parameters
+        + np.clip(drawn, *(np.stack([getattr(one.box, side)[:7] for one in sets]) for side in ("lo", "hi"))),
+    )
+    length = np.linalg.norm(leg_vectors(x, poses), axis=-1)
+    for _ in range(100):
+        move = equations.inverse @ np.where(rng.uniform(size=(3, 6, 1)) < 0.5, -5.0, 5.0)
+        y, move = (equations.jacobian @ move)[..., 0], move[..., 0]
         turn = normalised(np.column_stack([np.ones(3), move[:, 3:]]))
         moved = Pose(poses.position + move[:, :3], quaternion_product(turn, poses.quaternion))
-        reached = np.linalg.norm(leg_vectors(known.controller, moved), axis=-1)
-        left = move - (equations.inverse @ ((reached**2 - length**2) / (2.0 * equations.scale))[..., None])[..., 0]
-        assert ((spread.lo <= left + 1e-9) & (left - 1e-9 <= spread.hi)).all()
+        reached = np.linalg.norm(leg_vectors(x, moved), axis=-1)
+        square = (1.0 + (move[:, 3:] ** 2).sum(axis=-1))[:, None]  # of what F(0) s.s holds the middle is 0 here
+        left = y - square * (reached**2 - length**2) / (2.0 * equations.scale)
+        assert (np.abs(left) <= image(np.abs(y)) + 1e-9).all()
 
 
-def test_a_bound_is_that_of_the_farthest_corner_and_of_what_is_added_to_it():
+def test_a_bound_is_that_of_the_farthest_corner():
     rng = np.random.default_rng(10)
     inverse = rng.normal(size=(4, 6, 6))
-    value = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
-    spread = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
-    position, angle = sizes(inverse, value, spread)
-    for corner, more in rng.integers(0, 2, (2000, 2, 4, 6)):
-        moved = -(inverse @ np.where(corner, value.hi, value.lo)[..., None])[..., 0]
-        moved += np.where(more, spread.hi, spread.lo)
+    y = IntervalArray(*np.sort(rng.normal(size=(2, 4, 6)), axis=0))
+    position, angle = sizes(inverse, y)
+    for corner in rng.integers(0, 2, (500, 4, 6)):
+        moved = (inverse @ np.where(corner, y.hi, y.lo)[..., None])[..., 0]
         assert (np.linalg.norm(moved[:, :3], axis=1) <= position).all()
         assert (2.0 * np.arctan(np.linalg.norm(moved[:, 3:], axis=1)) <= angle).all()
 
