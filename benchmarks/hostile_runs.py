@@ -265,7 +265,7 @@ def _leg(folder: Path, measurements: int, model: str, extra: int, steps: int) ->
 
 def result(folder: Path, **changes: Any) -> None:
     """A result.json of no legs, of which nothing can be accepted."""
-    whole = {"format": "cpcal-result/12", "legs": [], "information": {}} | changes
+    whole = {"format": "cpcal-result/13", "legs": [], "information": {}} | changes
     (folder / "result.json").write_text(json.dumps(whole, separators=(",", ":")))
 
 

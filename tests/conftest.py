@@ -52,7 +52,6 @@ LONG = [
     "checker/valid/test_rule.py",
     "report/test_browser.py",
     "solver/execution/test_cluster.py",
-    "calibration/test_diagnosis.py",
     "questions/test_many_campaigns.py",
     "cli/test_every_key.py",
     "cli/test_process.py",

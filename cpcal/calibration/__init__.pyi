@@ -3,9 +3,6 @@ from .budget import (
     Inputs,
     budget,
 )
-from .diagnosis import (
-    Diagnosis,
-)
 from .fit import (
     Fit,
     LegEquations,
@@ -56,7 +53,6 @@ __all__ = [
     "Budget",
     "CalibrationRecord",
     "Deviations",
-    "Diagnosis",
     "Fit",
     "FittedFrame",
     "FrameCalibration",

@@ -157,10 +157,8 @@ def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Rob
 # Calibrated joint centres laid on those of the drawing: where the drawing's frame is, and how well that is known.
 #
 # A robot has no other base frame than its joints, and the drawing says where these are in it. So the frame is that of
-# the rigid motion that brings the calibrated centres nearest to the drawing's (least squares), and two uncertainties
-# belong to it. The centres are known to within the calibration's errors: that is how well the frame is known that the
-# robot's own joints define. And the joints are not where the drawing has them: how far off is told by what the motion
-# leaves over, with few degrees of freedom; that is how well the drawing's frame can be known, whatever is measured.
+# the rigid motion that brings the calibrated centres nearest to the drawing's (least squares), known to within the
+# calibration's errors. How far the joints are from where the drawing has them is told by what the motion leaves over.
 
 
 @dataclass(frozen=True)
@@ -169,24 +167,18 @@ class FittedFrame:
 
     sigma            (6,) standard deviations of position (mm) and rotation vector (rad, drawing's frame), of the frame
                      that the joints define
-    drawing_sigma    (6,) of the drawing's frame: with the drawing's own errors, estimated from the residuals
     drawing_error    mm: how far a coordinate of a joint centre is off its drawing (standard deviation)
-    coverage_factor  k for 95 % with so few degrees of freedom, 3 n - 6 (Student)
     """
 
     position: tuple[float, ...]
     quaternion: tuple[float, ...]
     sigma: tuple[float, ...]
-    drawing_sigma: tuple[float, ...]
     drawing_error: float
-    coverage_factor: float
 
     def sentence(self, name: str) -> str:
-        own, drawn = max(self.sigma[:3]), max(self.drawing_sigma[:3])
         return (
-            f"{name}: the calibrated joint centres are {self.drawing_error:.2g} mm a coordinate off the "
-            f"drawing's; the frame that they define is known to U = {2.0 * own:.2g} mm (k = 2), the drawing's to "
-            f"{self.coverage_factor * drawn:.2g} mm (k = {self.coverage_factor:.2g}, 95 %)."
+            f"{name}: the calibrated joint centres are {self.drawing_error:.2g} mm a coordinate off the drawing's; the "
+            f"frame that they define is known to U = {2.0 * max(self.sigma[:3]):.2g} mm (k = 2)."
         )
 
 
@@ -210,11 +202,9 @@ def fitted_frames(fit: Fit, drawing: Robot, shared: Floats | None = None) -> tup
     shared  (2, 6) standard deviations of an error of each frame that comes on top. Raises InputError as
             `nearest_motion`.
     """
-    from scipy import special  # here: it takes a third of a second to load
-
     x, count = fit.parameters, len(fit.parameters)
     blocks = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0).reshape(count, 7, count, 7)
-    freedom, found = 3 * count - 6, []
+    found = []
     for k, drawn in enumerate((drawing.base, drawing.mobile)):
         part = slice(3 * k, 3 * k + 3)
         motion = nearest_motion(x[:, part], drawn)
@@ -224,12 +214,10 @@ def fitted_frames(fit: Fit, drawing: Robot, shared: Floats | None = None) -> tup
         back = np.linalg.pinv(columns) @ np.kron(np.eye(count), motion.rotation)
         own = back @ blocks[:, part, :, part].reshape(3 * count, 3 * count) @ back.T
         own += np.diag(np.zeros(6) if shared is None else shared[k] ** 2)
-        error = float(np.sqrt(np.sum(residual**2) / freedom))
-        of_drawing = error**2 * np.linalg.inv(columns.T @ columns) + own
-        arrays = motion.position, motion.quaternion, np.sqrt(np.diagonal(own)), np.sqrt(np.diagonal(of_drawing))
-        position, quaternion, sigma, drawing_sigma = (tuple(array.tolist()) for array in arrays)
-        student = float(special.stdtrit(freedom, 0.975))
-        found.append(FittedFrame(position, quaternion, sigma, drawing_sigma, error, student))
+        error = float(np.sqrt(np.sum(residual**2) / (3 * count - 6)))
+        parts = motion.position, motion.quaternion, np.sqrt(np.diagonal(own))
+        position, quaternion, sigma = (tuple(values.tolist()) for values in parts)
+        found.append(FittedFrame(position, quaternion, sigma, error))
     return found[0], found[1]
 
 

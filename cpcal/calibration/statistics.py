@@ -482,9 +482,9 @@ class RepeatTest:
 Tests = tuple[RepeatTest, ...]
 
 
-def unusual(tests: Tests, kind: str, level: float = LEVEL) -> list[RepeatTest]:
+def unusual(tests: Tests, kind: str) -> list[RepeatTest]:
     """The tests of that kind that say no, the clearest first."""
-    return sorted((test for test in tests if test.kind == kind and test.p < level), key=lambda test: test.p)
+    return sorted((test for test in tests if test.kind == kind and test.p < LEVEL), key=lambda test: test.p)
 
 
 def sentences_of(tests: Tests) -> Iterator[tuple[bool, str]]:

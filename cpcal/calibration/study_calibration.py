@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.budget import Budget
-from cpcal.calibration.diagnosis import Diagnosis, diagnosis
 from cpcal.calibration.fit import Fit, LegEquations, fit
 from cpcal.calibration.frames import (
     FittedFrame,
@@ -281,7 +280,6 @@ class CalibrationRecord:
     x_c_sigma: Parameters
     x_c_of_f: Rows
     validation: ValidationRecord
-    diagnosis: Diagnosis
     budget: Budget | None
 
     def __post_init__(self) -> None:
@@ -323,10 +321,9 @@ class CalibrationRecord:
         yield f"Validation of x_c_sigma: {check.x_c_sigma.sentence}"
         if self.budget is not None:
             yield self.budget.sentence
-        yield self.diagnosis.sentence
 
 
-FORMAT = "cpcal-calibration/10"
+FORMAT = "cpcal-calibration/11"
 RECORD_NAME = "calibration.json"
 
 
@@ -354,7 +351,7 @@ class StudyCalibration:
     check         the same of the validation poses
     repeats       whose scatter the repeats show: camera's, sensors', robot's
     x_c, x_c_sigma        least squares of g: plain, and weighted by the noise of the means, all legs together
-    record        all of it as plain values, with statistics, validation and diagnosis
+    record        all of it as plain values, with statistics and validation
     """
 
     drawing: Robot
@@ -413,7 +410,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         distance = np.sqrt(np.mean(np.sum(rows.runs.position**2, axis=1)))
         moved, turned = shared[:3].max(), shared[3:].max()
         of_frames = np.array([np.repeat([np.hypot(moved, arm * turned), turned], 3) for arm in (distance, 0.0)])
-    screening, outliers, tests = rows.screening, check_rows.screening, repeat_tests(repeats, rows.run_names)
+    screening, outliers = rows.screening, check_rows.screening
     assert screening is not None  # a table without repeats has no statistics, and was refused
     camera_in_base, target_in_mobile = fitted_frames(x_c_sigma, drawing, of_frames)
     record = CalibrationRecord(
@@ -432,7 +429,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
             equation_sigma=tuple(repeats.equation_sigma.tolist()),
             robot_sigma=tuple(repeats.robot_sigma.tolist()),
             scatter=repeats.sentence,
-            tests=tests,
+            tests=repeat_tests(repeats, rows.run_names),
             shared=None if shared is None else tuple(shared.tolist()),
         ),
         camera_in_base=camera_in_base,
@@ -446,7 +443,6 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
             validate(check, x_c.parameters, noise=check_noise),
             validate(check, x_c_sigma.parameters, noise=check_noise),
         ),
-        diagnosis=diagnosis((campaign, check), (noise, check_noise), x_c_sigma.parameters, tests),
         budget=None,
     )
     return StudyCalibration(drawing, campaign, check, repeats, x_c, x_c_sigma, record)

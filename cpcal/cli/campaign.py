@@ -23,8 +23,7 @@ from cpcal.files import (
     save_study,
     settings_template,
 )
-from cpcal.models import PLAIN
-from cpcal.questions.data_check import check_data, expected
+from cpcal.questions import check_data
 from cpcal.robot import ROBOTS, Campaign, KnownRobot, known_robot, rotation_vector
 from cpcal.robot.campaign import Given
 from cpcal.robot.mistakes import Spread, mixed_up, spread_of
@@ -199,7 +198,7 @@ def _off(each: Sequence[float]) -> str:
 def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measurements.csv.")) -> Status:
     """Look for what is wrong with a CAMPAIGN before it is certified: units, orders, frames, odd rows, open parameters.
 
-    Says what each leg's parameters can be expected to be known to. Estimates in floating point: nothing is proved.
+    Estimates in floating point: nothing is proved.
     """
     loaded, talk = load_campaign(campaign), Talk()
     found = check_data(loaded)
@@ -207,19 +206,6 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
     talk.say("Nothing looks wrong." if found.good else f"Look at this first ({len(found.findings)}):")
     talk.say(*(f"! {finding}" for finding in found.findings))
     talk.say(_off(found.nominal), _left(found.spread))
-    if found.legs:
-        rows = []
-        for leg in found.legs:
-            rank = f"{leg.determination.rank} of {leg.determination.of}"
-            indices = about(leg.condition, 2), about(leg.index, 2)
-            rows.append((str(leg.leg), rank, *indices, *expected(leg)))
-        talk.table(("leg", "rank", "condition", "index O1", *PLAIN.parameters), rows, left=())
-        meaning = (
-            "readings are called exact, so only the model error leaves parameters a range."
-            if loaded.exact
-            else "mm, by how far the reading sets leave each parameter open if the model is right; runs are narrower."
-        )
-        talk.say(f"Expected: {meaning}")
     if not found.good:
         return Status.UNKNOWN
     talk.say("Next: cpcal certify CAMPAIGN -o RUN")

@@ -379,7 +379,6 @@ class CertifyFlags:
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
-    projections: bool = expert(False, "Polygons of two parameters each, around all that reach the tolerance.")
     half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
     no_checker: bool = NO_CHECKER
 

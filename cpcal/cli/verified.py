@@ -29,7 +29,7 @@ from cpcal.questions import (
     LegResult,
     Result,
     Uncertified,
-    information,
+    contractors_sentences,
     load_result,
     verdict_of,
 )
@@ -81,7 +81,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool 
         if found.ranges is not None and ranges is None:
             yield True, f"leg {leg.leg}: its ranges are NOT CERTIFIED"
         if verbose:
-            yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in information(result.options, found))
+            yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in contractors_sentences(found))
     if verbose:
         yield True, INFORMATION
     if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):

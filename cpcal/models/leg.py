@@ -18,7 +18,6 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.diagnosis import mid_range, sag_shape, vertical
 from cpcal.calibration.fit import LegEquations, least_squares
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
@@ -274,9 +273,17 @@ def _provided(name: str) -> LegModel:
 # errors change it by parts in a thousand. The base is taken to be level: vertical is the normal of its joints' plane.
 
 
+def sag_shape(leg: Floats, length: Floats, middle: Floats | float, up: Floats) -> Floats:
+    """How much a leg (..., 3), of that length (...), shortens by its weight, as a share of what it would lying flat
+    with the length `middle`. The chord of a uniform beam on two hinges shortens with the seventh power of its length.
+    """
+    cosine = (leg @ up) / np.linalg.norm(leg, axis=-1)
+    return np.asarray((length / middle) ** 7 * (1.0 - cosine**2))
+
+
 def _sag(measured: Measured, x: Parameters) -> Expr:
     drawn = measured.drawn
-    middle = drawn.offset + float(mid_range(drawn.length))
+    middle = drawn.offset + 0.5 * float(drawn.length.min() + drawn.length.max())
     return -1.0 * (x["c"] * as_expr(sag_shape(drawn.vector, drawn.length + drawn.offset, middle, drawn.up)))
 
 
@@ -389,7 +396,9 @@ def drawn(campaign: Campaign, leg: int) -> Drawn:
     """The leg with that number (from 1) as the drawing has it at the stated readings."""
     robot, k = campaign.robot, leg - 1
     vector = leg_vectors(robot, Pose(campaign.position, campaign.quaternion))[:, k]
-    return Drawn(vector, campaign.length[:, k], float(robot.offset[k]), vertical(campaign))
+    normal = np.linalg.svd(robot.base - robot.base.mean(axis=0))[2][-1]
+    up = np.asarray(normal * np.sign(normal @ (campaign.position.mean(axis=0) - robot.base.mean(axis=0))))
+    return Drawn(vector, campaign.length[:, k], float(robot.offset[k]), up)
 
 
 def exactly_read(campaign: Campaign, leg: int) -> bool:

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from cpcal.calibration import fit
+from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import about, bracket_text
@@ -35,7 +35,6 @@ from cpcal.robot import (
     Robot,
     distances,
     inverse_kinematics,
-    normalised,
     pose_jacobian,
     quaternion_conjugate,
     quaternion_product,
@@ -477,9 +476,8 @@ def measured_poses(campaign: Campaign) -> NamedPoses:
     return NamedPoses(tuple(campaign.pose[k] for k in rows), Pose(campaign.position[rows], campaign.quaternion[rows]))
 
 
-def mean_orientation(campaign: Campaign) -> Floats:
-    """(4,): the quaternion nearest to all that were measured, whatever their signs."""
-    return normalised(np.linalg.eigh(campaign.quaternion.T @ campaign.quaternion)[1][:, -1])
+def _mean_orientation(campaign: Campaign) -> Floats:
+    return np.asarray(mean_rotations(campaign.quaternion, np.zeros(len(campaign), dtype=np.int64), 1)[0])
 
 
 def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
@@ -487,7 +485,7 @@ def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
     measured poses vary by no more than their reading sets."""
     if campaign.legs >= 6:
         return ()
-    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(mean_orientation(campaign)))
+    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(_mean_orientation(campaign)))
     seen = np.concatenate([campaign.position, rotation_vector(turned)], axis=1)
     radius = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1).max(axis=0)
     return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
@@ -512,7 +510,7 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
     singular wherever it is not turned, which is the mean of turns both ways.
     """
     lo, hi = campaign.position.min(axis=0), campaign.position.max(axis=0)
-    mean = mean_orientation(campaign)
+    mean = _mean_orientation(campaign)
     measured = Pose(campaign.position, campaign.quaternion)
     usual = float(np.median(_sensitivity(robot, measured, held)))
     turned = distances(measured, Pose(campaign.position, mean))[1]

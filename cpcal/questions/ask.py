@@ -76,7 +76,6 @@ def certify(
     model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
     ranges: bool = False,
-    projections: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | Client | None = None,
@@ -96,7 +95,7 @@ def certify(
     With `support` "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
     answers to `cpcal verify`: then
     every step of a contractor that gives weights (lifted) is proved once more in exact arithmetic before it counts for
-    the answer. All contractors take part; what they prove beyond the certificate is told as found (`found_lo`).
+    the answer. All contractors take part.
     Certificates replace those of an earlier run, and its answers, when all legs are done.
 
     `method` "bound" is branch and bound on eps; "timeout" is the method of the paper's section 5.2.1, which asks a
@@ -106,9 +105,8 @@ def certify(
     or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
     given by name, else its own.
 
-    With `ranges` each leg that has a tolerance to ask them at gets the proved ranges of its parameters, and with
-    `projections` seven polygons of them besides: at `eps`, at the tolerance if some parameters reach it, else at 1.1
-    times eps_hi. `ranges-legN.cert.jsonl` proves the ranges.
+    With `ranges` each leg that has a tolerance to ask them at gets the proved ranges of its parameters: at `eps`, at
+    the tolerance if some parameters reach it, else at 1.1 times eps_hi. `ranges-legN.cert.jsonl` proves them.
 
     `workers` processes of this machine, the Dask cluster whose `scheduler` has that address, or an `executor` (any of
     `concurrent.futures`, or a `distributed.Client`) do the legs; left out: this process does, one after the other. The
@@ -139,7 +137,6 @@ def certify(
         model=model,
         half_widths=half_widths or {},
         ranges=ranges,
-        projections=projections,
     )
     with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         return _answered_into(question, certificates, place, resume=resume)
@@ -272,9 +269,6 @@ def compare(
     *,
     half_widths: Mapping[str, Mapping[str, float]] | None = None,
     certificates: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    executor: Executor | None = None,
     **given: Any,
 ) -> dict[str, Result]:
     """What `certify` answers with each model, by the model's name; `given`: other arguments of `certify`.
@@ -282,13 +276,13 @@ def compare(
     All models are asked about the same box of (a, b, l), within `delta` mm of the fit of the plain model (or of the
     nominal parameters, with `center="nominal"`), their extra parameters within `half_widths[model]` of 0. So a model
     that contains another one never has a larger eps. `certificates` names a folder, in which each model has one.
-    Ctrl-C ends it with what is proved so far. Raises InputError with every problem, PluginError, LostWorkerError.
+    Ctrl-C ends it with what is proved so far. Raises InputError with every problem, PluginError.
     """
     questions, found = comparison(campaign, models, half_widths, **given), dict[str, Result]()
-    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
+    with heard():
         for question in questions:
             name = question.model.name
-            found[name] = _answered_into(question, None if certificates is None else Path(certificates) / name, place)
+            found[name] = _answered_into(question, None if certificates is None else Path(certificates) / name, HERE)
             if found[name].interrupted:
                 break
     return found

@@ -18,7 +18,7 @@ from cpcal.models import built_in, leg_box, leg_network, model_statement, of_mea
 from cpcal.questions.question import Question
 from cpcal.questions.result import Uncertified
 from cpcal.solver import plugins
-from cpcal.solver.accounts import ContractorUse, Found, Trial, total_use
+from cpcal.solver.accounts import ContractorUse, Trial, total_use
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.prover import Claims, WeightProver, claims
 from cpcal.solver.certificate.recording import (
@@ -38,7 +38,7 @@ from cpcal.solver.search import Contracting, LargestFirst, Proof, StepProver
 # ------------------------------------------------------------------------------------------------------------------
 # One leg, or some of its measurements, set up for the searches about it.
 #
-# It is passed from one question to the next: bracket, support, ranges, projections. What contractors keep of the boxes
+# It is passed from one question to the next: bracket, support, ranges. What contractors keep of the boxes
 # before (expanded rows, for the readings that decide there) serves the next question, which comes by the same boxes.
 
 
@@ -297,8 +297,8 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
             said = claims(cap, refuted=refuted, lo=cap if refuted else None, point=point)
             name, lost = written(leg.question, leg.leg, "", partial(recording.write, claims=said))
             uses = uses if proof is None else recording.credited(uses)
-    found_lo, hi = trials[-1].lo if trials else 0.0, np.inf if best is None else best.value
-    lo = found_lo if statement is None else max((t.eps for t in trials if t.checked), default=0.0)
+    hi, checked = np.inf if best is None else best.value, [t.eps for t in trials if t.checked]
+    lo = max(checked, default=0.0) if statement is not None else trials[-1].lo if trials else 0.0
     closed = hi - lo <= max(limits.gap * hi, limits.gap_absolute)
     found = Minimum(
         lo=lo,
@@ -316,6 +316,5 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
         seconds=time.monotonic() - began,
         interrupted=interrupted,
         contractors_used=uses,
-        found=Found(found_lo, whole) if found_lo > lo else None,
     )
     return Answered(found, name, lost, tuple(trials))

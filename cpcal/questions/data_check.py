@@ -1,8 +1,7 @@
-"""Is the data of a campaign good enough before a long run? What looks wrong, what stays open, what to expect."""
+"""Is the data of a campaign good enough before a long run? What looks wrong, and what stays open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,86 +27,16 @@ _OPEN = 0.1  # of a parameter in such a direction, from which it is called undet
 
 def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
     """At parameters x (n,) of one leg and the centres of the reading sets."""
-    return _determined(ModelResiduals(campaign, leg, model).jacobian(x), model.parameters)[0]
-
-
-def _determined(jacobian: Floats, names: Sequence[str]) -> tuple[Determination, Floats, Floats]:
-    """Also the scale of every column (1 / rms, within sqrt n of the one with the smallest condition: van der Sluis
-    1969), and the singular values of the scaled Jacobian."""
+    jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
     rms = np.sqrt(np.mean(jacobian**2, axis=0))
-    scale = 1.0 / np.where(rms > 0.0, rms, 1.0)
-    columns = jacobian * scale / np.sqrt(len(jacobian))
+    columns = jacobian / np.where(rms > 0.0, rms, 1.0) / np.sqrt(len(jacobian))
     few = len(columns) < columns.shape[1]
     _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
     seen = np.zeros(len(right), dtype=bool)
     seen[: len(values)] = values > _SEEN
     hidden = np.linalg.norm(right[~seen], axis=0)
-    lost = tuple(name for name, share in zip(names, hidden, strict=True) if share > _OPEN)
-    return Determination(len(jacobian), len(right), int(seen.sum()), lost), scale, values
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
-
-_ROWS = 1_000  # that are asked: fewer of them leave a range wider, never narrower
-_STEPS = 60  # of reweighted least squares
-_HIDDEN = 1e-6  # relative: what changes the equations less is open
-_EXACT = 1e-9  # relative: the least that a reading set allows
-
-
-@dataclass(frozen=True, eq=False)
-class LegOutlook:
-    """Of one leg, counted from 1, at parameters x (7,) mm.
-
-    determination  which parameters the poses leave open
-    condition, index  of the Jacobian dg/dx with columns of equal size: largest over smallest singular value, and O1,
-                   their geometric mean over sqrt N (Borm and Menq 1991); infinite and 0 where a parameter is open
-    ranges         (7,) mm, half-widths of all parameters that explain readings of a robot that is as the model says:
-                   |J dx| <= what the reading sets allow, to first order. Infinite where a parameter is open, zero for
-                   exact readings. Noise and model error shift readings, so the certified ranges are narrower
-    """
-
-    leg: int
-    determination: Determination
-    condition: float
-    index: float
-    ranges: Floats
-
-
-def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
-    """The outlook of one leg at parameters x (7,) mm."""
-    jacobian = ModelResiduals(campaign, leg, PLAIN).jacobian(x)
-    found, scale, values = _determined(jacobian, PLAIN.parameters)
-    condition, index = np.inf, 0.0
-    if found.rank == found.of:
-        condition, index = float(values[0] / values[-1]), float(np.exp(np.mean(np.log(values))))
-    return LegOutlook(
-        leg, found, condition, index, _ranges(jacobian, scale, reading_moves(campaign, leg, x).sum(axis=1))
-    )
-
-
-def _ranges(jacobian: Floats, scale: Floats, allowed: Floats) -> Floats:
-    """(7,): the largest |dx_i| with |J dx| <= allowed, columns scaled, from above and within a percent.
-
-    By duality it is the least sum of |y| allowed over y with J' y = e_i: reweighted least squares, whose every step is
-    a bound. (scipy's linear programs do the same, and take half a second to load.)
-    """
-    if not allowed.any():
-        return np.zeros(jacobian.shape[1])
-    rows = np.linspace(0, len(jacobian) - 1, min(_ROWS, len(jacobian))).astype(np.intp)
-    size = float(allowed.max())
-    matrix, bound = jacobian[rows] * scale, np.maximum(allowed[rows] / size, _EXACT)
-    _, values, right = np.linalg.svd(matrix, full_matrices=len(rows) < len(scale))
-    seen = np.arange(len(right)) < np.sum(values > _HIDDEN * values[0])
-    basis, lost = right[seen], np.linalg.norm(right[~seen], axis=0) > _HIDDEN
-    across = matrix @ basis.T
-    weight, found = np.tile(bound**2, (len(scale), 1)), np.full(len(scale), np.inf)
-    for _ in range(_STEPS):
-        normal = np.einsum("nr,in,ns->irs", across, weight, across, optimize=True)
-        y = weight * (np.linalg.solve(normal, basis.T[:, :, None])[..., 0] @ across.T)
-        found = np.minimum(found, np.abs(y) @ bound)
-        weight = np.maximum(np.abs(y), 1e-9 * np.abs(y).max(axis=1, keepdims=True)) / bound
-    return np.asarray(np.where(lost, np.inf, found * size * scale))
+    lost = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _OPEN)
+    return Determination(len(jacobian), len(right), int(seen.sum()), lost)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -168,13 +97,14 @@ class DataCheck:
     findings  sentences: what to look at, most important first; none: the data are fit to be certified
     nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
     spread    of the residuals of a fit, beside what is stated
-    legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
+    legs      which parameters of each leg the poses leave open; empty where a mistake, or a single pose, makes that
+              meaningless
     """
 
     findings: tuple[str, ...]
     nominal: tuple[float, ...]
     spread: Spread
-    legs: tuple[LegOutlook, ...]
+    legs: tuple[Determination, ...]
 
     @property
     def good(self) -> bool:
@@ -183,10 +113,10 @@ class DataCheck:
 
 
 def check_data(campaign: Campaign) -> DataCheck:
-    """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters; ranges to expect.
+    """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters.
 
     Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 2,000 measurements, spread
-    evenly, are fitted, and 20,000 say what to expect; odd and copied rows are sought among all.
+    evenly, are fitted, and 20,000 say what is open; odd and copied rows are sought among all.
     """
     given, seen, still = Given.of(campaign), spread_of(campaign), single_pose(campaign)
     sizes = sizes_in_question(campaign)
@@ -197,20 +127,12 @@ def check_data(campaign: Campaign) -> DataCheck:
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), nominal, seen, ())
     sample, x = campaign.sampled(_FITTED), seen.fitted
-    legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
-    findings += [*odd_rows(campaign, x), *_open(legs)]
-    return DataCheck(tuple(findings), nominal, seen, legs)
-
-
-def _open(legs: tuple[LegOutlook, ...]) -> list[str]:
-    """A sentence for legs with the same determination."""
+    legs = tuple(determination(sample, leg, x[leg - 1], PLAIN) for leg in range(1, campaign.legs + 1))
     groups: dict[str, list[int]] = {}
-    for leg in legs:
-        if leg.determination.sentence:
-            groups.setdefault(leg.determination.sentence, []).append(leg.leg)
-    return [f"Leg{'s' * (len(n) > 1)} {', '.join(map(str, n))}: {sentence} {_MORE}" for sentence, n in groups.items()]
-
-
-def expected(leg: LegOutlook) -> tuple[str, ...]:
-    """The ranges as text: "±1.2" mm, or "open"."""
-    return tuple("open" if not np.isfinite(value) else f"±{about(float(value), 2)}" for value in leg.ranges)
+    for leg, found in enumerate(legs, 1):
+        groups.setdefault(found.sentence, []).append(leg)
+    findings += odd_rows(campaign, x)
+    findings += [
+        f"Leg{'s' * (len(n) > 1)} {', '.join(map(str, n))}: {said} {_MORE}" for said, n in groups.items() if said
+    ]
+    return DataCheck(tuple(findings), nominal, seen, legs)

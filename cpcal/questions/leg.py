@@ -1,4 +1,4 @@
-"""One leg: its bracket, few measurements that prove it, ranges and projections of its parameters; with outliers."""
+"""One leg: its bracket, few measurements that prove it, ranges of its parameters; with outliers."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
 from cpcal.models import (
-    PARAMETERS,
-    ModelResiduals,
     built_in,
     exactly_read,
     leg_box,
@@ -42,16 +39,13 @@ from cpcal.questions.result import (
     LegBracket,
     LegResult,
     Options,
-    Projection,
     Ranges,
     Uncertified,
     VerifiedPoint,
     Work,
 )
-from cpcal.solver import plugins
-from cpcal.solver.accounts import Found
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Limits, SupportFunction, Verdict
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
@@ -83,12 +77,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     stopped = answer.minimum.interrupted or asked() is not None
     if question.options.ranges and not stopped:
         ranges, stopped = ranges_of(prepared, result)
-        try:
-            wanted = None if stopped or not question.options.projections else ranges
-            drawn = () if wanted is None else projections_of(prepared, wanted)
-        except KeyboardInterrupt:
-            drawn, stopped = (), True
-        result = replace(result, ranges=None if ranges is None else replace(ranges, projections=drawn))
+        result = replace(result, ranges=ranges)
     return result, stopped or asked() is not None
 
 
@@ -113,11 +102,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) ->
     if options.eps is not None:  # of that one alone something is said
         lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
     verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
-    at, beyond = center if found.witness is None else found.witness.point[:-1], None
-    if found.found is not None:
-        beyond = Found(
-            found.found.lo if found.found.lo > found.lo else lo, _of_parameters(question, found.found.enclosure)
-        )
+    at = center if found.witness is None else found.witness.point[:-1]
     return LegResult(
         leg=leg.leg,
         bracket=_bracket(
@@ -134,7 +119,6 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) ->
         verified=VerifiedPoint(eps, int(verified.holds.sum()), int(verified.fails.sum()), len(question.campaign)),
         extra=tuple(map(float, center[7:])),
         determination=_determination(question, leg.leg, at),
-        found=beyond,
         work=Work(
             nodes=found.nodes,
             programs=found.programs,
@@ -225,69 +209,6 @@ def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, boo
     if box.is_empty or found.minimum.interrupted:
         return None, found.minimum.interrupted
     return Ranges(eps, _of_parameters(question, box), found.certificate), False
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# How well a leg's parameters are determined, two at a time (the paper's Fig. 6): proved outer polygons.
-#
-# Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
-# relaxation of all parameters, proved from its multipliers by a contractor that has a `support_function`. The
-# certificates do not hold these proofs.
-
-Pair = tuple[int, int]
-
-ARITHMETIC = "float64"  # rounded outward; arb would prove the same in a hundred times the time
-
-_WITHIN = (*combinations(range(3), 2), *combinations(range(3, 6), 2))  # pairs of coordinates of one joint
-_ACROSS = tuple(pair for pair in combinations(range(7), 2) if pair not in _WITHIN)
-_ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a picture whose box is a square
-_DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
-
-
-def projections_of(prepared: PreparedLeg, ranges: Ranges) -> tuple[Projection, ...]:
-    """Of all parameters in the ranges of a leg that satisfy its equations to within the eps of the ranges.
-
-    "Satisfies": THERE EXISTS for every measurement a reading in its set. () where none of the contractors has a
-    `support_function`, or where all is known too well, or too badly, to be drawn.
-    """
-    contractors = [contractor for _, contractor in prepared.named]
-    if prepared.question.options.arithmetic != ARITHMETIC:
-        network = prepared.problem.network
-        contractors = [plugins.load(n)(network, objective="eps", arithmetic=ARITHMETIC) for n, _ in prepared.named]
-    contractor = next((c for c in contractors if isinstance(c, SupportFunction)), None)
-    if contractor is None:
-        return ()
-    bounds = (np.append(side, ranges.eps) for side in (ranges.box.lo, ranges.box.hi))
-    box = Box(prepared.domain.names, *bounds)
-    drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
-    # in floating point: of two joints the parameters that the measurements tell apart worst
-    of = ModelResiduals(prepared.question.campaign, prepared.leg, prepared.question.model)
-    jacobian = of.jacobian(box.mid[:-1])
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
-    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = np.abs(covariance / np.outer(spread, spread))
-    worst = max(_ACROSS, key=lambda pair: float(correlation[pair]))
-    pairs = [pair for pair in (*_WITHIN, worst) if drawn[list(pair)].all()]
-    if not pairs:
-        return ()
-    directions = [_normals(box, pair) for pair in pairs]
-    highest = contractor.support_function(box, np.concatenate(directions)).reshape(len(pairs), -1)
-    if np.isneginf(highest).any():
-        return ()
-    found = []
-    for (i, j), normals, ends in zip(pairs, directions, highest, strict=True):
-        planes = zip(normals[:, i].tolist(), normals[:, j].tolist(), ends.tolist(), strict=True)
-        found.append(Projection((PARAMETERS[i], PARAMETERS[j]), tuple(p for p in planes if math.isfinite(p[2]))))
-    return tuple(found)
-
-
-def _normals(box: Box, pair: Pair) -> Floats:
-    """Directions of the half-planes: all around, but for the axes, whose bounds the box has."""
-    angles = _ANGLES[np.arange(len(_ANGLES)) % 6 != 0]
-    out = np.zeros((len(angles), len(box)))
-    out[:, pair[0]] = np.cos(angles) / box.width[pair[0]]
-    out[:, pair[1]] = np.sin(angles) / box.width[pair[1]]
-    return out
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.calibration import LegEquations
 from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
@@ -28,7 +29,6 @@ from cpcal.robot import (
     Pose,
     Robot,
     inverse_kinematics,
-    leg_vectors,
     normalised,
     pose_jacobian,
     rotation_vector,
@@ -169,10 +169,9 @@ def next_poses(
 
 def leg_changes(robot: Robot, poses: Pose) -> Floats:
     """(K, n, 7): how a leg's predicted reading changes with its parameters."""
-    vector = leg_vectors(robot, poses)
-    unit = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
-    back = np.einsum("kji,knj->kni", poses.rotation, unit)
-    return np.concatenate([-unit, back, -np.ones((*unit.shape[:2], 1))], axis=-1)
+    return LegEquations(poses.position, poses.rotation, inverse_kinematics(robot, poses)).by_parameters(
+        robot.parameters
+    )
 
 
 def attained(

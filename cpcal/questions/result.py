@@ -20,13 +20,11 @@ from cpcal.files.codec import Informed, checked, informed, load, save
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
-from cpcal.solver.accounts import ContractorUse, Found, Trial
+from cpcal.solver.accounts import ContractorUse, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-
     from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -108,7 +106,6 @@ class Options:
     model: Informed[str | None] = None
     half_widths: Informed[Mapping[str, float]] = field(default_factory=dict)
     ranges: Informed[bool] = False
-    projections: Informed[bool] = False
     outliers: Annotated[int, checked("what the proofs bear")] = 0
 
     def __post_init__(self) -> None:
@@ -140,8 +137,6 @@ class Options:
         if self.outliers and (self.eps is not None or self.method != "bound"):
             what = "asks for the smallest eps, by branch and bound"
             yield Problem("outliers", what, "leave out eps and method")
-        if self.projections and not self.ranges:
-            yield Problem("projections", "are of the ranges", "ask for ranges too")
         if self.method == "timeout" and self.eps is not None:
             yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
         if self.method == "timeout" and self.time_limit is None:
@@ -155,8 +150,6 @@ class Options:
             name, value = option.name, getattr(self, option.name)
             if name == "half_widths":
                 out += [word for of, width in value.items() for word in ("--half-width", f"{of}={width!r}")]
-            elif name == "projections":
-                out += ["--projections"] * value
             elif name in _ALWAYS or (name != "ranges" and value != option.default):
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 out += [f"--{name.replace('_', '-')}", text]
@@ -167,47 +160,24 @@ class Options:
 # In which range each parameter of a leg lies, if the leg's equations are to hold to within some eps: plain values.
 
 
-HalfPlane = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Projection:
-    """The set lies where `u x + v y <= c` for every (u, v, c) of `half_planes`, (x, y) being two `parameters` in mm."""
-
-    parameters: tuple[str, str]
-    half_planes: tuple[HalfPlane, ...]
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for half-planes without a direction, or that are not finite."""
-        if self.parameters[0] == self.parameters[1]:
-            raise ValueError(f"{self.parameters} are not two parameters")
-        for plane in self.half_planes:
-            if plane[0] == plane[1] == 0.0 or not all(map(math.isfinite, plane)):
-                raise ValueError(f"{plane} is no half-plane")
-
-
 @dataclass(frozen=True)
 class Ranges:
     """Proved: all parameters in the leg's box that satisfy its equations to within `eps` (mm) lie in `box`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. `certificate`: the file that claims exactly
-    this; None: proved in outward-rounded arithmetic, and nobody can check it again. So are `projections` of the same
-    set. Raises ValueError for an eps that is no tolerance, a box that holds nothing or is not finite, and projections
-    on parameters that it has not.
+    this; None: proved in outward-rounded arithmetic, and nobody can check it again. Raises ValueError for an eps that
+    is no tolerance, and a box that holds nothing or is not finite.
     """
 
     eps: Annotated[float, checked("the cap of the certificate", "certificate")]
     box: Annotated[Box, checked("the enclosure of the certificate", "certificate")]
     certificate: Annotated[str | None, _FILE] = None
-    projections: Informed[tuple[Projection, ...]] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.eps < math.inf:
             raise ValueError("eps of the ranges is no tolerance")
         if not np.isfinite(self.box.width).all():
             raise ValueError("the ranges are empty, or not finite")
-        if not {name for pair in self.projections for name in pair.parameters} <= set(self.box.names):
-            raise ValueError("a projection is of parameters that are not there")
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -344,7 +314,7 @@ class Determination:
         return ""
 
 
-FORMAT = "cpcal-result/12"
+FORMAT = "cpcal-result/13"
 RESULT_NAME = "result.json"
 _OURS = {model.name: model.summary for model in BUILT_IN}
 
@@ -493,7 +463,6 @@ class LegResult:
     verified       the center of the box, as a solution at eps = 0 (or the eps asked about)
     extra          the model's own parameters of the fit that the box is around; they are no part of the box
     determination  None: nothing is to be determined, or it was not asked
-    found          what all contractors together found, where the certificate proves less: nobody can check it
     """
 
     leg: Annotated[int, checked("the list of legs, and the certificate")]
@@ -507,7 +476,6 @@ class LegResult:
     verified: Annotated[VerifiedPoint | None, informed("center_verified")] = None
     extra: Informed[tuple[float, ...]] = ()
     determination: Informed[Determination | None] = None
-    found: Informed[Found | None] = None
     work: Informed[Work] = Work()
 
     def __post_init__(self) -> None:
@@ -534,11 +502,6 @@ class LegResult:
     def not_refuted(self) -> bool:
         """Whether the model without any error is proved to fit: eps* = 0."""
         return self.bracket.point is not None and self.bracket.hi == 0.0
-
-    def _repr_html_(self) -> str:
-        from cpcal.questions.verdict import leg_html  # which reads results
-
-        return leg_html(self)
 
 
 @dataclass(frozen=True)
@@ -570,17 +533,6 @@ class Result:
             raise ValueError("a leg is there twice")
         if any(leg.bracket.enclosure.names != self.model.parameters for leg in self.legs):
             raise ValueError(f"a leg has not the parameters {', '.join(self.model.parameters)}")
-
-    def to_frame(self) -> DataFrame:
-        """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
-        from cpcal.questions.verdict import result_frame
-
-        return result_frame(self)
-
-    def _repr_html_(self) -> str:
-        from cpcal.questions.verdict import result_html
-
-        return result_html(self)
 
 
 def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:

@@ -14,22 +14,17 @@ So worse sensors make passing harder. Kinds:
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from cpcal.common.errors import printable, unusable
-from cpcal.common.numbers import at_least, at_most, bracket_text, gap_text, plain_gap, stated
+from cpcal.common.numbers import at_least, at_most, gap_text, plain_gap, stated
 from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 _FITS = "fits within the stated reading uncertainty"
 SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
@@ -230,8 +225,7 @@ def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: fl
 
 INFORMATION = (
     "Information only, proved by no certificate: times, counts, which measurements are the support, what is said of "
-    "the center as a solution, polygons, second-order effects, calls of the solver, and what was found beyond the "
-    "certificates."
+    "the center as a solution, second-order effects, and calls of the solver."
 )
 
 
@@ -241,11 +235,7 @@ def status_of(result: Result, leg: LegResult) -> str:
 
 
 def proved_sentence(options: Options, leg: LegResult) -> str:
-    """What was proved, and what all contractors found beyond the certificate."""
-    return _proved(options, leg) + _beyond(options, leg)
-
-
-def _proved(options: Options, leg: LegResult) -> str:
+    """What was proved of a leg."""
     bracket, eps = leg.bracket, stated(options.eps or 0.0)
     if options.eps is not None:
         if bracket.verdict is Verdict.PROVED:
@@ -269,13 +259,6 @@ def _proved(options: Options, leg: LegResult) -> str:
     return f"{len(leg.work.trials)} calls of the solver; {how}"
 
 
-def _beyond(options: Options, leg: LegResult) -> str:
-    if leg.found is None:
-        return ""
-    none_at_eps = options.eps is not None and leg.found.lo > leg.bracket.lo
-    return (replace(leg.found, lo=math.inf) if none_at_eps else leg.found).sentence(leg.bracket.lo)
-
-
 def contractors_sentences(leg: LegResult) -> list[str]:
     """For each contractor that was asked for how much it took part. Counts are information, nobody proves them."""
     out = []
@@ -285,80 +268,3 @@ def contractors_sentences(leg: LegResult) -> list[str]:
         held = f", {use.certified_steps:,} of them in the certificate" if leg.certified else ""
         out.append(f"{use.name}: {', '.join(counts)}{held}")
     return out
-
-
-def information(options: Options, leg: LegResult) -> list[str]:
-    """What `verify` says of a leg besides what is proved: the parts of the contractors, what was found beyond."""
-    beyond, uses = _beyond(options, leg).strip(), "; ".join(contractors_sentences(leg))
-    said = (f"found, but not certified: {beyond}" * bool(beyond), f"contractors: {uses}" * bool(uses))
-    return list(filter(None, said))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Results in a notebook: as HTML, and as a table of pandas. Bounds are rounded to the proved side.
-
-
-def leg_html(leg: LegResult) -> str:
-    """Both thresholds. The verdict needs the question, which the result has."""
-    hi = leg.bracket.hi if leg.bracket.point is not None else math.inf
-    passes = math.inf if leg.passes_from is None else leg.passes_from.eps
-    said = replace(verdict_on(leg.bracket.lo, hi, None), passes_from=passes).sentence
-    return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
-
-
-def result_html(result: Result) -> str:
-    """A table, a row a leg."""
-    eps = result.options.eps
-    names = ("fails below [mm]", "passes from [mm]") if eps is None else ("eps asked [mm]",)
-    columns = ("leg", "verdict", *names, "recommended", "largest error [mm]", "certified", "sentence")
-    header = "".join(f"<th>{name}</th>" for name in columns)
-    rows = []
-    for leg in result.legs:
-        verdict = verdict_of(result, leg)
-        bounds = bracket_text(leg.bracket.lo, verdict.passes_from) if eps is None else (stated(eps),)
-        certified, why, at = "yes" if leg.certified else "no", recommendation(result, leg), leg.recommended
-        largest = "" if at is None else at_most(at.largest)
-        cells = (leg.leg, verdict.word, *bounds, why, largest, certified, verdict.sentence)
-        rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
-    title = f"{_escaped(result.campaign.robot)}: {result.campaign.measurements:,} measurements"
-    stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
-    return (
-        f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table>"
-    )
-
-
-def _escaped(value: object) -> str:
-    return html.escape(printable(str(value)))
-
-
-def result_frame(result: Result) -> DataFrame:
-    """Raises InputError without pandas."""
-    try:
-        import pandas
-    except ImportError:
-        raise unusable("to_frame", "needs pandas", "pip install 'cpcal[frames]'") from None
-    return pandas.DataFrame([row for leg in result.legs for row in _rows(result, leg)])
-
-
-def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
-    known = leg.ranges
-    return [
-        {
-            "leg": leg.leg,
-            "parameter": name,
-            "unit": result.model.unit(name),
-            "center": leg.center[k],
-            "recommended": math.nan if leg.recommended is None else leg.recommended.point[k],
-            "certified": math.nan if leg.bracket.point is None else leg.bracket.point[k],
-            "range_lo": math.nan if known is None else float(known.box.lo[k]),
-            "range_hi": math.nan if known is None else float(known.box.hi[k]),
-            "range_eps": math.nan if known is None else known.eps,
-            "verdict": verdict_of(result, leg).word,
-            "eps_lo": leg.bracket.lo,
-            "eps_hi": leg.bracket.hi,
-            "largest": math.nan if leg.recommended is None else leg.recommended.largest,
-            "passes_from": math.nan if leg.passes_from is None else leg.passes_from.eps,
-        }
-        for k, name in enumerate(result.model.parameters)
-    ]

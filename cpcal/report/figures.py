@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,6 @@ from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.questions import Result, verdict_of
-from cpcal.questions.result import HalfPlane
 from cpcal.report.svg import BAND, DASHES, DOT, EDGE, GRID, INK, ROOM, SUPPORT, Plot, Span, Svg, evenly, rectangle
 from cpcal.solver.contract import Verdict
 from cpcal.solver.search import Paving
@@ -138,58 +137,6 @@ def worst_of_neighbours(size: Floats, chosen: Floats) -> list[int]:
     runs = np.array_split(np.arange(len(size)), min(len(size), MOST_POINTS))
     worst = (int(run[np.argmax(size[run])]) for run in runs)
     return sorted({*worst, *np.flatnonzero(chosen).tolist()})
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Two parameters at a time: what proved half-planes leave of the plane, and where points lie in it.
-
-_UNITS = ((1e4, 1e-3, "m"), (1e-2, 1.0, "mm"), (1e-5, 1e3, "µm"), (0.0, 1e6, "nm"))  # by half the width, mm
-
-
-def pair_svg(
-    names: Sequence[str],
-    lo: Floats,
-    hi: Floats,
-    half_planes: Iterable[HalfPlane],
-    points: Sequence[Floats | None],
-    label: str,
-) -> Svg:
-    """A rectangle from `lo` to `hi` (2,) in mm, the polygon in it, and `points`: nominal values, fit, proved point.
-
-    The axes count from the proved point, or else from the middle.
-    """
-    half, origin = 0.5 * (hi - lo), points[-1] if points[-1] is not None else 0.5 * (lo + hi)
-    units = [next(unit for unit in _UNITS if size >= unit[0]) for size in half]
-    scale = np.array([factor for _, factor, _ in units])
-    low, high = (scale * (end - origin) for end in (lo, hi))
-    x, y = np.stack([low - 0.12 * (high - low), high + 0.12 * (high - low)], axis=1).tolist()
-    x_label, y_label = (f"Δ{name} [{unit}]" for name, (_, _, unit) in zip(names, units, strict=True))
-    few = evenly(x[0], x[1], 3), evenly(y[0], y[1], 3)
-    plot = Plot((180.0, 172.8), (x[0], x[1]), (y[0], y[1]), (x_label, y_label), ticks=few, grid="xy")
-    corners = scale * (polygon(lo, hi, half_planes) - origin)
-    if len(corners):
-        plot.area(BAND, corners, edge=EDGE, width=1.4)
-    plot.area("none", rectangle(*low, *high), edge=INK, width=1.0, dash="4 2.5")
-    looks = ("square", INK, 9.0), ("x", SUPPORT, 6.5), ("dot", DOT, 5.0)  # the largest first, so that all are seen
-    for point, look in zip(points, looks, strict=True):
-        if point is not None:
-            plot.marks([scale * (point - origin)], *look)
-    return plot.svg(label)
-
-
-def polygon(lo: Floats, hi: Floats, half_planes: Iterable[HalfPlane]) -> Floats:
-    """Corners (n, 2) of what half-planes leave of a rectangle."""
-    middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-    corners = np.array(rectangle(-1.0, -1.0, 1.0, 1.0))
-    for u, v, c in half_planes:
-        normal = np.array([u, v])
-        excess = corners @ (normal * half) + float(normal @ middle) - c  # kept where it is not positive
-        last, before = np.roll(corners, 1, axis=0), np.roll(excess, 1)
-        crossed, kept = (before > 0.0) != (excess > 0.0), excess <= 0.0
-        share = before / np.where(crossed, before - excess, 1.0)  # of an edge, where it leaves or enters
-        ends = np.stack([last + share[:, None] * (corners - last), corners], axis=1)
-        corners = ends[np.stack([crossed, kept], axis=1)]
-    return np.asarray(middle + half * corners)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -33,8 +33,8 @@ from cpcal.common.numbers import (
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_moves
-from cpcal.questions import INFORMATION, LegResult, Ranges, Result, contractors_sentences, model_of, verdict_of
-from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, pair_svg, residuals_svg
+from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
+from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
     LONGER,
@@ -240,9 +240,6 @@ def _bounds(result: Result) -> Iterator[Section]:
     read = [
         f"Residuals {formula}are drawn at the centres of the reading sets, with first-order bars for the sets. The "
         "pointer on a residual shows its measurement.",
-        "A polygon much smaller than its rectangle means that the measurements tie the two parameters to each "
-        "other. Every side was derived by a linear program whose answer is bounded in outward-rounded arithmetic; no "
-        "certificate repeats that. Marks off a panel are not drawn.",
     ]
     bounds = Section(
         "Proved bounds, and how to read the figures",
@@ -445,7 +442,6 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
         f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
-        figures=[] if leg.ranges is None or not leg.ranges.projections else [_pairs(campaign, result, leg, leg.ranges)],
         tables=[
             witness,
             *([Table(head, [trial_row(leg, one) for one in work.trials], ("", "", "word"))] if work.trials else []),
@@ -462,33 +458,6 @@ def trial_row(leg: LegResult, trial: Trial) -> tuple[str, ...]:
     unchecked = trial.answer is TimeoutAnswer.INFEASIBLE and not trial.checked
     answer = "infeasible, unchecked" if unchecked else trial.answer.value
     return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
-
-
-def _pairs(campaign: Campaign, result: Result, leg: LegResult, ranges: Ranges) -> Drawing:
-    """Polygons that hold all solutions."""
-    box, figures = ranges.box, []
-    point = None if leg.bracket.point is None else np.array(leg.bracket.point)
-    fit = np.array(leg.bracket.center) if result.options.center == "fit" else None
-    marked = campaign.robot.parameters[leg.leg - 1], fit, point
-    for pair in ranges.projections:
-        k = [PARAMETERS.index(name) for name in pair.parameters]
-        widths = " by ".join(plain_gap(float(box.lo[i]), float(box.hi[i])) for i in k)
-        label = f"Leg {leg.leg}: polygon that holds {' and '.join(pair.parameters)}, in a rectangle of {widths} mm"
-        points = [None if x is None else x[k] for x in marked]
-        figures.append(pair_svg(pair.parameters, box.lo[k], box.hi[k], pair.half_planes, points, label))
-    legend = {
-        "polygon": "all solutions lie in here",
-        "rectangle": "bounds of each parameter alone",
-        "dot": "proved point",
-        "cross": "least-squares fit",
-        "square": "nominal value",
-    }
-    caption = (
-        "Two parameters at a time: all parameters in the box that satisfy the equations to within "
-        f"eps = {eps_text(result, ranges.eps)} mm, for some readings. "
-        f"Δ counts from {'the middle of the bounds' if point is None else 'the proved point'}."
-    )
-    return Drawing(figures, legend, caption)
 
 
 def residuals_drawing(

@@ -289,7 +289,7 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
         ],
     )
     said = [record.repeats.scatter, *filter(None, [record.repeats.shared_sentence])]
-    tests = [*(sentence for _, sentence in sentences_of(record.repeats.tests)), record.diagnosis.sentence]
+    tests = [sentence for _, sentence in sentences_of(record.repeats.tests)]
     yield Section(sentences=said, items=tests, tables=[equations(record)])
     channels = sorted(record.repeats.channels, key=lambda c: not c.name.startswith("L"))
     legend = {
@@ -409,7 +409,6 @@ def _certified(found: StudyFound) -> Iterator[Section]:
             "arithmetic, and no certificates are written of them. The paper’s 24 to 33 mm are hard to reconcile with "
             "its Table 6, whose mean errors after calibration are 0.67 and 1.10 mm.",
             found.checked,
-            "Figure 6, the solution set in two dimensions, is drawn for each leg below, under “For experts”.",
         ],
     )
 
@@ -490,7 +489,6 @@ def summary(record: CalibrationRecord) -> tuple[str, ...]:
         _known(record),
         *budget,
         f"Validation of x_c_sigma: {record.validation.x_c_sigma.sentence}",
-        record.diagnosis.sentence,
     )
 
 

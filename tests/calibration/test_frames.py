@@ -104,7 +104,7 @@ def test_planar_motion_is_refused_and_its_axis_named():
     assert "turn about one axis only, (0.000, 0.600, 0.800)" in refusal(*planar(1)).replace("-0.000", "0.000")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_planar_motion_is_refused_under_noise_too(seed):
     a, b = planar(seed)
     assert "not determined" in refusal(noisy(a, seed, 0.5, 0.003), noisy(b, seed + 100, 0.5, 0.003))
@@ -124,22 +124,10 @@ def test_little_rotation_is_remarked_upon():
     assert calibrate_frames(a, b).remarks == ()
 
 
-def test_pairs_that_do_not_belong_together_are_noticed():
-    _, _, a, b = problem(14, 40)
-    shifted = Pose(np.roll(b.position, 1, axis=0), np.roll(b.quaternion, 1, axis=0))
-    assert "belong together" in refusal(a, shifted)
-
-
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_too_few_pairs(count):
     _, _, a, b = problem(15, count)
     assert f"hold {count} and {count} poses" in refusal(a, b)
-
-
-def test_two_poses_twice_are_no_more_than_two():
-    _, _, a, b = problem(16, 2)
-    twice = [Pose(np.tile(p.position, (2, 1)), np.tile(p.quaternion, (2, 1))) for p in (a, b)]
-    assert "one axis only" in refusal(*twice)
 
 
 def test_bad_arrays_are_refused():

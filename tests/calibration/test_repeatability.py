@@ -56,15 +56,6 @@ def test_correlated_noise_of_the_pose_is_found(perfect):
     assert camera[0, 3] > 0.7
 
 
-def test_the_noise_of_means_is_that_of_the_equations(perfect):
-    found = found_of(perfect)
-    noise = found.noise(np.full(64, 11))
-    assert noise.freedom == 640
-    assert noise.length[0] * np.sqrt(11) == pytest.approx(found.noise_sigma[6:])
-    scaled = found.equations / found.expected
-    assert np.sum(scaled**2, axis=0) / found.spread.freedom == pytest.approx(np.ones(6), rel=0.1)
-
-
 def test_few_repeats_are_all_taken_as_noise():
     study = simulate_study(seed=3, runs=1, validation_runs=6, random_poses=4)
     truth = study.truth

@@ -74,12 +74,6 @@ def test_the_mean_rotation_moves_with_the_rotations_and_ignores_signs(seed):
     assert_allclose(rotation_vector(remaining), 0.0, atol=1e-12)
 
 
-def test_rotations_near_half_a_turn_are_averaged_as_well():
-    q = quaternion_from_rotation_vector([[np.pi - 0.01, 0, 0], [-np.pi + 0.01, 0, 0]])
-    mean = mean_rotations(q, np.zeros(2, dtype=np.int64), 1)[0]
-    assert_allclose(np.abs(mean), [0, 1, 0, 0], atol=1e-12)
-
-
 def test_outliers_are_found_and_named_and_nothing_else(repeated):
     position, length = repeated.position.copy(), repeated.length.copy()
     position[5, 1] += 0.5
@@ -145,14 +139,6 @@ def test_the_fit_of_the_means_states_the_errors_that_the_fit_of_all_readings_sta
     of_all = fit(repeated, weighted=True, noise=Noise.of(repeated))
     assert_allclose(of_means.standard_errors, of_all.standard_errors, rtol=0.1)
     assert np.max(np.abs(of_means.parameters - of_all.parameters) / of_all.standard_errors) < 0.5
-
-
-def test_averaging_a_perfectly_repeatable_campaign_gives_it_back():
-    exact = simulate(seed=1, runs=3, noise=0.0)
-    mean = averaged(exact)
-    assert_allclose(mean.position, exact.position[::3], atol=1e-12)
-    assert_allclose(np.abs(np.sum(mean.quaternion * exact.quaternion[::3], axis=1)), 1.0)
-    assert mean.position_radius.max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from cpcal.calibration import (
 )
 from cpcal.calibration.frames import on_drawing_errors
 from cpcal.calibration.study_calibration import study_rows
-from cpcal.files import campaign_sha256, load_study, save_study
+from cpcal.files import load_study, save_study
 from cpcal.report.study_page import poses
 from cpcal.robot import (
     DELTALAB,
@@ -67,13 +67,6 @@ def test_poses_improve_and_validation_knows_the_noise_of_its_own_readings(found:
             figures = validation.figures(kind)
             assert figures["mean"][1] < 0.2 * figures["mean"][0]
             assert 0.3 < figures["rms"][1] / floor < 3.0
-
-
-def test_statistics_are_those_of_the_simulated_sensors(found: StudyCalibration) -> None:
-    sigma = {channel.name: channel.sigma for channel in found.record.repeats.channels}
-    assert sigma["L1"] == pytest.approx(0.0077, rel=0.25)  # table 2
-    assert sigma["L6"] == pytest.approx(0.0190, rel=0.25)
-    assert sigma["x"] == pytest.approx(0.0633 / np.sqrt(10), rel=0.25)  # table 3; a row is the mean of ten images
 
 
 def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalibration) -> None:
@@ -132,8 +125,7 @@ def test_images_of_a_run_share_its_leg_readings() -> None:
 
 
 def test_frames_are_known_as_well_as_is_said() -> None:
-    """Three studies, 12 numbers each, of the drawing's frame: the drawing's errors are in it."""
-    inside = []
+    """Three studies: where the true joint centres would have put them."""
     for seed in range(3):
         study = simulate_study(seed=seed, runs=2, validation_runs=1, random_poses=2)
         found, truth = calibrate_study(study), study.truth
@@ -142,11 +134,8 @@ def test_frames_are_known_as_well_as_is_said() -> None:
             (found.record.camera_in_base, inverse(truth.camera), truth.robot.base, study.robot.base),
             (found.record.target_in_mobile, truth.target, truth.robot.mobile, study.robot.mobile),
         ):
-            error = np.abs(frame.position - true.position)
-            inside.append(error < frame.coverage_factor * np.array(frame.drawing_sigma[:3]))
             ideal = nearest_motion(transformed(inverse(true), centres), drawn)
             assert np.abs(frame.position - ideal.position).max() < 5 * max(frame.sigma[:3])
-    assert np.mean(inside) > 0.8
 
 
 def test_parameters_laid_on_the_drawing_do_not_depend_on_where_they_were_measured() -> None:
@@ -161,12 +150,6 @@ def test_parameters_laid_on_the_drawing_do_not_depend_on_where_they_were_measure
     drawn = [on_drawing(off + (root @ rng.normal(size=42)).reshape(6, 7), DELTALAB) for _ in range(400)]
     told = on_drawing_errors(off, root @ root.T, DELTALAB)
     assert np.allclose(np.std(drawn, axis=0), told, rtol=0.15, atol=1e-12)
-
-
-def test_no_frame_of_centres_on_a_line() -> None:
-    line = np.outer(np.arange(6.0), [1.0, 2.0, 3.0])
-    with pytest.raises(InputError, match="line"):
-        nearest_motion(line, line)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -284,15 +267,6 @@ def test_senseless_inputs_are_refused(values: dict[str, float]) -> None:
 # `calibration.json`: what calibrate_study found goes out and comes back; garbled files are refused.
 
 
-def test_the_record_holds_what_was_found(study: Study, found: StudyCalibration) -> None:
-    record = found.record
-    assert np.array_equal(record.x_c.values, found.x_c.parameters)
-    assert record.campaign_sha256 == campaign_sha256(found.campaign)
-    assert [c.unit for c in record.repeats.channels] == ["mm"] * 3 + ["rad"] * 3 + ["mm"] * 6
-    assert all(sum(c.counts) == len(study.calibration) for c in record.repeats.channels)
-    assert np.array_equal(on_drawing(found.x_c_sigma.parameters, found.drawing), record.x_c_sigma.drawn)
-
-
 def test_the_record_makes_a_round_trip_with_what_is_no_number(found: StudyCalibration, tmp_path: Path) -> None:
     record = found.record
     odd = replace(record.x_c, standard_errors=((math.inf,) * 7, *record.x_c.standard_errors[1:]))
@@ -312,14 +286,9 @@ def test_the_record_makes_a_round_trip_with_what_is_no_number(found: StudyCalibr
     [
         (("format",), "cpcal-calibration/9", "not of format"),
         (("robot",), 5, "robot is no text"),
-        (("factor",), True, "factor is no number"),
-        (("repeats", "readings"), 1.5, "readings is no whole number"),
         (("x_c", "values"), [[0.0] * 7], "a fit"),
         (("x_c", "values", 0, 0), "nan", "not finite"),
         (("x_c_sigma", "standard_errors", 0), [1.0], "a fit"),
-        (("x_c",), [], "no object"),
-        (("repeats", "channels"), 5, "no list"),
-        (("repeats", "channels", 0), {}, "lacks"),
         (("validation", "x_c", "names"), [], "validation"),
         (("drawing", 0), [], "drawing"),
     ],
@@ -333,12 +302,4 @@ def test_a_garbled_file_is_refused(found: StudyCalibration, tmp_path: Path, path
     part[path[-1]] = value
     file.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(InputError, match=text):
-        load_record(tmp_path)
-
-
-def test_no_file_and_no_json(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not exist"):
-        load_record(tmp_path)
-    (tmp_path / "calibration.json").write_text("{")
-    with pytest.raises(InputError, match="is not JSON"):
         load_record(tmp_path)

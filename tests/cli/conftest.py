@@ -36,6 +36,6 @@ def genuine(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def certified(campaign: Path, folder: Path, *options: str) -> Path:
     """A run of two legs in a folder."""
-    done = run("certify", campaign, "-o", folder, "--legs", "1,2", "--delta", "2", "--projections", *options)
+    done = run("certify", campaign, "-o", folder, "--legs", "1,2", "--delta", "2", *options)
     assert done.exit_code in (0, 1), done.output
     return folder

@@ -41,7 +41,7 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
     record = load_record(tmp_path / "c")
     doubts = [sentence for says_no, sentence in sentences_of(record.repeats.tests) if says_no]
     assert doubts
-    for sentence in (*doubts, record.budget.sentence, record.diagnosis.sentence):
+    for sentence in (*doubts, record.budget.sentence):
         assert sentence in lines
     assert "U (k = 2)" in said
 

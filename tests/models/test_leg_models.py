@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration.diagnosis import mid_range, sag_shape
 from cpcal.checker.readers import dyadic
 from cpcal.files import campaign_sha256
 from cpcal.models import (
@@ -29,6 +28,7 @@ from cpcal.models import (
     model_statement,
     reading_moves,
 )
+from cpcal.models.leg import sag_shape
 from cpcal.robot import ModelChoice, Pose, leg_vectors, quaternion_product, rotation_matrix, small_rotation
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.exact_network import number
@@ -351,7 +351,8 @@ def bent(campaign, c):
     length, robot = campaign.length.copy(), campaign.robot
     vector = leg_vectors(robot, Pose(campaign.position, campaign.quaternion))
     for _ in range(30):
-        shape = sag_shape(vector, length + robot.offset, robot.offset + mid_range(length), np.array([0.0, 0.0, 1.0]))
+        middle = robot.offset + 0.5 * (length.min(axis=0) + length.max(axis=0))
+        shape = sag_shape(vector, length + robot.offset, middle, np.array([0.0, 0.0, 1.0]))
         length = campaign.length + c * shape
     return replace(campaign, length=length)
 

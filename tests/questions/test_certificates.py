@@ -91,18 +91,6 @@ def test_a_refuted_tolerance_is_infeasible(asked: Asked) -> None:
     assert found.claims.eps_lo is None
 
 
-def test_a_proved_tolerance_has_a_point(asked: Asked) -> None:
-    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, eps=2.0)
-    claims = accepted(run, leg.bracket.certificate).claims
-    assert leg.bracket.verdict is cpcal.Verdict.PROVED
-    assert not claims.infeasible
-    assert claims.point is not None
-    assert leg.bracket.point is not None
-    assert claims.point.at == (*map(F, leg.bracket.point), F(2))
-    assert claims.point.holds == tuple(range(16))
-    assert claims.eps_lo is claims.eps_hi is None
-
-
 def test_what_was_proved_before_the_time_was_over(asked: Asked) -> None:
     leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.002)
     assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
@@ -126,18 +114,3 @@ def test_the_same_bytes_twice_and_for_one_leg_or_more(tmp_path: Path) -> None:
     assert written("one", [2]) == kept | {name: both[name] for name in of[2]}
     # an earlier run's certificates do not stay
     assert written("both", [1]) == kept | {name: both[name] for name in of[1]}
-
-
-def test_one_pose_repeated_64_times(asked: Asked) -> None:
-    """Rank deficient: nothing but the length of one arm is determined, and still what is claimed is proved."""
-    few = {"seed": 3, "extremal": False, "random_poses": 1, "runs": 64, "factor": 0.0}
-    leg, run = asked(few, delta=10.0, gap=1e-3, time_limit=2.0)
-    found = accepted(run, leg.bracket.certificate)
-    agrees(leg, found)
-    assert found.count == 64
-
-
-def test_contractors_without_weights_write_none_of_the_bracket(asked: Asked) -> None:
-    leg, run = asked(SMALL | {"joint_error": 10.0, "factor": 0.0}, contractors=("hc4",), time_limit=0.2)
-    assert leg.bracket.certificate is None
-    assert not (run / "leg1.cert.jsonl").exists()

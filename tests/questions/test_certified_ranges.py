@@ -1,5 +1,6 @@
 """Ranges of parameters at a tolerance: they hold every point that reaches it, and a certificate says so."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import cpcal
 from cpcal.checker import Refused, check_run
 from cpcal.questions.bracket import prepared_leg
-from cpcal.questions.leg import MARGIN, ranges_of
+from cpcal.questions.leg import MARGIN, range_eps, ranges_of
 from cpcal.questions.question import Question
 from tests.changed import leg_with
 
@@ -83,3 +84,19 @@ def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
 
 def test_a_result_with_ranges_is_read_as_it_was_written(run):
     assert cpcal.load_result(run[0]) == run[1]
+
+
+def with_options(result, **changes):
+    return dataclasses.replace(result, options=dataclasses.replace(result.options, **changes))
+
+
+def test_the_tolerance_fits_the_question(run):
+    result = run[1]
+    leg = result.legs[0]
+    asked = with_options(result, eps=0.7)
+    assert range_eps(asked.options, leg) == 0.7
+    assert range_eps(asked.options, leg_with(leg, verdict=cpcal.Verdict.REFUTED)) is None
+    assert range_eps(result.options, leg_with(leg, eps_hi=np.inf)) is None
+    assert range_eps(result.options, leg) == MARGIN * leg.bracket.hi
+    assert range_eps(with_options(result, tolerance=2.0 * leg.bracket.hi).options, leg) == 2.0 * leg.bracket.hi
+    assert range_eps(with_options(result, tolerance=0.5 * leg.bracket.hi).options, leg) == MARGIN * leg.bracket.hi

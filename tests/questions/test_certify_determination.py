@@ -27,19 +27,12 @@ names = whole.measurement_ids
 first = [k for k, name in enumerate(names) if name.startswith(names[0].split("/")[0])]
 
 
-@pytest.mark.parametrize("rows", [[0], [0] * 5, [0] * 40, first])
+@pytest.mark.parametrize("rows", [[0], [0] * 40, first])
 def test_one_pose_read_any_number_of_times_determines_next_to_nothing(rows):
     found = of(rows)
     assert found.rank <= 2
     assert not found.tests_the_model
     assert "l" in found.undetermined
-
-
-def test_as_many_measurements_as_parameters_test_nothing():
-    every = range(0, len(whole), 40)
-    found = of(list(every)[:7])
-    assert not found.tests_the_model
-    assert found.sentence
 
 
 def test_the_extremal_poses_determine_all_parameters():
@@ -53,10 +46,9 @@ def test_identical_measurements_are_no_pass():
     assert verdict_of(result, result.legs[0]).kind == "undetermined"
 
 
-@pytest.mark.parametrize("poses", [8, 16])
-def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass(poses):
+def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass():
     """They are not shown to determine l: at the smallest error it may lie in more than half of the box."""
-    campaign = cpcal.simulate(seed=1, joint_error=0.0, extremal=False, random_poses=poses)
+    campaign = cpcal.simulate(seed=1, joint_error=0.0, extremal=False, random_poses=16)
     result = cpcal.certify(campaign, legs=[1], tolerance=400.0, support="none")
     leg = result.legs[0]
     assert leg.determination.tests_the_model
@@ -65,9 +57,3 @@ def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass(poses):
     assert verdict.kind == "undetermined"
     assert "l" in verdict.names
     assert "l (" in verdict.sentence
-
-
-def test_good_poses_pass():
-    campaign = cpcal.simulate(seed=1, joint_error=0.0)
-    result = cpcal.certify(campaign, legs=[1], tolerance=400.0, support="none")
-    assert verdict_of(result, result.legs[0]).kind == "explained"

@@ -149,13 +149,6 @@ def test_workers_find_and_prove_the_same(tmp_path):
     assert here == there
 
 
-def test_more_outliers_than_measurements_are_refused():
-    with pytest.raises(InputError, match="no number of measurements"):
-        cpcal.certify(campaign(9, ()), outliers=9)
-    with pytest.raises(InputError, match="leave out eps and method"):
-        cpcal.certify(campaign(9, ()), outliers=1, eps=1.0)
-
-
 def test_a_hitting_set_meets_every_set_and_none_is_missed():
     rng = np.random.default_rng(0)
     for _ in range(200):

@@ -15,10 +15,8 @@ import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker import check
 from cpcal.common.numbers import at_least
-from cpcal.files.codec import decoded, encoded
-from cpcal.questions import Options, proved_sentence
 from cpcal.solver import plugins
-from cpcal.solver.contract import Composable, Contraction, Repeat, Step
+from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box
 
 SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16, "joint_error": 10.0}
@@ -88,10 +86,10 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.bracket.lo)
 
 
-def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
+def test_what_weights_do_not_prove_in_time_is_not_the_answer(
     campaign: tuple[cpcal.Campaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A bound of the leg that only one contractor knows: it is told beside the one that the certificate proves."""
+    """A bound of the leg that only one contractor knows is no answer: the one that the certificate proves is."""
     known = 0.9 * cpcal.certify(campaign[0], legs=[1], delta=2.0).legs[0].bracket.lo
     load = plugins.load
 
@@ -103,15 +101,12 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "certificates": tmp_path, "time_limit": 0.3}
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
     assert leg.bracket.lo == 0.0
-    assert leg.found.lo == known
-    assert at_least(known, 10) in proved_sentence(Options(), leg)
     oracle, lifted = leg.work.contractors_used
     assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
     assert leg.bracket.certificate is not None
     claims = check(tmp_path / leg.bracket.certificate).claims
     assert claims.eps_lo == F(leg.bracket.lo)
     assert claims.eps_hi == F(leg.bracket.hi)
-    assert decoded(cpcal.LegResult, encoded(leg)).found.lo == known
 
 
 OPTIMUM = 4.25 / 19
@@ -126,11 +121,10 @@ def two_anchors() -> tuple[cpcal.Network, cpcal.Expr]:
     return net, z
 
 
-@pytest.mark.parametrize("nodes", [1, 2])
-def test_a_weaker_certificate_says_both_bounds(nodes: int, tmp_path: Path) -> None:
+def test_a_weaker_certificate_says_both_bounds(tmp_path: Path) -> None:
     net, z = two_anchors()
     contractors = [Oracle(OPTIMUM - 1e-3, "z"), ShortSighted(net, "z")]
-    limits = cpcal.Limits(nodes=nodes, gap=1e-9)
+    limits = cpcal.Limits(nodes=2, gap=1e-9)
     found = net.minimize(z, contractors=contractors, limits=limits, certificate=tmp_path / "c.jsonl")
     assert found.found is not None
     assert found.lo < found.found.lo <= OPTIMUM <= found.hi
@@ -146,16 +140,6 @@ def test_a_weaker_certificate_says_both_bounds(nodes: int, tmp_path: Path) -> No
     plain = net.minimize(z, contractors=contractors, limits=limits)
     assert plain.found is None  # without a certificate all that was found is the answer
     assert plain.lo >= OPTIMUM - 1e-3
-
-
-def test_the_proof_goes_on_until_weights_have_caught_up(tmp_path: Path) -> None:
-    net, z = two_anchors()
-    contractors = [Oracle(OPTIMUM - 1e-9, "z"), ShortSighted(net, "z")]
-    limits = cpcal.Limits(gap=1e-4)
-    found = net.minimize(z, contractors=contractors, limits=limits, certificate=tmp_path / "c.jsonl")
-    assert found.verdict is cpcal.Verdict.PROVED
-    assert found.hi - found.lo <= 1e-4 * abs(found.hi)
-    assert check(tmp_path / "c.jsonl").claims.eps_lo == F(found.lo)
 
 
 def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(tmp_path: Path) -> None:
@@ -175,16 +159,3 @@ def test_a_wrong_refutation_by_another_contractor_never_reaches_the_certificate(
     assert found.found.enclosure.is_empty
     assert "the certificate" in found.status
     assert not check(tmp_path / "c.jsonl").claims.infeasible
-
-
-@pytest.mark.parametrize("composed", ["then", "repeat"])
-def test_compositions_give_the_weights_of_their_elements(composed: str, tmp_path: Path) -> None:
-    net, z = two_anchors()
-    hc4, lifted = HC4(net), Lifted(net, objective="z")
-    contractor = hc4 >> lifted if composed == "then" else Repeat(lifted, most=2)
-    found = net.minimize(z, contractors=[contractor], limits=cpcal.Limits(gap=1e-3), certificate=tmp_path / "c.jsonl")
-    assert found.verdict is cpcal.Verdict.PROVED
-    assert found.contractors_used[-1].certified_steps > 0
-    assert check(tmp_path / "c.jsonl").claims.eps_lo == F(found.lo)
-    with pytest.raises(cpcal.ModelError, match="no weights"):
-        net.minimize(z, contractors=[hc4 | lifted], certificate=tmp_path / "d.jsonl")

@@ -11,7 +11,6 @@ from cpcal.models import model_residuals
 from cpcal.questions import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
-from tests.changed import leg_with
 
 
 def without_sets(campaign: Campaign) -> Campaign:
@@ -89,17 +88,15 @@ def test_no_point_does_better_than_the_lower_bound(bent: Campaign, exact: LegRes
             assert np.abs(model_residuals(campaign, 1, x)).max() >= found.bracket.lo
 
 
-def test_the_support_alone_forces_the_bound(bent: Campaign, exact: LegResult) -> None:
-    campaign, found = without_sets(bent), exact
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_the_support_alone_forces_the_bound(factor: float) -> None:
+    campaign = simulate(seed=1, joint_error=1.0, factor=factor)
+    found = only(campaign, 2)
+    assert 0 < len(found.support) <= 20
     rows = [campaign.measurement_ids.index(name) for name in found.support]
-    fewer = only(part(campaign, rows, exact=True), center="nominal", delta=110.0)
-    assert len(rows) < len(campaign)
-    assert fewer.bracket.hi <= found.bracket.hi * (1 + 1e-9)
-    assert fewer.bracket.lo >= 0.9 * found.bracket.lo
-
-
-def test_results_are_the_same_twice(bent: Campaign, certified: LegResult) -> None:
-    assert leg_with(only(bent), seconds=0.0) == leg_with(certified, seconds=0.0)
+    # the same box: the fit of the few would be elsewhere, so look wide around it
+    alone = only(part(campaign, rows, exact=not factor), 2, delta=300.0, center="nominal", gap=1e-5)
+    assert alone.bracket.lo == pytest.approx(found.bracket.lo, rel=1e-4)
 
 
 # reading sets -----------------------------------------------------------------------------------------------
@@ -125,6 +122,8 @@ def test_bracket_with_reading_sets(certified: LegResult, exact: LegResult) -> No
     assert certified.bracket.hi - certified.bracket.lo <= 2e-3
     assert certified.bracket.verdict is Verdict.PROVED
     assert certified.bracket.point in certified.bracket.enclosure
+    assert not certified.not_refuted
+    assert "fits within the stated reading uncertainty" not in proved_sentence(Options(), certified)
 
 
 def test_no_sample_of_readings_refutes_the_lower_bound(bent: Campaign, certified: LegResult) -> None:
@@ -148,6 +147,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     found = only(campaign, 4)
     assert (found.bracket.lo, found.bracket.hi) == (0.0, 0.0)
     assert found.not_refuted
+    assert found.support == ()
     assert found.bracket.verdict is Verdict.PROVED
     assert "fits within the stated reading uncertainty (for some readings): proved" in proved_sentence(Options(), found)
     truth = true_robot(campaign)
@@ -155,16 +155,11 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them
 
 
-def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
-    assert not certified.not_refuted
-    assert "fits within the stated reading uncertainty" not in proved_sentence(Options(), certified)
-
-
 # deficient data ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("exact", [True, False])
-@pytest.mark.parametrize("rows", [[5] * 64, [0, 9, 40]], ids=["one pose 64 times", "three poses"])
+@pytest.mark.parametrize("rows", [[5] * 64, [0, 9, 40], [3]], ids=["one pose 64 times", "three poses", "one"])
 def test_deficient_campaigns_are_answered_truthfully(bent: Campaign, rows: list[int], exact: bool) -> None:
     campaign = part(bent, rows, exact=exact)
     found = only(campaign, 2, delta=50.0, time_limit=10.0)
@@ -176,11 +171,6 @@ def test_deficient_campaigns_are_answered_truthfully(bent: Campaign, rows: list[
         assert found.not_refuted
     # many other parameters fit as well: shift base and mobile centres together, say
     assert (found.bracket.enclosure.width[:3] > 1.0).all()
-
-
-def test_a_single_measurement(bent: Campaign) -> None:
-    found = only(part(bent, [3]), delta=10.0, time_limit=10.0)
-    assert found.not_refuted
 
 
 # options ----------------------------------------------------------------------------------------------------
@@ -207,6 +197,7 @@ def test_questions_about_one_eps(bent: Campaign, request: pytest.FixtureRequest,
     assert below.bracket.verdict is Verdict.REFUTED
     assert below.bracket.point is None
     assert below.bracket.enclosure.is_empty
+    assert 0 < len(below.support) <= 64  # who refutes it
     assert "No x" in proved_sentence(Options(eps=1.0), below)
     assert (above.bracket.lo, below.bracket.lo) == (0.0, known.bracket.lo * 0.98)  # of no other eps anything is said
 
@@ -249,8 +240,9 @@ def test_bad_options_are_reported_together(bent: Campaign) -> None:
     assert len(error.value.problems) == 7
     with pytest.raises(PluginError, match=r"hc4, .*lifted"):
         certify(bent, contractors=["none"])
-    with pytest.raises(InputError, match="float64"):
-        certify(bent, arithmetic="float32")
+    for wrong in ({"arithmetic": "float32"}, {"support": "all"}, {"outliers": 64}, {"outliers": 1, "eps": 1.0}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            certify(bent, **wrong)
     for endless in (2e6, 1e300, float("inf")):
         with pytest.raises(InputError, match="delta"):
             certify(bent, delta=endless)

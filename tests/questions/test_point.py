@@ -11,7 +11,7 @@ import pytest
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.checker import check
-from cpcal.models import fit_model, leg_model, leg_statement, model_residuals
+from cpcal.models import fit_model, leg_model, leg_statement
 from cpcal.robot import ModelChoice
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.float_rows import at_point, failing, holding
@@ -31,18 +31,6 @@ def test_verdicts_agree_with_exact_fractions(factor: float, eps: float, arithmet
         assert (holding(problem, at, k) is not None) == (name in found.holds)
         assert (failing(problem, at, k) is not None) == (name in found.fails)
     assert found.verified.fails > 0
-
-
-def test_exact_readings_are_judged_by_the_residual() -> None:
-    campaign = cpcal.simulate(seed=5, joint_error=1.0, factor=0.0)
-    x = least_squares(campaign, 1)
-    size = np.abs(model_residuals(campaign, 1, x))
-    eps = float(np.median(size))
-    found = cpcal.certify_point(campaign, 1, x, eps=eps)
-    names = np.array(campaign.measurement_ids)
-    assert set(found.holds) >= set(names[size < eps - 1e-9])
-    assert set(found.fails) >= set(names[size > eps + 1e-9])
-    assert found.verified.verdict is cpcal.Verdict.REFUTED
 
 
 def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
@@ -92,12 +80,7 @@ def test_what_float64_cannot_decide_neither_holds_nor_fails() -> None:
     found = cpcal.certify_point(campaign, 1, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 300.0])
     assert (found.holds, found.fails) == ((), ())
     assert found.verified.verdict is cpcal.Verdict.UNKNOWN
-
-
-def test_unknown_is_neither() -> None:
-    undecided = cpcal.VerifiedPoint(0.0, 3, 0, 5)
-    assert undecided.verdict is cpcal.Verdict.UNKNOWN
-    assert "2 are undecided" in undecided.sentence("It")
+    assert "1 are undecided" in found.verified.sentence("It")
 
 
 def test_points_of_models(tmp_path: Path) -> None:
@@ -115,19 +98,6 @@ def test_points_of_models(tmp_path: Path) -> None:
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.certify_point(campaign, 9, x, model="gian", eps=-1.0)
     assert [p.where for p in refused.value.problems] == ["model", "leg", "eps"]
-
-
-@pytest.mark.parametrize(
-    ("leg", "point", "eps", "reason"),
-    [
-        (7, np.zeros(7), 0.0, "there is no leg 7"),
-        (1, np.zeros(6), 0.0, "is 7 finite numbers"),
-        (1, np.zeros(7), -1.0, "-1.0 is no tolerance"),
-    ],
-)
-def test_bad_questions(leg: int, point: np.ndarray, eps: float, reason: str) -> None:
-    with pytest.raises(cpcal.InputError, match=reason):
-        cpcal.certify_point(cpcal.simulate(seed=1, **SMALL), leg, point, eps=eps)
 
 
 def test_an_error_as_large_as_the_leg_is_long_is_no_question() -> None:

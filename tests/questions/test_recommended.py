@@ -152,14 +152,6 @@ def test_what_is_recommended_conforms_with_the_least_sum_of_squares(
             assert largest(of, other) > tolerance
 
 
-def test_at_the_least_tolerance_that_passes_the_point_found_there_is_recommended(free: LegResult) -> None:
-    assert free.passes_from is not None
-    result, leg = certified(campaign(), tolerance=free.passes_from.eps)
-    assert verdict_of(result, leg).word == "pass"
-    assert leg.recommended is not None
-    assert leg.recommended.point == free.passes_from.point
-
-
 def test_the_factor_on_the_half_widths_is_the_largest_at_which_the_point_conforms(tmp_path: Path) -> None:
     of = campaign(3.0)
     result, leg = certified(of, tolerance=1.2, certificates=tmp_path)

@@ -1,7 +1,7 @@
 """A run that was stopped, gone on with: the same answers and certificates, byte for byte, as if nobody had come."""
 
-import shutil
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -22,7 +22,9 @@ def campaign():
 @pytest.fixture(scope="module")
 def whole(campaign, tmp_path_factory):
     run = tmp_path_factory.mktemp("whole")
-    return cpcal.certify(campaign, certificates=run, **OPTIONS), certificates(run)
+    found = cpcal.certify(campaign, certificates=run, **OPTIONS)
+    assert max(leg.work.nodes for leg in found.legs) > 1  # boxes are divided
+    return found, certificates(run)
 
 
 def certificates(run):
@@ -39,18 +41,8 @@ def stopped(campaign, run, looks, **options):
 
 def same(one, two):
     """But for the time that it took."""
-    assert [
-        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support, leg.work.nodes, leg.work.programs)
-        for leg in one.legs
-    ] == [
-        (leg.leg, leg.bracket.lo, leg.bracket.hi, leg.bracket.point, leg.support, leg.work.nodes, leg.work.programs)
-        for leg in two.legs
-    ]
-    assert [leg.work.contractors_used for leg in one.legs] == [leg.work.contractors_used for leg in two.legs]
-
-
-def test_the_problem_has_boxes_that_are_divided(whole):
-    assert max(leg.work.nodes for leg in whole[0].legs) > 1
+    a, b = ([replace(leg, work=replace(leg.work, seconds=0.0)) for leg in found.legs] for found in (one, two))
+    assert a == b
 
 
 @pytest.mark.parametrize("looks", [2, 5, 12])
@@ -96,14 +88,6 @@ def test_a_checkpoint_of_other_work_is_refused(campaign, tmp_path):
     with pytest.raises(InputError, match="cut off"):
         cpcal.certify(campaign, certificates=tmp_path, resume=True, **OPTIONS)
     assert certificates(tmp_path) == before
-
-
-def test_without_resume_it_begins_anew(campaign, whole, tmp_path):
-    stopped(campaign, tmp_path, 4)
-    shutil.copytree(tmp_path / FOLDER, tmp_path / "kept")
-    result = cpcal.certify(campaign, certificates=tmp_path, **OPTIONS)
-    same(result, whole[0])
-    assert not (tmp_path / FOLDER).exists()
 
 
 def test_an_edited_user_defined_model_does_not_go_on_from_answers_of_the_old_one(campaign, tmp_path):

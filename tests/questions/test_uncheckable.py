@@ -1,24 +1,21 @@
 """A certificate whose check would pass the checker's limit is not written, and the result says so."""
 
 import pytest
-from typer.testing import CliRunner
 
 import cpcal
 from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
-from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.questions import Uncertified, save_result
 from cpcal.report import write_report
 from cpcal.solver.certificate import recording
 
-runner = CliRunner()
 LOW = 100  # of work: less than any certificate of a leg takes
 
 
-@pytest.fixture(scope="module", params=[0.0, 3.0], ids=["exact", "uncertain"])
-def campaign(request):
-    return cpcal.simulate(seed=1, joint_error=1.0, factor=request.param, extremal=False, random_poses=12)
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12)
 
 
 def limited(monkeypatch, work):
@@ -36,19 +33,6 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
     assert not leg.certified
     assert leg.bracket.hi < float("inf")
     assert not list(tmp_path.glob("*.cert.jsonl"))
-
-
-def test_the_command_says_it_and_verify_says_what_to_do(campaign, tmp_path, monkeypatch):
-    limited(monkeypatch, LOW)
-    cpcal.save_campaign(campaign, tmp_path / "campaign")
-    run = str(tmp_path / "run")
-    said = runner.invoke(
-        app, ["certify", str(tmp_path / "campaign"), "-o", run, "--legs", "1", "--delta", "0.5"]
-    ).output
-    assert "Not certified: leg 1 (its check would take more work than the checker spends)." in " ".join(said.split())
-    checked = runner.invoke(app, ["verify", run])
-    assert checked.exit_code == 2
-    assert "certify fewer measurements at a time" in " ".join(checked.output.split())
 
 
 def test_such_a_run_is_verified_as_not_certified(campaign, tmp_path, monkeypatch):
@@ -85,15 +69,6 @@ def test_the_limit_is_that_of_the_checker(campaign, tmp_path, monkeypatch):
         )
 
 
-def test_a_small_certificate_is_not_checked_twice(campaign, tmp_path, monkeypatch):
-    def checked(*_):
-        raise AssertionError("it is far below the limit")
-
-    monkeypatch.setattr(recording, "check_lines", checked)
-    assert cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path).legs[0].certified
-
-
-@pytest.mark.parametrize("campaign", [0.0], indirect=True, ids=["exact"])
 def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp_path, monkeypatch):
     limited(monkeypatch, LOW)
     found = cpcal.certify(campaign, outliers=1, legs=[1], delta=0.5, certificates=tmp_path)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ import cpcal
 from cpcal.calibration import calibrate_study
 from cpcal.files import campaign_sha256
 from cpcal.models import PARAMETERS, Parameter
-from cpcal.questions import ModelNote, Projection, Ranges
+from cpcal.questions import ModelNote, Ranges
 from cpcal.questions.points import CertifiedFits, VerifiedFit
 from cpcal.report import write_report
 from cpcal.report.comparison_page import write_comparison
@@ -19,18 +18,6 @@ from cpcal.report.study_page import StudyFound, render_study
 from cpcal.simulate import simulate_study, true_robot
 from tests.changed import leg_with
 from tests.report.made import made_leg, made_result
-
-
-def hexagons(box, eps, *pairs):
-    """Ranges with projections in a box of the names `PARAMETERS`, two corners cut off each."""
-
-    def one(i, j):
-        u, v = 1.0 / box.width[i], 1.0 / box.width[j]
-        middle, reach = u * box.mid[i] - v * box.mid[j], 0.4
-        return Projection((PARAMETERS[i], PARAMETERS[j]), ((u, -v, middle + reach), (-u, v, reach - middle)))
-
-    projections = tuple(one(i, j) for i, j in pairs or combinations(range(4), 2))
-    return Ranges(eps, box, projections=projections)
 
 
 @pytest.fixture(scope="package")
@@ -56,11 +43,11 @@ def page(tmp_path_factory):
     thin = box(1, np.array([3e-9, 4e-8, 1.234e-5, 0.00987, 1.0, 1.0, 1.0]))
     wide = box(2, np.array([0.0999, 1.0, 1234.5, 9.99e5, 1.0, 1.0, 1.0]))
     legs = (
-        leg(1, 1e-7, ranges=hexagons(thin, 0.1)),
-        leg(2, 4.0, ranges=hexagons(wide, 0.0890001)),
+        leg(1, 1e-7, ranges=Ranges(0.1, thin)),
+        leg(2, 4.0, ranges=Ranges(0.0890001, wide)),
         leg(3, np.array([np.inf, 1.0, 2e3, 1.0, 1.0, 1.0, 1e9])),
         leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None),
-        leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, ranges=hexagons(box(5, 2.0), 0.2)),
+        leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, ranges=Ranges(0.2, box(5, 2.0))),
         leg(6, 0.0),
     )
     result = made_result(campaign, *legs)
@@ -112,7 +99,7 @@ def study():
         point, box = tuple(map(float, x)), cpcal.Box(PARAMETERS, x - 0.01, x + 0.02)
         support = tuple(campaign.measurement_ids[::9])
         made = made_leg(number, 0.0890117468, 0.0890117515, point, point, box, 0.0, support, 1, 94, 0.25)
-        return leg_with(made, ranges=hexagons(box, 0.1), **changes)
+        return leg_with(made, ranges=Ranges(0.1, box), **changes)
 
     perfect = leg(6, eps_lo=0.0, eps_hi=0.0)
     bound = made_result(campaign, *(leg(k) for k in range(1, 6)), perfect)

@@ -1,4 +1,4 @@
-"""Figures: drawn from arrays, of a leg's residuals, parameters and polygons, of all legs; for pages and notebooks."""
+"""Figures: drawn from arrays, of a leg's residuals and parameters, of all legs; for pages and notebooks."""
 
 import math
 import re
@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.models import PARAMETERS
-from cpcal.questions import Projection, Ranges
+from cpcal.questions import Ranges
 from cpcal.report import errors_svg, parameters_drawing, residuals_drawing
-from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, pair_svg, polygon, worst_of_neighbours
-from cpcal.report.run_page import render
+from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, worst_of_neighbours
 from cpcal.report.svg import INK, Plot, evenly, tick_labels
 from tests.report.made import made_leg, made_result
 
@@ -75,69 +74,6 @@ def test_marks_off_the_frame_and_those_that_are_no_numbers_are_not_drawn():
     assert len(plot.elements) == before
     plot.marks([(1.0, 0.0), (1.1, 0.5)], "dot", INK, 5.0)
     assert plot.elements[-1].count("M") == 1
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Two parameters at a time: corners from half-planes, units, marks, and what the page says of them.
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_corners_bound_just_what_the_half_planes_leave(seed):
-    rng = np.random.default_rng(seed)
-    lo = rng.uniform(-100, 100, 2)
-    hi = lo + 10.0 ** rng.uniform(-6, 3, 2)
-    normals = rng.normal(0, 1, (8, 2)) / (hi - lo)
-    offsets = normals @ (0.5 * (lo + hi)) + rng.uniform(0.05, 1.0, 8)
-    planes = [(u, v, c) for (u, v), c in zip(normals.tolist(), offsets.tolist(), strict=True)]
-    corners = polygon(lo, hi, planes)
-    tolerance = 1e-6 * (hi - lo)
-    assert ((corners >= lo - tolerance) & (corners <= hi + tolerance)).all()
-    assert (corners @ normals.T <= offsets + 1e-6).all()
-    # the polygon is convex and turns to the left: a point is in it if and only if it is left of every edge
-    points = lo + rng.uniform(0, 1, (200, 2)) * (hi - lo)
-    left = np.ones(len(points), dtype=bool)
-    for k in range(len(corners)):
-        (dx, dy), from_corner = (corners[k] - corners[k - 1]) / (hi - lo), (points - corners[k - 1]) / (hi - lo)
-        left &= dx * from_corner[:, 1] - dy * from_corner[:, 0] >= -1e-9
-    excess = (points @ normals.T - offsets).max(axis=1)
-    clear = np.abs(excess) > 1e-5
-    assert (left == (excess <= 0.0))[clear].all()
-
-
-def test_contradictory_half_planes_leave_nothing():
-    assert polygon(np.zeros(2), np.ones(2), [(1.0, 0.0, 0.2), (-1.0, 0.0, -0.8)]).shape == (0, 2)
-
-
-@pytest.mark.parametrize(("width", "unit"), [(1e-8, "nm"), (1e-3, "µm"), (1.0, "mm"), (5e4, "m")])
-def test_units_are_easy_to_read_and_points_off_the_panel_are_not_drawn(width, unit):
-    lo = np.array([10.0, -3.0])
-
-    def drawn(nominal):
-        points = (nominal, None, lo)
-        return pair_svg(("a_x", "l"), lo, lo + width, (), points, "x")
-
-    assert f"Δa_x [{unit}]" in drawn(lo)
-    assert f"Δl [{unit}]" in drawn(lo)
-    assert not re.search(r">[^<]*[0-9]e[^<]*</text>", drawn(lo))
-    assert drawn(lo).count("<path") == drawn(lo + 9.0 * width).count("<path") + 1
-
-
-def test_the_page_says_to_which_eps_the_polygons_belong():
-    x = CAMPAIGN.robot.parameters[0]
-    box = cpcal.Box(PARAMETERS, x - 0.5, x + 0.5)
-
-    def page(eps, asked=None, **changes):
-        pair = Projection(("a_z", "l"), ((1.0, 1.0, float(x[2] + x[6])),))
-        one = leg(1, 0.1, eps_lo=0.099, enclosure=box, ranges=Ranges(eps, box, projections=(pair,)), **changes)
-        return " ".join(render(CAMPAIGN, made_result(CAMPAIGN, one, eps=asked)).split())
-
-    text = page(1.1 * 0.1)
-    assert "to within eps = 0.110 mm" in text
-    assert "Δ counts from the proved point" in text
-    assert 'aria-label="Leg 1: polygon that holds a_z and l, in a rectangle of 1.0 by 1.0 mm"' in text
-    assert "to within eps = 0.3 mm" in page(0.3, asked=0.3)
-    assert "Δ counts from the middle of the bounds" in page(0.1, point=None)
-    assert "to within eps = 0.109 mm" in page(math.nextafter(0.11, 0.0))  # rounded to the proved side
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -216,13 +152,3 @@ def test_parameters_are_drawn_with_their_ranges():
     wide = leg(ranges=Ranges(0.22, cpcal.Box(PARAMETERS, x - 2.0, x + 3.0)))
     (svg,) = parameters_drawing(CAMPAIGN, wide).figures
     assert re.findall(r">([\d.]+)</text>", svg)[-7:] == ["5.0"] * 7  # widths
-
-
-def test_the_frame_has_a_row_a_leg_and_parameter():
-    pytest.importorskip("pandas")
-    frame = made_result(CAMPAIGN, leg(1), leg(2), tolerance=0.3).to_frame()
-    assert len(frame) == 14
-    assert list(frame["parameter"][:7]) == list(PARAMETERS)
-    assert frame["certified"].tolist()[:7] == CAMPAIGN.robot.parameters[0].tolist()
-    assert frame["range_lo"].isna().all()
-    assert set(frame["verdict"]) == {"pass"}

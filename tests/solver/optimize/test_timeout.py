@@ -187,9 +187,8 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     leg = result.legs[0]
     assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.work.trials)
     assert not any(t.checked for t in leg.work.trials)
-    assert leg.bracket.lo == 0.0 < leg.found.lo < least
+    assert leg.bracket.lo == 0.0
     assert leg.bracket.verdict is cpcal.Verdict.UNKNOWN
-    assert "the certificate proves 0." in proved_sentence(result.options, leg)
     assert leg.bracket.certificate is not None
     claims = check(tmp_path / "run" / leg.bracket.certificate).claims
     assert claims.eps_lo is None
