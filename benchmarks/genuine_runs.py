@@ -84,12 +84,6 @@ def accuracy(folder: Path) -> None:
         )
 
 
-def campaigns(folder: Path) -> None:
-    _campaign(folder)
-    save_campaign(simulate(seed=2, extremal=False, random_poses=9, joint_error=1.0, factor=0.0), folder / "second")
-    command("certify", folder / "campaign", folder / "second", *NARROW, "-o", folder / "run")
-
-
 def pose_sets(folder: Path) -> None:
     """Of seven dots, whose places are uncertain."""
     rng = np.random.default_rng(7)
@@ -138,7 +132,6 @@ RUNS: dict[str, Callable[[Path], None]] = {
     "compare": compare,
     "fits": fits,
     "accuracy": accuracy,
-    "campaigns": campaigns,
     "pose sets": pose_sets,
     "solve": solve,
     "hand-eye": hand_eye,

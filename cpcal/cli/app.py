@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.options import Status, option, warn
-from cpcal.cli.terminal import Talk, recorded
+from cpcal.cli.terminal import Talk
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
 from cpcal.solver.compiled import QUIET
@@ -181,8 +181,8 @@ GROUPS = {
 }
 
 
-def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
-    """The function that typer makes a command of: options are listed one by one, and the record of `Talk` is kept."""
+def command(verb: Callable[..., Any]) -> Callable[..., None]:
+    """The function that typer makes a command of: options are listed one by one."""
     hints, groups, listed = get_type_hints(verb), dict[str, Any](), list[inspect.Parameter]()
     for key, parameter in inspect.signature(verb).parameters.items():
         declared, types = {key: parameter.default}, hints
@@ -201,7 +201,7 @@ def command(name: str, verb: Callable[..., Any]) -> Callable[..., None]:
         if hushed:
             os.environ[QUIET] = "1"
         try:
-            with raising(), recorded(talk.log, name):
+            with raising():
                 raise typer.Exit(verb(**given) or 0)
         finally:
             if hushed:
@@ -233,7 +233,7 @@ class _Verbs(TyperGroup):
         verb = VERBS[name]
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
         function = getattr(import_module(f"cpcal.cli.{verb.module}"), verb.function)
-        alone.command(cmd_name, epilog=verb.epilog)(command(name, function))
+        alone.command(cmd_name, epilog=verb.epilog)(command(function))
         made = typer.main.get_command(alone)
         _untyped(made.get_params(ctx))
         return made

@@ -1,19 +1,16 @@
-"""`cpcal certify`: brackets of legs, of one campaign or many, in several models, or with wrong measurements."""
+"""`cpcal certify`: brackets of the legs of a campaign, in several models, or with wrong measurements."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import typer
 from rich.text import Text
 
 from cpcal.cli.options import (
-    NO_CHECKER,
     Status,
     Where,
     argument,
@@ -22,19 +19,16 @@ from cpcal.cli.options import (
     option,
     options,
     output,
-    refuse,
     refuse_options,
     warn,
 )
-from cpcal.cli.terminal import Talk, answer, counted, leg_progress, line, record
-from cpcal.common.errors import CpcalError, InputError, OutputError, printable
-from cpcal.common.files import scratch_folder
+from cpcal.cli.terminal import Talk, answer, leg_progress, line
+from cpcal.common.errors import OutputError, printable
 from cpcal.common.numbers import stated
-from cpcal.common.version import __version__
-from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import RUN, answers_into, locked
-from cpcal.models import LegModel, built_in
-from cpcal.questions import Result, load_result, save_result, verdict_of
+from cpcal.files import load_campaign
+from cpcal.files.run_folder import RUN, locked
+from cpcal.models import LegModel
+from cpcal.questions import Result, save_result, verdict_of
 from cpcal.questions.ask import HERE, answered, comparison
 from cpcal.questions.question import Checkpoints, Question, question_of
 from cpcal.report import (
@@ -50,12 +44,10 @@ from cpcal.report import (
     write_report,
 )
 from cpcal.report.comparison_page import (
-    CampaignRow,
     comparison_lines,
     comparison_sentences,
     comparison_table,
     passing,
-    write_campaigns,
     write_comparison,
 )
 from cpcal.report.run_page import advice, answer_section
@@ -64,14 +56,7 @@ from cpcal.report.words import SHORT_QUANTIFIER, fitted, overall, uncertified_le
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.execution.executors import (
-    Here,
-    LostWorkerError,
-    Place,
-    Processes,
-    linear_algebra_on_one_thread,
-    outcomes,
-)
+from cpcal.solver.execution.executors import LostWorkerError, Place
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
 
 
@@ -162,17 +147,13 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
 # Certify, write the run, show it: what the verbs `certify` and `demo` share.
 
 
-def certified_into(
-    run: Path, question: Question, *, talk: Talk, checker: bool = True, place: Place = HERE, resume: bool = False
-) -> Result:
+def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = HERE, resume: bool = False) -> Result:
     """Answer a question, write the run, print the answer.
 
-    `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
-    checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
-    stays.
+    `place`: where the work is done. `resume`: go on from the checkpoint of an earlier run. Stopped before any leg has
+    an answer, it raises Stopped, and what was there before stays.
     """
     campaign = question.campaign
-    record("certify", robot=campaign.robot.name, measurements=len(campaign), options=question.options)
     kept = Checkpoints.for_run(run, question, resume=resume)
 
     def find(draft: Path) -> Result:
@@ -192,15 +173,11 @@ def certified_into(
         return result
 
     def show(result: Result) -> None:
-        for leg in result.legs:
-            verdict, bounds = verdict_of(result, leg), {"eps_lo": leg.bracket.lo, "eps_hi": leg.bracket.hi}
-            bounds |= {"certified": leg.certified, "seconds": leg.work.seconds}
-            record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
         if not talk.quiet:
             show_result(talk, campaign, result, question.model)
 
     def page(result: Result, draft: Path) -> Path:
-        return write_report(campaign, result, draft, checker=checker)
+        return write_report(campaign, result, draft)
 
     try:
         result = answer(run, RUN, find, save_result, page, show, talk, campaign)
@@ -209,7 +186,6 @@ def certified_into(
             warn(f"what is answered is kept in {kept.folder}: --resume writes it, once there is room")
         raise
     kept.end_after(result)
-    record("written", folder=str(run))
     return result
 
 
@@ -238,114 +214,6 @@ def status_of(result: Result) -> Status:
     else:
         good = all(verdict_of(result, leg).passes for leg in result.legs)
     return Status.ANSWERED if good else Status.UNKNOWN
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Many campaigns as one run: each is certified into a folder of its own, and a summary says which are worst.
-
-
-class CampaignTask(NamedTuple):
-    """What is asked of a campaign; a pure value. `run`: its folder, where a worker can write into it."""
-
-    name: str
-    question: Question
-    run: Path | None
-
-
-def _certified(task: CampaignTask, how: Mapping[str, Any]) -> tuple[Result, dict[str, bytes]]:
-    """What is found; and the files of the run, where they are not in its folder yet.
-
-    Raises InputError for a campaign whose folder another run writes into.
-    """
-    with linear_algebra_on_one_thread():
-        if task.run is not None:
-            return certified_into(task.run, task.question, **how), {}
-        with scratch_folder() as folder:
-            result = certified_into(folder, task.question, **how)
-            return result, {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
-def _certified_all(
-    folders: Sequence[Path], runs: Path, given: Mapping[str, Any], how: Mapping[str, Any], place: Place, talk: Talk
-) -> Status:
-    """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
-
-    One that cannot be used stops no other. With `how["resume"]` those that are answered already stay as they are, and
-    the others go on from where a stopped run was. Raises InputError for two campaigns of one name, and while another
-    run writes into `runs`.
-    """
-    names = [folder.resolve().name for folder in folders]
-    remedy = "give their folders different names, or certify them into different folders"
-    twice = sorted({name for name in names if names.count(name) > 1})
-    refuse(*((True, name, "is the name of two campaigns", remedy) for name in twice))
-    rows, failed, began = list[CampaignRow](), list[str](), time.monotonic()
-    near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
-
-    def fail(name: str, error: Exception) -> None:
-        lines = error.problems if isinstance(error, InputError) else [error]
-        failed.append(f"{name}: {'; '.join(map(str, lines[:3]))}")
-        record("failed", campaign=name, kind=type(error).__name__, message=str(error))
-        warn(failed[-1])
-
-    def tasks() -> Iterator[CampaignTask]:
-        for name, folder in zip(names, folders, strict=True):
-            try:
-                question = question_of(load_campaign(folder), **given)
-            except InputError as error:
-                fail(name, error)
-                continue
-            if how["resume"] and (earlier := _earlier(runs / name, question)) is not None:
-                rows.append(CampaignRow(name, earlier))
-            else:
-                yield CampaignTask(name, question, runs / name if near else None)
-
-    with locked(runs), counted("campaigns", talk.console()) as progress:
-        try:
-            for outcome in outcomes(*place, partial(_certified, how=how), tasks()):
-                name = outcome.task.name
-                try:
-                    result, files = outcome.value
-                    if files:
-                        with answers_into(runs / name, RUN) as draft:
-                            for file, content in files.items():
-                                (draft / file).write_bytes(content)
-                except (CpcalError, OSError) as error:
-                    fail(name, error)
-                else:
-                    rows.append(CampaignRow(name, result))
-                    worst, done, of = rows[-1].worst, len(rows) + len(failed), len(folders)
-                    rate = done / max(time.monotonic() - began, 1e-9)
-                    bounds = {"eps_lo": worst.bracket.lo, "eps_hi": worst.bracket.hi, "leg": worst.leg}
-                    pace = {"done": done, "of": of, "rate": rate, "left": (of - done) / rate}
-                    record("campaign", campaign=name, seconds=rows[-1].seconds, **bounds, **pace)
-                progress(len(rows) + len(failed), len(folders))
-        except LostWorkerError as error:  # nobody is there to work any more: those not begun stay so
-            record("lost", message=str(error))
-            warn(f"{error}; what is done is kept, and --resume goes on with the others")
-        reason, missing = asked(), len(folders) - len(rows) - len(failed)
-        printed = write_campaigns(rows, failed, missing, runs)
-    talk.say(*printed)
-    if reason is not None and (missing > 0 or any(row.result.interrupted for row in rows)):
-        return Status(reason)
-    if failed or missing:
-        return Status.UNUSABLE
-    return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN
-
-
-def _earlier(run: Path, question: Question) -> Result | None:
-    """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended.
-
-    Of a user-defined model nothing is kept: its equations may be others by now, and no result holds them.
-    """
-    if not built_in(question.model):
-        return None
-    try:
-        found = load_result(run)
-    except InputError:
-        return None
-    known = (found.options, found.version, found.campaign.sha256)
-    same = known == (question.options, __version__, campaign_sha256(question.campaign))
-    return found if same and not found.interrupted else None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -380,12 +248,10 @@ class CertifyFlags:
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
     half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
-    no_checker: bool = NO_CHECKER
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}
-        del given["no_checker"]
         widths = {}
         for text in given.pop("half_width") or []:
             name, _, number = text.partition("=")
@@ -410,18 +276,14 @@ def names_of(text: str) -> tuple[str, ...]:
 
 
 def certify(
-    campaigns: list[Path] = argument("CAMPAIGN...", "Folders of campaign.toml, measurements.csv."),
-    run: Path = output(
-        "RUN",
-        "Folder for result.json, campaign.json, a page and certificates; replaced there. Of several campaigns each "
-        "has a folder in it.",
-    ),
+    campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measurements.csv."),
+    run: Path = output("RUN", "Folder for result.json, campaign.json, a page and certificates; replaced there."),
     *,
     options: CertifyFlags,
     where: Where,
     talk: Talk,
 ) -> Status:
-    """Two proved tolerances of each leg of each CAMPAIGN: below the one it fails, from the other on it passes.
+    """Two proved tolerances of each leg of a CAMPAIGN: below the one it fails, from the other on it passes.
 
     It fails when no parameters meet the tolerance at every measured pose, whatever the readings in their sets are. It
     passes when the recommended parameters meet it for ALL readings: worse sensors make passing harder. Between them
@@ -431,29 +293,21 @@ def certify(
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     models, given = names_of(options.model or ""), options.given()
-    how: dict[str, Any] = {"talk": talk, "checker": not options.no_checker, "resume": where.resume}
-    hushed, many = how | {"talk": replace(talk, quiet=True)}, len(campaigns) > 1
-    alone = many and (options.outliers or len(models) > 1)
-    refuse((alone, "options", "--outliers and several models ask about one campaign", "name one"))
-    if many:
-        with where.place() as place:
-            return _certified_all(campaigns, run, given, hushed, place, talk)
     if len(models) > 1:
         options.refuse(_NOT_WITH_MODELS, "with several models")
         of_one = ("model", "ranges", "half_widths", *_NOT_WITH_MODELS)
         given = {name: value for name, value in given.items() if name not in of_one}
     elif options.outliers:
         options.refuse(_NOT_WITH_OUTLIERS, "with --outliers")
-    campaign = warned(load_campaign(campaigns[0]))
+    loaded = warned(load_campaign(campaign))
     with where.place() as place:
         if len(models) > 1:
-            return _models_compared(comparison(campaign, models, **given), run, given["tolerance"], hushed, place, talk)
-        return status_of(certified_into(run, question_of(campaign, **given), place=place, **how))
+            return _models_compared(comparison(loaded, models, **given), run, where.resume, place, talk)
+        question = question_of(loaded, **given)
+        return status_of(certified_into(run, question, talk=talk, place=place, resume=where.resume))
 
 
-def _models_compared(
-    questions: Sequence[Question], runs: Path, tolerance: float | None, how: Mapping[str, Any], place: Place, talk: Talk
-) -> Status:
+def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, place: Place, talk: Talk) -> Status:
     """A run of each model in a folder of its own, and a page that compares them.
 
     Without a tolerance every bracket is an answer; with one, each leg needs a model that passes.
@@ -463,7 +317,8 @@ def _models_compared(
         for question in questions:
             name = question.model.name
             try:
-                found[name] = certified_into(runs / name, question, place=place, **how)
+                hushed = replace(talk, quiet=True)
+                found[name] = certified_into(runs / name, question, talk=hushed, place=place, resume=resume)
             except Stopped:
                 if not found:
                     raise
@@ -480,7 +335,7 @@ def _models_compared(
         talk.say(f"Page: {page}")
         if stopped:
             return Status(asked() or Reason.INTERRUPTED)
-    if tolerance is None:
+    if questions[0].options.tolerance is None:
         return Status.ANSWERED
     legs = {leg.leg for result in found.values() for leg in result.legs}
     return Status.ANSWERED if all(passing(found, leg) for leg in legs) else Status.UNKNOWN

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.cli.options import FIRST_ROW, TARGET_FILE, Status, argument, option, output, refuse
-from cpcal.cli.terminal import Talk, counted, record
+from cpcal.cli.terminal import Talk, counted
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import Problems, unusable
 from cpcal.common.files import listed, unwritable, write_file
@@ -244,7 +244,6 @@ def detected(
         )
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
-    record("images", images=len(found.rows), poses=poses, measured=found.measured)
     pace = f"; {found.measured / found.seconds:.0f} images a second of work" if found.seconds > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
     shared = values_of(found.rows)[:, SHARED]
@@ -340,7 +339,6 @@ def sets(
         widths = [" x ".join(at_most(float(v), 2) for v in side) for side in (position, turn)]
         talk.say(f"Half-widths, median: {widths[0]} mm, {widths[1]} degrees. Table: {folder / TABLE}")
     talk.say(f"Certificates: cpcal verify {folder}", *assumptions(folder))
-    record("enclosed", images=len(rows), proved=len(proved), output=str(folder))
     return Status.ANSWERED if proved else Status.UNKNOWN
 
 

@@ -87,7 +87,6 @@ FIRST_ROW = option(
     "SIDE",
 )
 FORCE = option(False, "Write into a folder that is not empty.")
-NO_CHECKER = expert(False, "A page that does not check itself.")
 
 
 def refuse(*problems: tuple[object, str, str, str]) -> None:

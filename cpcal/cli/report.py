@@ -13,7 +13,6 @@ from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
-    NO_CHECKER,
     ORIGINAL_CAMPAIGN,
     PIXEL_RUN,
     PIXEL_SETS,
@@ -98,7 +97,6 @@ def report(
     run: Path = argument("RUN", "Folder that certify wrote, or demo."),
     campaign: Path | None = ORIGINAL_CAMPAIGN,
     page: Path | None = output("FILE", "The page; replaced.", None, show_default="RUN/report.html"),
-    no_checker: bool = NO_CHECKER,
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
 
@@ -110,13 +108,13 @@ def report(
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
     if not (run / RECORD_NAME).is_file():
-        text = render(*_checked_run(run, campaign), run=None if no_checker else run)
+        text = render(*_checked_run(run, campaign), run=run)
     else:  # the folder of a study
         if campaign is not None:
             what = "has no meaning for a study, which holds its own"
             raise unusable("option --campaign", what, "leave it out")
         _accepted(*(run / part for part in (RUN, PIXEL_RUN, FITS) if (run / part).is_dir()))
-        text = render_study(study_found(run)[1], None if no_checker else run / RUN)
+        text = render_study(study_found(run)[1], run / RUN)
     write_file(file, text)
     Talk().say(f"Report: {file}")
 

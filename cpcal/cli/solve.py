@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from cpcal.cli.options import Status, Where, argument, check_writable, option, output, refuse
-from cpcal.cli.terminal import SearchProgress, Talk, line, record
+from cpcal.cli.terminal import SearchProgress, Talk, line
 from cpcal.common.errors import ClashError, CpcalError, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
@@ -65,7 +65,6 @@ def solve(
             bracketed=partial(progress.bracket, largest=problem.maximize),
         )
         reason = asked()
-    record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     try:
         names, rows = problem.network.names, len(problem.network.constraints)
         write_file(file, sol_bytes(found, rows) if file.suffix == ".sol" else found.to_json())

@@ -1,30 +1,23 @@
-"""What a verb says, and keeps a record of: answers, tables, and how far the work is.
+"""What a verb says: answers, tables, and how far the work is.
 
 On a terminal progress is a line that changes and leaves nothing behind; elsewhere a line every ten seconds.
 """
 
 from __future__ import annotations
 
-import json
-import logging
 import math
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import typer
 from rich.console import Console
 from rich.text import Text
 
-from cpcal.cli.options import expert, option, options, warn
+from cpcal.cli.options import option, options
 from cpcal.common.errors import InputError, printable
-from cpcal.common.files import unwritable
 from cpcal.common.numbers import bracket_text, nearest
-from cpcal.common.version import __version__
 from cpcal.files.run_folder import FolderKind, answers_into
 
 if TYPE_CHECKING:
@@ -48,7 +41,6 @@ class Talk:
 
     quiet: bool = option(False, "Print nothing but errors.", "--quiet", "-q")
     verbose: bool = option(False, "Print every table and sentence.", "--verbose", "-v")
-    log: Path | None = expert(None, "Add a record of the run to FILE: JSON Lines.", "FILE")
 
     @property
     def out(self) -> Console:
@@ -84,76 +76,9 @@ class Talk:
         self.out.print(table)
 
     def progress(self) -> Callable[[str], None]:
-        """A callback for lines of progress: to the record, and to a terminal where there is one."""
+        """A callback for lines of progress, on a terminal."""
         errors = self.console()
-
-        def tell(text: str) -> None:
-            record("progress", text=text)
-            if errors.is_terminal:
-                errors.print(text)
-
-        return tell
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The record of --log: one JSON object a line.
-
-_LOGGER = logging.getLogger("cpcal")
-
-
-def record(event: str, **fields: Any) -> None:
-    """Log an event with its fields; a line of the file of --log."""
-    _LOGGER.info(event, extra={"fields": fields})
-
-
-@contextmanager
-def recorded(file: Path | None, verb: str) -> Iterator[None]:
-    """Records of a verb go to the file while in the block: how it began, what it told, how it ended.
-
-    Raises InputError when the file cannot be written.
-    """
-    if file is None:
-        yield
-        return
-    try:
-        handler = _RecordFile(file, encoding="utf-8")
-    except OSError as error:
-        raise unwritable(file, error) from None
-    before = _LOGGER.level
-    _LOGGER.addHandler(handler)
-    _LOGGER.setLevel(logging.INFO)
-    try:
-        record("began", command=verb, version=__version__)
-        yield
-    except typer.Exit as left:
-        record("ended", status=int(left.exit_code))
-        raise
-    except BaseException as error:
-        _LOGGER.error("failed", extra={"fields": {"kind": type(error).__name__, "message": str(error)}})
-        raise
-    finally:
-        _LOGGER.removeHandler(handler)
-        _LOGGER.setLevel(before)
-        with suppress(OSError):  # told before
-            handler.close()
-
-
-class _RecordFile(logging.FileHandler):
-    """Of each record time (UTC), level, event, and the event's fields; infinities are texts.
-
-    A record that cannot be written costs one message.
-    """
-
-    def format(self, record: logging.LogRecord) -> str:
-        from cpcal.files.codec import encoded  # here: arrays take a tenth of a second to load
-
-        time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        line = {"time": time, "level": record.levelname.lower(), "event": record.getMessage()}
-        return json.dumps(line | encoded(getattr(record, "fields", {})), allow_nan=False, ensure_ascii=False)
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        _LOGGER.removeHandler(self)
-        warn(f"warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}")
+        return errors.print if errors.is_terminal else lambda _: None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -201,11 +126,9 @@ def _work(nodes: int, pending: int, rate: float) -> str:
 
 
 def leg_progress(line: Line) -> Callable[[int, Bracket], None]:
-    """The `progress` callback of certify: the bracket of the leg at work. Every one is recorded."""
+    """The `progress` callback of certify: the bracket of the leg at work."""
 
     def tell(leg: int, bracket: Bracket) -> None:
-        done = {"nodes": bracket.nodes, "pending": bracket.pending, "rate": bracket.rate, "seconds": bracket.seconds}
-        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, **done)
         if line.due() is not None:
             lo, hi = bracket_text(bracket.lo, bracket.hi)
             state = f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm"
@@ -238,7 +161,7 @@ def counted(what: str, console: Console) -> Iterator[Callable[[int, int], None]]
 
 
 class SearchProgress:
-    """Callbacks for a search and for a minimisation; the record is told too."""
+    """Callbacks for a search and for a minimisation."""
 
     def __init__(self, line: Line) -> None:
         self._line = line
@@ -263,7 +186,6 @@ class SearchProgress:
             return
         nodes = self._nodes - self._before
         rate = nodes / seconds
-        record("searched", nodes=nodes, pending=pending, rate=rate, seconds=seconds, lo=lo, hi=hi)
         known = math.isfinite(lo) and math.isfinite(hi)
         between = f"in [{', '.join(bracket_text(lo, hi))}]: " if known else ""
         self._line.show(f"{between}{_work(nodes, pending, rate)}")

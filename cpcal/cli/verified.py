@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from fractions import Fraction as F
 from math import degrees
 from pathlib import Path
@@ -50,7 +49,7 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# A run of legs, accuracy, and a folder of runs: of many campaigns, or of one in several models.
+# A run of legs, accuracy, and a folder of runs of one campaign in several models.
 
 
 def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool = False) -> Iterator[Statement]:
@@ -160,22 +159,10 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
 
 
 def of_runs(folder: Path, *, verbose: bool = False) -> Iterator[Statement]:
-    """Each run of a folder, and the table of campaigns or models. Raises InputError."""
-    from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
-        SUMMARY_TABLE,
-        CampaignRow,
-        summary_table,
-    )
-
-    rows, table = [], folder / SUMMARY_TABLE
+    """Each run of a folder: of one campaign in several models. Raises InputError."""
     for run in runs_in(folder):
         yield True, f"{run.name}:"
         yield from statements(run, verbose=verbose)
-        with suppress(InputError):  # which is refused already
-            found = load_result(run)
-            rows += [CampaignRow(run.name, found)] if found.legs else []
-    if table.exists() and table.read_bytes() != summary_table(rows):
-        yield False, f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs"
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from cpcal.checker import (
     leg_checks,
 )
 from cpcal.cli.options import ORIGINAL_CAMPAIGN, Status, argument, option
-from cpcal.cli.terminal import Talk, record
+from cpcal.cli.terminal import Talk
 from cpcal.common.errors import InputError, printable, unusable
 from cpcal.common.numbers import bracket_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
@@ -247,7 +247,7 @@ def refusals(folder: Path) -> list[str]:
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """The runs of many campaigns, or of one in several models; no draft of a run that was killed."""
+    """The runs of one campaign in several models; no draft of a run that was killed."""
     return sorted(path.parent for path in folder.glob(f"[!.]*/{RUN.head}"))
 
 
@@ -301,7 +301,6 @@ def verify(
             talk.say(one[1])
     good = all(accepted for accepted, _ in said)
     talk.say(f"{_count(said)}; {_verdict(target)}" if good else f"{_count(said)}: there is no verdict", style="bold")
-    record("verified", target=str(target), accepted=good)
     return Status.ANSWERED if good else Status.UNKNOWN
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +46,6 @@ from cpcal.solver.optimize.bound import Bracket
 
 FOLDER = "checkpoint"
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
-_LOGGER = logging.getLogger("cpcal")
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,6 @@ class Checkpoints:
         path, of = self._part(leg.leg, "answer")
         if kept(path, of, [{"leg": encoded(leg)}, *({"file": n, "text": text.decode()} for n, text in files.items())]):
             self._part(leg.leg, "search")[0].unlink(missing_ok=True)
-            _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.bracket.lo, "eps_hi": leg.bracket.hi}})
 
     def search_keeper(self, leg: int, recording: Recording | None) -> SearchKeeper:
         """What keeps where the search for a leg stands."""

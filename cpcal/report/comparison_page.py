@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
 from cpcal.common.errors import printable
-from cpcal.common.files import write_file
-from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
-from cpcal.files import load_campaign_json
+from cpcal.common.numbers import at_least, at_most, bracket_text, short, stated
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.files.tables import csv_table
 from cpcal.questions import LegResult, Result, verdict_of
 from cpcal.report.section import Mark, Page, Section, Table, Words, origin, verdict
-from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
+from cpcal.report.words import LONGER, QUANTIFIER
 
 COMPARISON_PAGE = "compare.html"
 _MOST_LINES = 8  # legs that have a line in a terminal
@@ -110,11 +106,9 @@ def comparison_lines(found: Compared) -> list[str]:
 def write_comparison(
     found: Compared, folder: str | os.PathLike[str], *, stopped: bool = False, title: str | None = None
 ) -> Path:
-    """Write `compare.html`, headed by the campaign's title, and `summary.csv` beside the runs of the models; the page's
-    path. The same results give the same bytes."""
+    """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
+    give the same bytes."""
     first, at = next(iter(found.values())), _tolerance(found)
-    rows = (CampaignRow(name, result) for name, result in found.items() if result.legs)
-    write_file(Path(folder) / SUMMARY_TABLE, summary_table(rows))
     answers = Section(
         "Answers",
         items=[*comparison_lines(found)[1:], *comparison_sentences(found)],
@@ -159,75 +153,3 @@ def write_comparison(
         else f"Which models do the measurements refute at {stated(at)} mm?",
     )
     return page.write(Path(folder) / COMPARISON_PAGE)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The summary of many campaigns: a page and a table, the worst first.
-
-SUMMARY_PAGE = "summary.html"
-SUMMARY_TABLE = "summary.csv"
-_LINES = 5  # campaigns that are printed
-_HEADER = ("run", "leg", "verdict", "eps_lo_mm", "eps_hi_mm", "certified", "nodes", "seconds")
-
-
-@dataclass(frozen=True)
-class CampaignRow:
-    """A campaign, or a model, by the name of its folder, and what was found: at least one leg."""
-
-    name: str
-    result: Result
-
-    @property
-    def worst(self) -> LegResult:
-        return max(self.result.legs, key=lambda leg: (leg.bracket.lo, leg.bracket.hi))
-
-    @property
-    def seconds(self) -> float:
-        return sum(leg.work.seconds for leg in self.result.legs)
-
-
-def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> list[str]:
-    """Write `summary.html` and `summary.csv`, sorted by the worst leg's eps; `missing` were not begun. What is printed.
-
-    Raises InputError.
-    """
-    ordered = worst_first(rows)
-    write_file(folder / SUMMARY_TABLE, summary_table(rows))
-    counts = f"{len(rows):,} campaigns certified, the worst first"
-    counts += f"; {len(failed):,} could not be used" if failed else ""
-    counts += f"; {missing:,} not begun" if missing else ""
-    cells, lines = list[Sequence[Words]](), [counts]
-    for row in ordered:
-        judged = overall(row.result) or verdict_of(row.result, row.worst)
-        eps = " to ".join(bracket_text(row.worst.bracket.lo, row.worst.bracket.hi))
-        link = Mark(row.name, link=f"{quote(row.name)}/{REPORT_NAME}")
-        answered = str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else "")
-        word = verdict(judged.word, judged.kind)
-        title = load_campaign_json(folder / row.name).title  # which says whether it is simulated
-        cells.append((link, title, word, str(row.worst.leg), eps, answered, nearest(row.seconds, 1)))
-        lines.append(f"  {row.name}: {judged.word}, leg {row.worst.leg}, eps {eps} mm")
-    head = ("campaign", "robot", "verdict", "worst leg", "its eps [mm]", "legs answered", "time [s]")
-    table = Table(head, cells, ("names word", "names word", "word"), "cards")
-    both = f"{SHORT_QUANTIFIER} Both bounds are proved; each campaign's page says by which certificates."
-    answer = Section("The smallest error of the worst leg", [Mark(both, "quantifier")], tables=[table])
-    unusable = [Section("Could not be used", items=failed, style="names")] if failed else []
-    stopped = "Stopped before all campaigns were begun. The same command with --resume does the rest."
-    notices, sections = [stopped] if missing else [], [answer, *unusable, origin({})]
-    page = Page("Campaigns certified", "many campaigns", "Campaigns certified", sections, notices, f"{counts}.")
-    if len(ordered) > _LINES:
-        lines[_LINES + 1 :] = [f"  and {len(ordered) - _LINES:,} with smaller errors"]
-    return [*lines, f"Summary: {page.write(folder / SUMMARY_PAGE)}"]
-
-
-def worst_first(rows: Iterable[CampaignRow]) -> list[CampaignRow]:
-    return sorted(rows, key=lambda row: (-row.worst.bracket.lo, row.name))
-
-
-def summary_table(rows: Iterable[CampaignRow]) -> bytes:
-    """A row a leg; the worst campaign, or model, first, and of each the worst leg. Numbers are those of result.json."""
-    cells: list[list[str | float | None]] = []
-    for row in worst_first(rows):
-        for leg in sorted(row.result.legs, key=lambda leg: (-leg.bracket.lo, leg.leg)):
-            word, done = verdict_of(row.result, leg).word, (leg.work.nodes, nearest(leg.work.seconds, 3))
-            cells.append([row.name, leg.leg, word, leg.bracket.lo, leg.bracket.hi, leg.certified, *done])
-    return csv_table(_HEADER, cells)

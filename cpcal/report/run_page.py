@@ -77,18 +77,16 @@ def write_report(
     result: Result,
     folder: str | os.PathLike[str],
     model: LegModel | None = None,
-    *,
-    checker: bool = True,
 ) -> Path:
     """Write the page to `report.html` in `folder`, all or nothing; both are made if missing. Its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they stay proved;
-    every answer is for SOME reading in the set of each measurement. `checker`: the page holds the certificates of the
-    run that lie in the folder, and checks them in the browser. `model`: the result's leg model, where no installed
+    every answer is for SOME reading in the set of each measurement. The page holds the certificates of the run that
+    lie in the folder, and checks them in the browser. `model`: the result's leg model, where no installed
     package provides it; without it the page says which figures it lacks. Raises InputError when the result is of
     another campaign, or when the file cannot be written.
     """
-    page = render(campaign, result, model=model, run=folder if checker else None)
+    page = render(campaign, result, model=model, run=folder)
     return write_file(Path(folder) / REPORT_NAME, page)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from typing import Any
 
@@ -189,16 +188,11 @@ def test_a_tolerance_is_passed(campaign, tmp_path):
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# How much a verb says: a short end, everything, nothing, a record; and help that can be tried.
-
-
-def recorded(path):
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+# How much a verb says: a short end, everything, nothing; and help that can be tried.
 
 
 def test_a_run_of_six_legs_ends_with_a_line_for_each_that_passes_and_two_for_each_other(campaign, tmp_path):
-    log = tmp_path / "log.jsonl"
-    said = done("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", log, status=1)
+    said = done("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", status=1)
     lines = said.splitlines()
     legs = [line for line in lines if line.startswith("Leg")]
     assert [line[:6] for line in legs] == [f"Leg {k}:" for k in range(1, 7)]
@@ -206,11 +200,6 @@ def test_a_run_of_six_legs_ends_with_a_line_for_each_that_passes_and_two_for_eac
     assert all(len(line) <= 110 for line in lines[1:-2])
     assert "tolerance 0.55 mm: FAIL" in lines[0]
     assert ">fail<" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
-    records = recorded(log)
-    assert {"began", "certify", "bracket", "kept", "leg", "written", "ended"} == {record["event"] for record in records}
-    assert (records[0]["command"], records[-1]["status"]) == ("certify", 1)
-    assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
-    assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)
 
 
 def test_verbose_shows_tables_with_their_frame(campaign, tmp_path):
@@ -219,24 +208,19 @@ def test_verbose_shows_tables_with_their_frame(campaign, tmp_path):
     assert all(piece in loud for piece in (*pieces, "in the base frame of the campaign's poses"))
 
 
-def test_a_quiet_verb_prints_nothing_and_its_record_says_how_it_ended(campaign, tmp_path):
-    folder, log = tmp_path / "r", tmp_path / "log.jsonl"
+def test_a_quiet_verb_prints_nothing_but_errors(campaign, tmp_path):
+    folder = tmp_path / "r"
     asked = (
-        (("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"), 0, 0),
-        (("verify", folder), 0, 0),
-        (("verify", folder, "--campaign", folder), 2, "InputError"),  # no folder of a campaign: unusable
-        (("certify", campaign, "-o", tmp_path / "other", "--eps", "-1"), 2, "InputError"),
+        (("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"), 0),
+        (("verify", folder), 0),
+        (("verify", folder, "--campaign", folder), 2),  # no folder of a campaign: unusable
+        (("certify", campaign, "-o", tmp_path / "other", "--eps", "-1"), 2),
     )
-    for arguments, status, _ in asked:
-        outcome = run(*arguments, "-q", "--log", log)
+    for arguments, status in asked:
+        outcome = run(*arguments, "-q")
         assert (outcome.stdout, outcome.exit_code) == ("", status)
         assert bool(outcome.stderr) == bool(status)
     assert (folder / "report.html").exists()
-    records = recorded(log)
-    assert [one["command"] for one in records if one["event"] == "began"] == [words[0] for words, *_ in asked]
-    ends = [one.get("status", one.get("kind")) for one in records if one["event"] in ("ended", "failed")]
-    assert ends == [end for *_, end in asked]
-    refused("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path)  # a folder
 
 
 LONG = ("certify", "accuracy", "solve", "image detect", "image sets", "calibrate", "demo", "verify", "handeye certify")
@@ -248,8 +232,8 @@ def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_t
     example = VERBS[verb].example
     assert f"Example: cpcal {example[:30]}" in text
     assert "<bool>" not in text
-    if verb in LONG:  # they say less or more, and keep a record
-        assert all(option in text for option in ("--quiet", "-q", "--verbose", "-v", "--log"))
+    if verb in LONG:  # they say less or more
+        assert all(option in text for option in ("--quiet", "-q", "--verbose", "-v"))
     command: Any = typer.main.get_command(app)
     arguments = shlex.split(example)
     context = None

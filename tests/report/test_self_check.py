@@ -335,15 +335,3 @@ def test_without_certificates_there_is_no_checker(runs, campaign, tmp_path):
     for path in folder.glob("*.cert.jsonl"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     assert render(campaign, result, run=tmp_path) == plain  # the campaign beside them is another
-
-
-def test_the_option_leaves_the_checker_out(runs, campaign, tmp_path):
-    folder, result = runs["mid"]
-    cpcal.save_result(result, folder)
-    runner, page = CliRunner(), tmp_path / "page.html"
-    for option, scripts in (([], 3), (["--no-checker"], 0)):
-        outcome = runner.invoke(app, ["report", str(folder), "-o", str(page), *option], prog_name="cpcal")
-        assert outcome.exit_code == 0, outcome.output
-        assert page.read_text(encoding="utf-8").count("<script") == scripts
-    written = cpcal.write_report(campaign, result, tmp_path, checker=False).read_text(encoding="utf-8")
-    assert "<script" not in written

@@ -148,5 +148,4 @@ def garbled(path: Path, error: Exception) -> InputError:
 
 @cache
 def _say_once(problem: str) -> None:
-    """On stderr, or in the log where there is one."""
     _LOGGER.warning("cpcal: warning: a checkpoint is missing: %s", problem)

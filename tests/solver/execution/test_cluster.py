@@ -18,7 +18,7 @@ import cpcal
 from cpcal.cli import app
 from cpcal.solver.execution import executors
 
-OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--gap", "1e-2", "--support", "none", "--no-checker", "-q"]
+OPTIONS = ["--legs", "1,2,3", "--delta", "0.5", "--gap", "1e-2", "--support", "none", "-q"]
 pytestmark = pytest.mark.filterwarnings("ignore")  # Dask's own
 
 
