@@ -447,9 +447,6 @@ def load_log(
     length_sigma: npt.ArrayLike | None = None,
     factor: float = 3.0,
     exact: bool = False,
-    separator: str | None = None,
-    decimal: str | None = None,
-    header: int | None = None,
 ) -> Campaign:
     """The campaign, in the base frame, of a log of poses and leg readings, each read once or several times: a file, or
     a table of pandas.
@@ -467,10 +464,7 @@ def load_log(
     """
     sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
     settings, stated = log_settings(robot, sigmas, factor, exact)
-    if isinstance(path, str | os.PathLike):
-        log = read_log(Path(path), separator=separator, decimal=decimal, header=header)
-    else:
-        log = frame_log(path)
+    log = read_log(Path(path)) if isinstance(path, str | os.PathLike) else frame_log(path)
     older = {k: v for k, v in settings.provenance.items() if k.removesuffix("_pose") not in FRAME_NOTES}
     settings = replace(settings, provenance=older)
     try:

@@ -15,7 +15,6 @@ from cpcal.calibration import (
     calibrate_study,
     save_record,
 )
-from cpcal.calibration.statistics import Of
 from cpcal.cli.certify import show_table, warned
 from cpcal.cli.options import CAMPAIGN, VALIDATION, argument, check_writable, option, options, output
 from cpcal.cli.terminal import Talk
@@ -43,11 +42,6 @@ def calibrate(
     study: Path = argument("STUDY", "Folder of study.toml and two tables of poses."),
     folder: Path = output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there."),
     factor: float = option(3.0, "Half-width of the reading sets, in standard deviations."),
-    of: Of = option(
-        "mean",
-        "Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
-        "reading (the paper's choice; wider by the root of the number of repeats).",
-    ),
     *,
     options: BudgetFlags,
     talk: Talk,
@@ -62,7 +56,7 @@ def calibrate(
     stated = {name: value for name, value in asdict(options).items() if value is not None}
     inputs = Inputs(**stated)
     check_writable(folder)
-    found = calibrate_study(load_study(study), factor=factor, of=of)
+    found = calibrate_study(load_study(study), factor=factor)
     record = found.record
     if stated:
         record = replace(record, budget=budget(found.x_c_sigma, found.campaign, found.drawing, inputs))

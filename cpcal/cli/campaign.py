@@ -97,9 +97,6 @@ class ImportFlags:
     )
     factor: float = option(3.0, "Half-widths are this many standard deviations.")
     exact: bool = option(False, "Call all readings exact instead.")
-    separator: str | None = option(None, "comma, semicolon, tab or blank.", "NAME", show_default="guessed")
-    decimal: str | None = option(None, "point or comma.", "NAME", show_default="guessed")
-    header: int | None = option(None, "The line that names the columns.", "LINE", show_default="guessed")
     preview: bool = option(False, "Show what would be written, and write nothing.")
     anyway: bool = option(False, "Write also what looks mixed up.")
     force: bool = FORCE
@@ -125,9 +122,6 @@ def import_log(
         frames=options.frames,
         factor=options.factor,
         exact=options.exact,
-        separator=options.separator,
-        decimal=options.decimal,
-        header=options.header,
         **_sigmas(options.sigma),
     )
     talk = Talk()
@@ -226,7 +220,7 @@ def _left(seen: Spread) -> str:
 _OF_CAMPAIGNS = ("extremal", "factor")
 _OF_STUDIES = (
     *("validation_runs", "images", "render"),
-    *("axis_offset", "backlash", "friction", "sag", "gain"),
+    *("axis_offset", "backlash", "sag", "gain"),
 )
 
 
@@ -245,11 +239,7 @@ class SimulateFlags:
     )
     joint_error: float = option(0.0, "Amplitude of an error that 7 parameters a leg cannot describe.", "MM")
     noise: float = option(1.0, "Scale of the paper's standard deviations.")
-    truncate: float | None = option(None, "Draw noise beyond this many standard deviations again.")
     deviation: float = option(1.0, "Standard deviation of true parameters from nominal ones.", "MM")
-    stroke: tuple[float, float] | None = option(
-        None, "Shortest and longest reading, mm.", "SHORT LONG", show_default="the robot's"
-    )
     extremal: bool | None = option(None, "Whether to take the 64 extremal configurations.", "--extremal/--no-extremal")
     factor: float | None = option(
         None, "Half-width of the reading sets in standard deviations; 0: exact readings [default: 3]"
@@ -264,12 +254,6 @@ class SimulateFlags:
     )
     axis_offset: float | None = _leg(None, "Distance of the two axes of each lower joint.", "MM")
     backlash: float | None = _leg(None, "Clearance along each leg; its side follows the load.", "MM")
-    friction: float | None = _leg(
-        None,
-        "By how many platform weights the direction of approach, random in each run, shifts the load that "
-        "decides the side of the backlash [default: 0.2]",
-        "WEIGHTS",
-    )
     sag: float | None = _leg(None, "Shortening of a leg lying flat, by its weight.", "MM")
     gain: float | None = _leg(None, "Relative error of each length sensor, about mid-stroke.", "REL")
 
@@ -298,13 +282,9 @@ def simulate(
 
 
 def _write_campaign(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
-    """How many measurements, in words. Raises InputError for a stroke where poses are chosen."""
-    where: dict[str, Any] = {"stroke": nominal.stroke}
-    if nominal.workspace is not None:
-        where = {"workspace": nominal.workspace}
-        if "stroke" in given:
-            what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
-            raise unusable("option --stroke", what, "leave it out")
+    """How many measurements, in words."""
+    space = nominal.workspace
+    where: dict[str, Any] = {"stroke": nominal.stroke} if space is None else {"workspace": space}
     campaign = simulate_campaign(nominal.robot, **where | given)
     save_campaign(campaign, folder)
     return f"{len(campaign):,} measurements"
@@ -312,12 +292,11 @@ def _write_campaign(nominal: KnownRobot, folder: Path, given: dict[str, Any]) ->
 
 def _write_study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
     """Write a study, or images of one; how many, in words."""
-    given = {"stroke": nominal.stroke} | given
+    given["stroke"] = nominal.stroke
     if given.pop("render", False):
-        from cpcal.cli.image import shot_study, write_shots  # the other verbs here start sooner without
+        from cpcal.cli.image import write_shots  # the other verbs here start sooner without
 
-        study, shots = shot_study(nominal.robot, given)
-        write_shots(study, shots, folder)
+        study = write_shots(nominal.robot, given, folder)
         kind = "images"
     else:
         study = simulate_study(nominal.robot, **given)

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import typer
 from rich.text import Text
 
 from cpcal.cli.options import (
@@ -22,7 +21,7 @@ from cpcal.cli.options import (
     refuse_options,
     warn,
 )
-from cpcal.cli.terminal import Talk, answer, leg_progress, line
+from cpcal.cli.terminal import Talk, answer, line
 from cpcal.common.errors import OutputError, printable
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign
@@ -161,7 +160,7 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
         here = replace(question, certificates=draft, checkpoints=kept)
         try:
             with line(talk.console()) as shown:
-                result = answered(replace(here, progress=leg_progress(shown)), place)
+                result = answered(replace(here, progress=shown.leg), place)
         except LostWorkerError as error:
             result = _kept_until(error, here)
         except MemoryError as error:
@@ -220,7 +219,7 @@ def status_of(result: Result) -> Status:
 # The verb.
 
 _NOT_WITH_OUTLIERS = ("eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
-_NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method", "half_width")
+_NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method")
 
 
 @options
@@ -238,7 +237,7 @@ class CertifyFlags:
     time_limit: float | None = option(None, "Seconds a leg, at most.", "S", min=0.0)
     eps: float | None = expert(None, "Ask instead whether any parameters reach this eps.", "MM")
     delta: float = expert(100.0, "Half-width of the box of parameters.", "MM")
-    center: Literal["fit", "plain", "nominal"] = expert("fit", "Middle of that box: a least-squares fit, or nominal.")
+    center: Literal["fit", "nominal"] = expert("fit", "Middle of that box: a least-squares fit, or nominal.")
     gap: float = expert(1e-6, "Relative width at which the bracket counts as closed.")
     node_limit: int | None = expert(None, "Boxes a leg, at most.", "N", min=1)
     contractors: str = expert("lifted", "See `cpcal plugins`.", "A,B")
@@ -247,22 +246,13 @@ class CertifyFlags:
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
-    half_width: list[str] | None = expert(None, "Of an extra parameter of the model; repeat for others.", "NAME=X")
 
     def given(self) -> dict[str, Any]:
         """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}
-        widths = {}
-        for text in given.pop("half_width") or []:
-            name, _, number = text.partition("=")
-            try:
-                widths[name.strip()] = float(number)
-            except ValueError:
-                message = f"{text!r:.60} is no half-width: give a name and a number, such as s=0.01"
-                raise typer.BadParameter(message, param_hint="--half-width") from None
         what = "legs: give numbers with commas between them, such as 1,3"
         legs = numbers_of(self.legs, int, what, "--legs")
-        return given | {"ranges": True, "legs": legs, "contractors": names_of(self.contractors), "half_widths": widths}
+        return given | {"ranges": True, "legs": legs, "contractors": names_of(self.contractors)}
 
     def refuse(self, names: Sequence[str], because: str) -> None:
         """InputError for each of these options that was given."""
@@ -295,7 +285,7 @@ def certify(
     models, given = names_of(options.model or ""), options.given()
     if len(models) > 1:
         options.refuse(_NOT_WITH_MODELS, "with several models")
-        of_one = ("model", "ranges", "half_widths", *_NOT_WITH_MODELS)
+        of_one = ("model", "ranges", *_NOT_WITH_MODELS)
         given = {name: value for name, value in given.items() if name not in of_one}
     elif options.outliers:
         options.refuse(_NOT_WITH_OUTLIERS, "with --outliers")

@@ -1,27 +1,22 @@
-"""`cpcal demo`: the paper's whole study on a simulated platform, from readings or images to one page."""
+"""`cpcal demo`: the paper's whole study on a simulated platform, from readings to one page."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typer
 
 from cpcal.calibration import CalibrationRecord, calibrate_study
 from cpcal.calibration.statistics import Of
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
-from cpcal.cli.image import IMAGES, TABLES, detected, enclosed, shot_study, write_shots
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
     FORCE,
-    PIXEL_CAMPAIGN,
-    PIXEL_RUN,
-    PIXEL_SETS,
     RUN,
     STUDY,
     TIMEOUT,
@@ -31,28 +26,23 @@ from cpcal.cli.options import (
     output,
 )
 from cpcal.cli.report import study_found
-from cpcal.cli.terminal import Talk, leg_progress, line
+from cpcal.cli.terminal import Talk, line
 from cpcal.common.files import write_file
 from cpcal.common.numbers import stated
-from cpcal.files import load_campaign, load_study, save_campaign, save_study
+from cpcal.files import load_campaign, load_study, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN
-from cpcal.models.sight import CameraSet, Enclosing, TargetSet, campaign_of
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.points import certify_fits
 from cpcal.questions.question import question_of
 from cpcal.report.study_page import PAPERS_WAY, of_f, render_study
-from cpcal.robot import DELTALAB, Campaign, Study
+from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
-from cpcal.vision.batch.detect import Detections, ImageFolder, readings_of
-from cpcal.vision.batch.study_images import RenderedImages, study_table
-from cpcal.vision.files.plate_and_camera import CameraRecord
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice
-HALF_WIDTH = 0.03  # pixels: every dot's box; no dot of the demo's images is farther from where it should be
 
 
 @dataclass(frozen=True)
@@ -61,8 +51,6 @@ class DemoPlan:
 
     imperfect: Mapping[str, float] = field(default_factory=lambda: {"sag": 2.0, "axis_offset": 2.0})  # mm
     size: Mapping[str, int] = field(default_factory=dict)  # of the study; left out: the paper's
-    photographs: Mapping[str, int] = field(default_factory=lambda: {"runs": 2, "validation_runs": 1, "images": 2})
-    enclosed: int = 1  # of so many configurations one is enclosed from an image
     legs: tuple[int, ...] | None = None
     tolerance: float = 1.0  # mm: what the legs are to be good to
     timeout_seconds: float = 3.0  # a leg, for the paper's timeout method
@@ -75,7 +63,6 @@ PLAN = DemoPlan()
 def demo(
     folder: Path = output("DIR", "Folder for the study and all that follows from it.", Path("cpcal-demo")),
     seed: int = option(1, "Of the simulated robot and its readings."),
-    images: bool = option(False, "Render images of the study, and find its poses in them."),
     force: bool = FORCE,
     resume: bool = option(False, "Go on in DIR, from where a stopped demo of the same options was."),
     *,
@@ -85,16 +72,13 @@ def demo(
 
     The robot is the DeltaLab Table of Stewart with legs that sag and joints whose axes miss each other by 2 mm, which
     the model with seven parameters a leg does not know; the noise is the paper's. Writes DIR/study, DIR/campaign,
-    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/timeout and the page DIR/report.html; with --images
-    also DIR/images and what was found in them, and a campaign whose reading sets are proved from pixels, certified too.
-    A certificate that the checker refuses makes the exit status 1, a leg that fails the tolerance does not.
+    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/timeout and the page DIR/report.html. A certificate
+    that the checker refuses makes the exit status 1, a leg that fails the tolerance does not.
     """
     check_new(folder, force=force or resume)
     (folder / REPORT_NAME).unlink(missing_ok=True)  # what is older must not stand beside newer results
-    photos = _images(folder, seed, talk) if images else None
     given: dict[str, Any] = {"seed": seed, **PLAN.size, **PLAN.imperfect}
-    study = simulate_study(**given) if photos is None else photos[0]
-    save_study(study, folder / STUDY)
+    save_study(simulate_study(**given), folder / STUDY)
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
     talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
     found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
@@ -103,15 +87,9 @@ def demo(
     talk.say(PAPERS_WAY, of_f(found.record), f"Tolerance: {stated(PLAN.tolerance)} mm for each leg.")
     campaign = load_campaign(folder / CAMPAIGN)
     _fits(campaign, found.record, folder / FITS, talk)
-
-    def run(name: str, of: Campaign) -> Result:
-        question = question_of(of, legs=PLAN.legs, ranges=True, tolerance=PLAN.tolerance)
-        return _unless_stopped(lambda: certified_into(folder / name, question, talk=talk, resume=resume))
-
-    result = run(RUN, campaign)
+    question = question_of(campaign, legs=PLAN.legs, ranges=True, tolerance=PLAN.tolerance)
+    result = _unless_stopped(lambda: certified_into(folder / RUN, question, talk=talk, resume=resume))
     _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
-    if photos is not None:
-        run(PIXEL_RUN, _pixel_campaign(*photos, campaign, folder, talk))
     accepted, whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
@@ -146,64 +124,7 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     talk.say(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
     limits: dict[str, Any] = {"time_limit": PLAN.timeout_seconds, "gap": PLAN.timeout_gap}
     with line(talk.console()) as shown:
-        timeout = certify(campaign, legs=legs, method="timeout", progress=leg_progress(shown), **limits)
+        timeout = certify(campaign, legs=legs, method="timeout", progress=shown.leg, **limits)
     save_result(timeout, folder, campaign)
     show_result(replace(talk, verbose=False), campaign, timeout, PLAIN)
     return timeout
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# With --images: the study by way of images, rendered and detected, and from there on as any other study; and a second
-# campaign, whose reading sets are proved from pixel boxes, one image a configuration.
-
-
-def _images(folder: Path, seed: int, talk: Talk) -> tuple[Study, RenderedImages, Detections]:
-    """Render and detect: a study whose poses come from images below `folder`; and those of its calibration."""
-    exact, shots = shot_study(DELTALAB, {"seed": seed, **PLAN.imperfect, **PLAN.photographs})
-    talk.say(f"Images: {sum(len(images.names) for images in shots.values()):,}, rendered in {folder / IMAGES}")
-    write_shots(exact, shots, folder)
-    found, tables = {}, []
-    for name, true in zip(TABLES, (exact.calibration, exact.validation), strict=True):
-        source, camera = ImageFolder(folder / IMAGES / name), CameraRecord(shots[name].camera)
-        found[name] = detected(source, shots[name].target, camera, folder / f"poses-{name}.csv", talk)
-        tables.append(study_table(found[name].rows, readings_of(true)))
-    study = Study(exact.robot, tables[0], tables[1], exact.truth, {**exact.provenance, "poses": "from rendered images"})
-    return study, shots["calibration"], found["calibration"]
-
-
-def _pixel_campaign(
-    study: Study, images: RenderedImages, seen: Detections, campaign: Campaign, folder: Path, talk: Talk
-) -> Campaign:
-    """A campaign whose poses are proved from one image of each (of every n-th) configuration of `campaign`.
-
-    The camera and the plate are assumed exact: the images were rendered with them. It has the legs' reading sets of the
-    other one. Raises InputError.
-    """
-    talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
-    first: dict[str, str] = {}
-    for row in seen.rows:
-        if row.found:
-            first.setdefault(PurePosixPath(row.file).parts[0], row.file)
-    rows = {first[campaign.pose[k]]: k for k in range(0, len(campaign), PLAN.enclosed)}
-    exact = TargetSet.of(images.target), CameraSet(images.camera)
-    work = Enclosing(images, *exact, HALF_WIDTH, 0, folder / PIXEL_SETS, {})
-    sets = {one.file: one.found for one in enclosed(work, list(rows), talk) if one.found is not None}
-    names = [name for name in rows if name in sets and sets[name].verdict is Verdict.PROVED]
-    holding = sum(images.pose(name) in sets[name] for name in names)
-    talk.say(
-        f"{len(names)} of {len(rows)} poses are enclosed, proved; the true pose lies in {holding} of the {len(names)}."
-    )
-    proved, runs = [rows[name] for name in names], [PurePosixPath(name).parts[1] for name in names]
-    readings = readings_of(study.calibration)
-    said = f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; legs as in the other campaign"
-    pixel = campaign_of(
-        [sets[name] for name in names],
-        np.array([readings[campaign.pose[k], run] for k, run in zip(proved, runs, strict=True)]),
-        campaign.robot,
-        length_radius=campaign.length_radius[proved],
-        pose=[campaign.pose[k] for k in proved],
-        run=runs,
-        provenance={**campaign.provenance, "reading sets": said},
-    )
-    save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    return pixel

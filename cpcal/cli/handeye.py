@@ -171,7 +171,6 @@ def certify(
         None, "Certify nothing; choose N of --poses that shrink the ranges most.", "N", "--next"
     ),
     poses: Path | None = option(None, "With --next: what the robot can reach: image,x,y,z,qw,qx,qy,qz.", "CSV"),
-    images: str | None = option(None, "Names of the images to use.", "A,B", show_default="all"),
     within: str = option("any,2000", "Search within these of the classical answer; 'any' for all rotations.", "DEG,MM"),
     gap: float = option(GAP, "Relative width of the bracket that is asked for."),
     time_limit: float | None = option(None, "Seconds for each proof, at most.", "S"),
@@ -197,7 +196,7 @@ def certify(
         (count is None and run is None, "option --output", "is missing", "name a folder for the run"),
         (wrong and (gap != GAP or time_limit is not None or at is not None), "options", alone, "leave them out"),
     )
-    study = _chosen(load_hand_eye(folder), images)
+    study = load_hand_eye(folder)
     asked: dict[str, Any] = {"tolerance": tolerance, "tell": talk.progress()}
     if count is not None and poses is not None:
         return _next(study, poses, count, asked, talk)
@@ -220,17 +219,6 @@ def certify(
     found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
     good = found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes
     return Status.ANSWERED if good else Status.UNKNOWN
-
-
-def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
-    if images is None:
-        return study
-    names = [name.strip() for name in images.split(",")]
-    strange = [name for name in names if name not in study.images]
-    if strange or len(set(names)) < len(names):
-        what = f"names {strange[0]!r:.60}, which is no image" if strange else "names an image twice"
-        raise unusable("option --images", what, "give names of poses.csv, each once, by commas")
-    return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
 
 
 def _next(study: HandEyeStudy, poses: Path, count: int, asked: dict[str, Any], talk: Talk) -> Status:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,14 +19,13 @@ from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.detections_page import write_detections_page
-from cpcal.robot import Pose, Robot, Study
+from cpcal.robot import Robot, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import (
     SCALE,
     SHARED,
-    Detections,
     ImageFolder,
     by_reason,
     detections_bytes,
@@ -56,41 +54,31 @@ from cpcal.vision.files.plate_and_camera import (
 from cpcal.vision.files.target_print import on_paper, print_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
-from cpcal.vision.target import DELTALAB_TARGET, TEXTS, Target, resized
+from cpcal.vision.target import DELTALAB_TARGET, TEXTS, Target
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera.
 
-SCENE = Scene(gradient=(0.25, 0.15))
-IMAGES = "images"
-TABLES = ("calibration", "validation")
 
-
-def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
-    """A study with exact poses, and for both of its tables the images of them. Raises MissingExtraError."""
+def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
+    """A simulated study: images instead of its tables of poses, which `cpcal image detect` makes. Raises InputError,
+    MissingExtraError."""
     opencv()  # or nothing is begun
     seed = options["seed"]
-    exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
-    study = simulate_study(nominal, **exact)
-    return study, {
-        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed)
-        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True)
-    }
-
-
-def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -> None:
-    """The study without its tables of poses: `cpcal image detect` makes them. Raises InputError."""
+    study = simulate_study(nominal, **{"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)})
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
+        for name, table in (("calibration", study.calibration), ("validation", study.validation)):
+            images = RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(gradient=(0.25, 0.15)), seed=seed)
             with counted(f"{name}: rendering", Talk().console()) as progress:
-                images[name].write(folder / IMAGES / name, progress=progress)
+                images.write(folder / "images" / name, progress=progress)
             (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
         save_target(DELTALAB_TARGET, folder / "target.toml")
         save_camera(DELTALAB_CAMERA, folder / "camera.toml")
         (folder / STUDY_NAME).write_bytes(study_bytes(study))
     except OSError as error:
         raise unwritable(folder, error) from None
+    return study
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -122,24 +110,16 @@ def camera(
 def target(
     file: Path = output("FILE", "What to write: target.toml, or a .pdf or .svg page."),
     source: Path | None = option(None, f"Of this target.toml, or {TEXTS}.", "TARGET", "--from"),
-    side: float | None = option(None, "As large as this: between the centres of the outermost dots.", "MM"),
-    dark: bool = option(False, "Dark dots on a bright plate."),
     paper: Literal["a4", "a3", "a2", "a1", "a0", "letter"] | None = option(
         None, "Sheet to print on; the default target is made to fit it."
     ),
 ) -> None:
     """Write a target: a grid of dots with others off it that tell where its axes are, or one of OpenCV's boards.
 
-    Without --from, --side and --paper it is the one that the demo's images show, 300 mm wide, on A2.
+    Without --from and --paper it is the one that the demo's images show, 300 mm wide, on A2.
     """
-    if source is not None and side is not None:
-        raise unusable("options", "--from and --side exclude each other", "give one of them")
-    if side is not None and not 1.0 <= side <= 1e5:
-        raise unusable("option --side", f"is {side:g}", "give mm, from 1 to 100000")
-    plate = replace(DELTALAB_TARGET, bright=not dark) if source is None else load_target(source)
-    if side is not None:
-        plate = resized(plate, side / float(np.ptp(plate.dots, axis=0).max()))
-    elif paper is not None and source is None:
+    plate = DELTALAB_TARGET if source is None else load_target(source)
+    if paper is not None and source is None:
         plate = on_paper(plate, paper)
     if file.suffix == ".toml":
         save_target(plate, file)
@@ -176,7 +156,6 @@ def detect(
     overlays: Path | None = option(None, "Pictures of what was found, and why not.", "DIR", "--overlay"),
     first_row: str | None = FIRST_ROW,
     workers: int | None = WORKERS,
-    scheduler: str | None = option(None, "Dask scheduler of a cluster, instead; its workers read IMAGES.", "ADDRESS"),
     calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
     *,
     talk: Talk,
@@ -212,23 +191,6 @@ def detect(
         turn = hinted(first_row)
     problems.raise_any()
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
-    where = {"workers": workers, "scheduler": scheduler, "overlays": overlays}
-    found = detected(source, plate, lens, file, talk, first_row=turn, **where)
-    if table is not None:
-        write_file(table, table_bytes(study_table(found.rows, known)))
-        talk.say(f"Table of a study: {table}")
-
-
-def detected(
-    source: ImageFolder,
-    plate: Target,
-    lens: CameraRecord,
-    file: Path,
-    talk: Talk,
-    first_row: str | Pose = "",
-    **where: Any,
-) -> Detections:
-    """The poses in a folder of images: the table and the page of them, and what is said of it."""
     journal = file.with_name(f"{file.name}.journal")
     journal.absolute().parent.mkdir(parents=True, exist_ok=True)
     with heard(terminate=True), counted("images", talk.console()) as progress:
@@ -239,8 +201,9 @@ def detected(
             lens.covariance,
             journal=journal,
             progress=progress,
-            first_row=first_row,
-            **where,
+            first_row=turn,
+            workers=workers,
+            overlays=overlays,
         )
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
@@ -248,20 +211,22 @@ def detected(
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
     shared = values_of(found.rows)[:, SHARED]
     if len(shared) and shared.any():
-        position, turn = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
+        place, angle = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
         talk.say(
-            f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
-            f"{turn:.6f} rad (medians); no mean lessens them"
+            f"  errors that all images share (camera, plate): standard deviations of {place:.4f} mm and "
+            f"{angle:.6f} rad (medians); no mean lessens them"
         )
     doubtful = [row for row in found.rows if row.doubt]
     if doubtful:
         worst = max(doubtful, key=lambda row: row.values[SCALE])
         talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
-    for reason, files in by_reason(found.rows).items():
-        talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
-    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance, first_row)
+    for reason, some in by_reason(found.rows).items():
+        talk.say(f"  {len(some):,} x {reason}: {listed(some, len(some) if talk.verbose else _NAMED)}")
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
     talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
-    return found
+    if table is not None:
+        write_file(table, table_bytes(study_table(found.rows, known)))
+        talk.say(f"Table of a study: {table}")
 
 
 def _calibrate(files: list[Path], plate: Target, file: Path, talk: Talk) -> None:
@@ -324,7 +289,17 @@ def sets(
     sources = {camera.name: camera.read_bytes()}
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
     work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources, hinted(first_row))
-    rows = enclosed(work, names, talk, workers)
+    rows: list[Enclosed] = []
+    with (
+        heard(terminate=True),
+        answers_into(folder, POSE_SETS) as draft,
+        counted("images", talk.console()) as progress,
+    ):
+        for some in in_parallel(replace(work, folder=draft), names, workers):
+            rows += some
+            progress(len(rows), len(names))
+        rows.sort(key=lambda one: one.file)
+        (draft / TABLE).write_bytes(csv_table(("file", "verdict", "reason", *NUMBERS), map(_cells, rows), files=True))
     found = [one.found for one in rows if one.found is not None]
     proved = [one for one in found if one.verdict is Verdict.PROVED]
     refuted = sum(one.verdict is Verdict.REFUTED for one in found)
@@ -340,22 +315,6 @@ def sets(
         talk.say(f"Half-widths, median: {widths[0]} mm, {widths[1]} degrees. Table: {folder / TABLE}")
     talk.say(f"Certificates: cpcal verify {folder}", *assumptions(folder))
     return Status.ANSWERED if proved else Status.UNKNOWN
-
-
-def enclosed(work: Enclosing, names: Sequence[str], talk: Talk, workers: int | None = None) -> list[Enclosed]:
-    """The pose sets of some images, with certificates and a table in the folder of the work."""
-    found: list[Enclosed] = []
-    with (
-        heard(terminate=True),
-        answers_into(work.folder, POSE_SETS) as draft,
-        counted("images", talk.console()) as progress,
-    ):
-        for some in in_parallel(replace(work, folder=draft), names, workers):
-            found += some
-            progress(len(found), len(names))
-        found.sort(key=lambda one: one.file)
-        (draft / TABLE).write_bytes(csv_table(("file", "verdict", "reason", *NUMBERS), map(_cells, found), files=True))
-    return found
 
 
 def _cells(one: Enclosed) -> list[str | float | None]:

@@ -7,7 +7,6 @@ takes its fields. It returns its exit status, or None for 0.
 from __future__ import annotations
 
 import os
-import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -24,7 +23,7 @@ from typer.models import OptionInfo
 from cpcal.common.errors import InputError, Problem, printable, unusable
 from cpcal.common.files import unwritable
 from cpcal.solver.execution.executors import Place, executor_for
-from cpcal.solver.execution.stopping import asked, heard, within_memory
+from cpcal.solver.execution.stopping import asked, heard
 
 T = TypeVar("T")
 
@@ -78,7 +77,6 @@ def options(group: type[T]) -> type[T]:
     return dataclass(frozen=True)(group)
 
 
-ORIGINAL_CAMPAIGN = option(None, "Folder of the original campaign, to compare the run's with.", "CAMPAIGN")
 TARGET_FILE = option(..., "target.toml, or a board: acircles:7x11:10:8, chessboard:8x5:30 (`image target`).", "TARGET")
 FIRST_ROW = option(
     None,
@@ -116,7 +114,6 @@ def numbers_of(text: str | None, kind: Callable[[str], T], what: str, option: st
 # Where long work runs and when it stops.
 
 _LOADS = ("cpcal.cli.certify", "cpcal.solver.numba_begun")  # of workers
-_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kKMGT]?)i?B?")
 
 
 @options
@@ -126,36 +123,20 @@ class Where:
     workers: int | None = option(None, "Processes of this machine.", "N", min=1, show_default="1")
     resume: bool = option(False, "Go on from where a stopped run of the same work was.")
     scheduler: str | None = expert(None, "Dask scheduler of a cluster, instead of --workers.", "ADDRESS")
-    memory_limit: str | None = expert(
-        None, "Stop, with what is proved, beyond SIZE (such as 2G) of memory in this process.", "SIZE"
-    )
 
     @contextmanager
     def place(self) -> Iterator[Place]:
         """Where the work is done, which can be stopped; it then ends with the command that goes on with it.
 
-        Raises InputError, BadParameter.
+        Raises InputError.
         """
-        with self.stoppable(), executor_for(self.workers, self.scheduler, loads=_LOADS) as place:
+        with heard(terminate=True), executor_for(self.workers, self.scheduler, loads=_LOADS) as place:
             try:
                 yield place
             finally:
                 if asked() is not None:
                     again = ["cpcal", *sys.argv[1:], *([] if self.resume else ["--resume"])]
                     warn(f"go on with: {shlex.join(again)}")
-
-    @contextmanager
-    def stoppable(self) -> Iterator[None]:
-        """Until the end of the block a signal, or the limit of memory, asks the work to stop. Raises BadParameter."""
-        limit = None
-        if self.memory_limit is not None:
-            found = _SIZE.fullmatch(self.memory_limit.strip())
-            if found is None:
-                message = f"{self.memory_limit!r:.60} is no size of memory: give one such as 500M or 2G"
-                raise typer.BadParameter(message, param_hint="--memory-limit")
-            limit = int(float(found[1]) * 1024 ** " KMGT".index(found[2].upper() or " "))
-        with heard(terminate=True), within_memory(limit):
-            yield
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -188,4 +169,3 @@ def check_new(folder: Path, *, force: bool) -> None:
 
 # The folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
 STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT = "study", "campaign", "validation", "fits", "run", "timeout"
-PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-sets", "pixel-campaign", "pixel-run"  # where poses came from images

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
 import typer
 
@@ -13,9 +13,6 @@ from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
-    ORIGINAL_CAMPAIGN,
-    PIXEL_RUN,
-    PIXEL_SETS,
     RUN,
     TIMEOUT,
     Status,
@@ -25,10 +22,10 @@ from cpcal.cli.options import (
     output,
 )
 from cpcal.cli.terminal import Talk, answer
-from cpcal.cli.verify import check_all, checked_certificates, refusals
+from cpcal.cli.verify import checked_certificates, refusals
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
-from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
+from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE, REPORT_NAME
 from cpcal.files.tables import load_poses
 from cpcal.questions import Result, load_result
@@ -40,52 +37,37 @@ from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
 from cpcal.simulate import reached_poses, true_robot
 
-T = TypeVar("T")
-
 # ------------------------------------------------------------------------------------------------------------------
 # What is refused has no page, and no parameters.
 
 
-def _accepted(*folders: Path) -> None:
-    """Raises typer.Exit when something of these folders is refused, which is said, and InputError."""
-    for folder in folders:
-        if refused := refusals(folder):
-            for sentence in refused:
-                typer.echo(printable(f"{folder.name}: {sentence}"))
-            raise typer.Exit(Status.UNKNOWN)
+def _accepted(folder: Path) -> None:
+    """Raises typer.Exit when something of a folder is refused, which is said, and InputError."""
+    if refused := refusals(folder):
+        for sentence in refused:
+            typer.echo(printable(f"{folder.name}: {sentence}"))
+        raise typer.Exit(Status.UNKNOWN)
 
 
-def _checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
+def _checked_run(run: Path) -> tuple[Campaign, Result]:
     """A run's campaign and result. Raises typer.Exit, InputError."""
     _accepted(run)
-    kept = load_campaign_json(run)
-    if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
-        what = "is another campaign than the run's: its SHA-256 differs"
-        raise unusable(str(campaign), what, "name the campaign that was certified, or leave it out")
-    return kept, load_result(run)
+    return load_campaign_json(run), load_result(run)
 
 
 def study_found(folder: Path) -> tuple[bool, StudyFound]:
     """What the folder of a study holds, and whether the checker accepts all its certificates now. Raises InputError."""
-    found = {part: checked_certificates(folder / part) for part in (FITS, RUN, PIXEL_RUN)}
-    accepted, said = check_all(found.values())
-    if (folder / PIXEL_SETS).is_dir():  # their certificates name rows, which only a claim's pixels give
-        from cpcal.checker.sight import check_pose_sets
-
-        sets = check_pose_sets(folder / PIXEL_SETS)
-        refused = [f"{one.name} ({one.refused})" for one in sets if one.refused is not None]
-        accepted = accepted and not refused
-        many = f"{len(sets)} pose sets with {sum(len(one.certificates) for one in sets)} certificates"
-        wrong = f"REFUSED {len(refused)} of {many}: {'; '.join(refused)}"
-        said += f" It {wrong if refused else f'accepted all {many}'}."
-    return accepted, StudyFound(
-        campaign=load_campaign(folder / CAMPAIGN),
+    refused, campaign = refusals(folder / RUN), load_campaign(folder / CAMPAIGN)
+    count = sum(len([*(folder / part).glob("*.cert.jsonl")]) for part in (FITS, RUN))
+    all_good = f"accepted all {count} certificates (exact arithmetic, no solver)."
+    return not refused, StudyFound(
+        campaign=campaign,
         record=load_record(folder),
-        fits=fits_of(folder / FITS, found[FITS]),
+        fits=fits_of(folder / FITS, checked_certificates(folder / FITS)),
         result=load_result(folder / RUN),
         timeout=load_result(folder / TIMEOUT),
-        checked=said,
-        truth=true_robot(load_campaign(folder / CAMPAIGN)),
+        checked=f"The checker {'; '.join(refused) or all_good}",
+        truth=true_robot(campaign),
     )
 
 
@@ -95,25 +77,20 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
 
 def report(
     run: Path = argument("RUN", "Folder that certify wrote, or demo."),
-    campaign: Path | None = ORIGINAL_CAMPAIGN,
     page: Path | None = output("FILE", "The page; replaced.", None, show_default="RUN/report.html"),
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
 
-    One self-contained file: it loads nothing, prints, and checks its certificates in the browser. With --campaign,
-    another campaign than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of
-    the whole study; its certificates are checked anew.
+    One self-contained file: it loads nothing, prints, and checks its certificates in the browser. Of a folder that
+    `cpcal demo` wrote it is the page of the whole study; its certificates are checked anew.
     """
     file = run / REPORT_NAME if page is None else page
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
     if not (run / RECORD_NAME).is_file():
-        text = render(*_checked_run(run, campaign), run=run)
+        text = render(*_checked_run(run), run=run)
     else:  # the folder of a study
-        if campaign is not None:
-            what = "has no meaning for a study, which holds its own"
-            raise unusable("option --campaign", what, "leave it out")
-        _accepted(*(run / part for part in (RUN, PIXEL_RUN, FITS) if (run / part).is_dir()))
+        _accepted(run / RUN)
         text = render_study(study_found(run)[1], run / RUN)
     write_file(file, text)
     Talk().say(f"Report: {file}")
@@ -122,25 +99,12 @@ def report(
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal export`: the parameters of a run for a controller.
 
-Format = Literal["toml", "json", "yaml", "csv", "ros2", "easy-handeye", "urdf", "opencv"]
-_YAML = (".yaml", ".yml")
-_SUFFIXES = {
-    "toml": (".toml", ""),
-    "json": (".json",),
-    "yaml": _YAML,
-    "csv": (".csv",),
-    "ros2": (".py",),
-    "easy-handeye": _YAML,
-    "urdf": (".urdf", ".xacro", ".xml"),
-    "opencv": _YAML,
-}
+Format = Literal["toml", "json", "ros2", "easy-handeye", "urdf", "opencv"]
 
 
 def export(
     run: Path = argument("RUN", "Folder that certify or handeye wrote."),
-    format: Format | None = option(
-        None, "Of what is written.", "--format", "-f", show_default="as FILE is called, or toml"
-    ),
+    format: Format = option("toml", "Of what is written.", "--format", "-f"),
     file: Path | None = output("FILE", "The file; replaced.", None, show_default="print"),
     frames: Path | None = option(
         None, "Folder of the campaign's calibration.json: write the drawing's frames, not camera's, target's.", "DIR"
@@ -151,35 +115,22 @@ def export(
     Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm. Of a hand-eye
     run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
     """
-    if (run / HANDEYE.head).exists():
-        write = _chosen(format, file, HAND_EYE_FORMS)
+    hand_eye = (run / HANDEYE.head).exists()
+    known: Mapping[str, Any] = HAND_EYE_FORMS if hand_eye else WRITERS
+    if format not in known:
+        raise unusable("option --format", f"is {format}", f"of this run write one of {', '.join(known)}")
+    if hand_eye:
         _accepted(run)
-        text = write(load_hand_eye_result(run))
+        text = HAND_EYE_FORMS[format](load_hand_eye_result(run))
     else:
-        form = _chosen(format, file, WRITERS)
         campaign, result = _checked_run(run)
         moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
-        text = form(exported(campaign, result, moved))
+        text = WRITERS[format](exported(campaign, result, moved))
     if file is None:
         typer.echo(text, nl=False)
     else:
         write_file(file, text)
         Talk().say(f"Parameters: {file}")
-
-
-def _chosen(asked: str | None, file: Path | None, known: Mapping[str, T]) -> T:
-    """What writes one of the `known` formats: the one asked for, or that of the file's name. Raises InputError."""
-    suffix = "" if file is None else file.suffix.lower()
-    fit = [name for name in known if suffix in _SUFFIXES[name]]
-    name = asked or (fit[0] if len(fit) == 1 else "")
-    if name not in known:
-        unsaid = "" if file is None else f", and the name {file.name} does not say it"
-        what = f"is {asked}" if asked else f"is missing{unsaid}"
-        raise unusable("option --format", what, f"of this run write one of {', '.join(known)}")
-    if suffix and name not in fit and any(suffix in some for some in _SUFFIXES.values()):
-        remedy = f"call the file *{_SUFFIXES[name][0]}, or leave --format out"
-        raise unusable("option --output", f"is {file}, and the format {name}", remedy)
-    return known[name]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -202,7 +153,6 @@ def accuracy(
     assume: str | None = option(
         None, "Model error ASSUMED everywhere: one number, or one a leg.", "MM", show_default="suggested"
     ),
-    controller: Literal["recommended", "nominal"] = option("recommended", "Whose parameters the controller has."),
     cells: int = option(600, "Of the workspace, at most."),
     *,
     talk: Talk,
@@ -230,7 +180,6 @@ def accuracy(
             poses=named,
             workspace=space,
             assume=error[0] if error is not None and len(error) == 1 else error,
-            controller=controller,
             cells=cells,
             next_poses=count,
             certificates=draft,

@@ -6,16 +6,15 @@ from functools import partial
 from pathlib import Path
 
 from cpcal.cli.options import Status, Where, argument, check_writable, option, output, refuse
-from cpcal.cli.terminal import SearchProgress, Talk, line
+from cpcal.cli.terminal import Talk, line
 from cpcal.common.errors import ClashError, CpcalError, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
 from cpcal.models import leg_model
 from cpcal.problems.problem import Answer, answer, load_problem, sol_bytes
-from cpcal.report.figures import paving_svg
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.execution.stopping import asked
+from cpcal.solver.execution.stopping import asked, heard
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.
@@ -31,7 +30,6 @@ def solve(
     time_limit: float | None = option(None, "Seconds.", "S", min=0.0),
     node_limit: int | None = option(None, "Boxes.", "N", min=1),
     certificate: Path | None = option(None, "Of a minimisation: the proof, for cpcal verify.", "FILE"),
-    picture: Path | None = option(None, "Of all solutions in the first two unknowns.", "FILE.svg"),
     *,
     where: Where,
     talk: Talk,
@@ -40,18 +38,13 @@ def solve(
 
     While it works OUTPUT.checkpoint says where it stands, and --resume goes on from there.
     """
-    drawn = picture is None or picture.suffix == ".svg"
-    refuse(
-        (file.suffix not in (".json", ".sol"), str(file), "is neither a .json nor a .sol file", "name it so"),
-        (not drawn, str(picture), "is no .svg file", "name it so"),
-    )
-    for path in (file, certificate, picture):
+    refuse((file.suffix not in (".json", ".sol"), str(file), "is neither a .json nor a .sol file", "name it so"))
+    for path in (file, certificate):
         if path is not None:
             check_writable(path.absolute().parent)
     problem = load_problem(source)
     checkpoint = file.with_name(f"{file.name}.checkpoint")
-    with where.stoppable(), line(talk.console()) as shown:
-        progress = SearchProgress(shown)
+    with heard(terminate=True), line(talk.console()) as shown:
         found = answer(
             problem,
             width=width,
@@ -61,15 +54,13 @@ def solve(
             resume=where.resume,
             workers=where.workers,
             scheduler=where.scheduler,
-            searched=progress.event,
-            bracketed=partial(progress.bracket, largest=problem.maximize),
+            searched=shown.searched,
+            bracketed=partial(shown.bracketed, largest=problem.maximize),
         )
         reason = asked()
     try:
-        names, rows = problem.network.names, len(problem.network.constraints)
+        rows = len(problem.network.constraints)
         write_file(file, sol_bytes(found, rows) if file.suffix == ".sol" else found.to_json())
-        if picture is not None and found.paving is not None and found.paving.solutions:
-            paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).save(picture)
     finally:  # a full disk costs the files, not the answer
         _show(found, file, talk)
     if checkpoint.exists():

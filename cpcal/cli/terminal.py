@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -89,21 +90,67 @@ _TELLING = 10  # boxes from which on a rate tells something
 
 
 class Line:
-    """Shows a text when it is due."""
+    """Shows how far work is, when that is due: `leg`, `count`, `searched` and `bracketed` are callbacks."""
 
     def __init__(
         self, show: Callable[[str], object], every: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.show, self._every, self._clock = show, every, clock
+        self._show, self._every, self._clock = show, every, clock
         self._began = self._last = clock()
+        self._done: int | None = None
 
-    def due(self) -> float | None:
-        """Seconds since the beginning, where it is time for a text."""
+    def _tell(self, text: Callable[[float], str]) -> None:
+        """A text of the seconds since the beginning."""
         now = self._clock()
-        if now - self._last < self._every:
-            return None
-        self._last = now
-        return now - self._began
+        if now - self._last >= self._every:
+            self._last = now
+            self._show(text(now - self._began))
+
+    def leg(self, leg: int, bracket: Bracket) -> None:
+        """The bracket of the leg at work."""
+        self._tell(lambda _: f"leg {leg}: eps {_state(bracket.lo, bracket.hi, ' mm')}{_work(bracket)}")
+
+    def bracketed(self, bracket: Bracket, *, largest: bool = False) -> None:
+        """After every step of a minimisation; `largest`: of what is maximised the negative is minimised."""
+        lo, hi = (-bracket.hi, -bracket.lo) if largest else (bracket.lo, bracket.hi)
+        self._tell(lambda _: _state(lo, hi) + _work(bracket))
+
+    def searched(self, event: Event) -> None:
+        """After every box of a search for all solutions."""
+        self._done = nodes = (self._done or 0) + 1
+        self._tell(lambda seconds: _boxes(nodes, event.pending, nodes / seconds))
+
+    def count(self, what: str, done: int, of: int) -> None:
+        """How many are done, and of how many; the first call says what was done before."""
+        before = self._done = done if self._done is None else self._done
+
+        def text(seconds: float) -> str:
+            rate = (done - before) / seconds
+            left = f", {nearest((of - done) / rate, 0)} s left" if rate > 0.0 else ""
+            return f"{what}: {done:,} of {of:,}, {nearest(rate, 2)} a second{left}"
+
+        self._tell(text)
+
+
+def _state(lo: float, hi: float, unit: str = "") -> str:
+    """Where the smallest value is, as far as it is known."""
+    if not math.isfinite(lo):
+        return ""
+    low, high = bracket_text(lo, hi)
+    return f"in [{low}, {high}]{unit}, " if lo <= hi < math.inf else f">= {low}{unit}, "
+
+
+def _work(bracket: Bracket) -> str:
+    return f"{nearest(bracket.seconds, 0)} s, {_boxes(bracket.nodes, bracket.pending, bracket.rate)}"
+
+
+def _boxes(nodes: int, pending: int, rate: float) -> str:
+    """What is done and what waits; how long that takes if no more comes of it."""
+    done = f"{nodes:,} box{'' if nodes == 1 else 'es'}"
+    if nodes < _TELLING or not (pending and rate):
+        return done
+    left = nearest(pending / rate, 0)
+    return f"{done}, {nearest(rate, 1)} a second, {pending:,} pending, at least {left} s left"
 
 
 @contextmanager
@@ -116,79 +163,11 @@ def line(console: Console) -> Iterator[Line]:
         yield Line(status.update, _TERMINAL)
 
 
-def _work(nodes: int, pending: int, rate: float) -> str:
-    """What is done and what waits; how long that takes if no more comes of it."""
-    done = f"{nodes:,} box{'' if nodes == 1 else 'es'}"
-    if nodes < _TELLING or not (pending and rate):
-        return done
-    left = nearest(pending / rate, 0)
-    return f"{done}, {nearest(rate, 1)} a second, {pending:,} pending, at least {left} s left"
-
-
-def leg_progress(line: Line) -> Callable[[int, Bracket], None]:
-    """The `progress` callback of certify: the bracket of the leg at work."""
-
-    def tell(leg: int, bracket: Bracket) -> None:
-        if line.due() is not None:
-            lo, hi = bracket_text(bracket.lo, bracket.hi)
-            state = f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm"
-            work = _work(bracket.nodes, bracket.pending, bracket.rate)
-            line.show(f"leg {leg}: {state}, {nearest(bracket.seconds, 0)} s, {work}")
-
-    return tell
-
-
-def count_progress(what: str, line: Line) -> Callable[[int, int], None]:
-    """A callback for how many are done, and of how many."""
-    before: int | None = None
-
-    def tell(done: int, count: int) -> None:
-        nonlocal before
-        before = done if before is None else before
-        if (seconds := line.due()) is not None:
-            rate = (done - before) / seconds
-            left = f", {nearest((count - done) / rate, 0)} s left" if rate > 0.0 else ""
-            line.show(f"{what}: {done:,} of {count:,}, {nearest(rate, 2)} a second{left}")
-
-    return tell
-
-
 @contextmanager
 def counted(what: str, console: Console) -> Iterator[Callable[[int, int], None]]:
-    """The same, on a line while in the block."""
+    """A callback for how many are done, on a line while in the block."""
     with line(console) as shown:
-        yield count_progress(what, shown)
-
-
-class SearchProgress:
-    """Callbacks for a search and for a minimisation."""
-
-    def __init__(self, line: Line) -> None:
-        self._line = line
-        self._nodes = self._before = 0
-
-    def event(self, event: Event) -> None:
-        """After every box of a search for all solutions."""
-        self._nodes += 1
-        self._tell(event.pending, -math.inf, math.inf)
-
-    def bracket(self, bracket: Bracket, *, largest: bool = False) -> None:
-        """After every step of a minimisation; `largest`: of what is maximised the negative is minimised."""
-        if not self._nodes:
-            self._before = bracket.nodes  # of an earlier call
-        self._nodes = bracket.nodes
-        lo, hi = (-bracket.hi, -bracket.lo) if largest else (bracket.lo, bracket.hi)
-        self._tell(bracket.pending, lo, hi)
-
-    def _tell(self, pending: int, lo: float, hi: float) -> None:
-        seconds = self._line.due()
-        if seconds is None:
-            return
-        nodes = self._nodes - self._before
-        rate = nodes / seconds
-        known = math.isfinite(lo) and math.isfinite(hi)
-        between = f"in [{', '.join(bracket_text(lo, hi))}]: " if known else ""
-        self._line.show(f"{between}{_work(nodes, pending, rate)}")
+        yield partial(shown.count, what)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction as F
 from math import degrees
@@ -15,7 +14,7 @@ import numpy as np
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
-from cpcal.common.errors import InputError, PluginError, Problem, Problems, unusable
+from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
@@ -172,7 +171,7 @@ TABLE = "sets.csv"
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
 
 
-def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
+def of_pose_sets(target: Path) -> Iterator[Statement]:
     """What is accepted of one claim or a folder of them. Raises Unusable where there is nothing to check."""
     from cpcal.checker.sight import check_pose_set, check_pose_sets  # the other kinds start sooner without
 
@@ -183,7 +182,6 @@ def of_pose_sets(target: Path, sources: Sequence[Path]) -> Iterator[Statement]:
     yield from said
     if all(accepted for accepted, _ in said):
         yield from ((True, sentence) for sentence in assumptions(target))
-    yield from (_same_source(path, found) for path in sources)
 
 
 def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
@@ -255,16 +253,3 @@ def _set_proved(one: PoseSetChecked) -> str:
     turn = " x ".join(at_most(degrees(float(v)), 3) for v in one.radii[3:])
     sides = f"{position} mm and {turn} degrees"
     return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
-
-
-def _same_source(path: Path, found: Sequence[PoseSetChecked]) -> Statement:
-    """Whether a file is the one that all pose sets name, byte for byte."""
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise unusable(str(path), f"cannot be read: {error.strerror}", "name a file") from None
-    stated = {sha for one in found for name, sha in one.files if name == path.name}
-    if stated == {digest}:
-        return True, f"{path.name}: the file that the pose sets name, by its SHA-256"
-    what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
-    return False, f"{path.name}: REFUSED, {what}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager, suppress
 from fractions import Fraction as F
@@ -21,7 +21,7 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.options import ORIGINAL_CAMPAIGN, Status, argument, option
+from cpcal.cli.options import Status, argument, option
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import InputError, printable, unusable
 from cpcal.common.numbers import bracket_text, plain_gap, short
@@ -172,17 +172,6 @@ def _nothing(target: Path, reason: object) -> InputError:
     return unusable(str(target), str(reason), "name the folder of a run, or a certificate")
 
 
-def check_all(folders: Iterable[Mapping[str, Accepted | str]]) -> tuple[bool, str]:
-    """Whether all certificates of these folders are accepted, and a sentence."""
-    found = [one for folder in folders for one in folder.items()]
-    refused = [f"{name} ({reason})" for name, reason in found if isinstance(reason, str)]
-    of = f"{len(found)} certificates"
-    if refused:
-        return False, f"Of {of} the checker REFUSED {len(refused)}: {'; '.join(refused)}."
-    steps = sum(one.steps for _, one in found if not isinstance(one, str))
-    return True, f"The checker accepted all {of} (exact arithmetic, no solver): {steps:,} steps."
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Whatever a folder holds, or one file of it: statements. What other verbs write is loaded where it is found.
 
@@ -191,7 +180,7 @@ class NothingCertifiedError(InputError):
     """All that a run states is accepted, and none of it is certified."""
 
 
-def statements(target: Path, sources: Sequence[Path] = (), *, verbose: bool = False) -> Iterator[Statement]:
+def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
     """What is accepted of a folder or a certificate, and what is refused; `verbose`: what nobody proves, too.
 
     Raises InputError where there is nothing.
@@ -201,7 +190,7 @@ def statements(target: Path, sources: Sequence[Path] = (), *, verbose: bool = Fa
         if target.name.endswith(POSE_SET_SUFFIX) or any(target.glob(f"*{POSE_SET_SUFFIX}")):
             from cpcal.cli.verified import of_pose_sets
 
-            yield from of_pose_sets(target, sources)
+            yield from of_pose_sets(target)
         elif len(heads) > 1:
             raise Refused(f"{' and '.join(heads)} are the answers of two commands, which share no folder")
         elif heads == [HANDEYE.head]:
@@ -275,10 +264,7 @@ def _other_campaign(target: Path, campaign: Path) -> Iterator[Statement]:
 
 def verify(
     target: Path = argument("RUN|CERTIFICATE", "A run, or one certificate in it."),
-    campaign: Path | None = ORIGINAL_CAMPAIGN,
-    source: list[Path] | None = option(
-        None, "Of pose sets: a camera.toml or target.toml that must be the one they name.", "FILE"
-    ),
+    campaign: Path | None = option(None, "Folder of the original campaign, to compare the run's with.", "CAMPAIGN"),
     *,
     talk: Talk,
 ) -> Status:
@@ -294,7 +280,7 @@ def verify(
     said = []
     for one in chain(
         [] if campaign is None else _other_campaign(target, campaign),
-        statements(target, source or [], verbose=talk.verbose),
+        statements(target, verbose=talk.verbose),
     ):
         said.append(one)
         if talk.verbose or VACUOUS not in one[1]:

@@ -5,8 +5,8 @@
     Frame;Tx;Ty;Tz;...          the names of the columns: the last line with as many cells as the rows have
     1;0,5132;-0,0021;0,8771;...
 
-A separator is one of , ; tab and blanks; a decimal sign is a point or a comma. What is not stated is guessed: the pair
-with which most cells are numbers.
+A separator is one of , ; tab and blanks; a decimal sign is a point or a comma. They are guessed: the pair with which
+most cells are numbers.
 """
 
 from __future__ import annotations
@@ -48,8 +48,6 @@ from cpcal.robot.units import (
 )
 
 LOG_MAX = 2**27  # bytes
-SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
-_SIGNS = {"point": ".", "comma": ","}
 _COMMENT = re.compile(r"\s*(#|%|//|!)")
 _NUMBERS = {sign: re.compile(rf"[-+]?(\d+(\{sign}\d*)?|\{sign}\d+)([eE][-+]?\d+)?") for sign in ".,"}
 _UNITS = re.compile(r"[\[(]?(mm|cm|m|um|µm|in|rad|deg|°|s|ms|-|)[\])]?")
@@ -61,14 +59,13 @@ _LOOKED_AT = 2_000  # lines, to guess from
 class Log:
     """A table of text cells. `header` is empty where there is none; `lines` are those of the rows, from 1.
 
-    separator, decimal  as they were stated or guessed
+    decimal  the sign that was guessed
     """
 
     where: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
-    separator: str
     decimal: str
 
     @property
@@ -81,25 +78,18 @@ def frame_log(frame: Any) -> Log:
     """The table in a pandas DataFrame, as if it were a file; of numbers, all digits."""
     columns = [[str(value) for value in frame.iloc[:, place].tolist()] for place in range(len(frame.columns))]
     rows = tuple(zip(*columns, strict=True))
-    return Log("DataFrame", tuple(map(str, frame.columns)), rows, tuple(range(1, len(rows) + 1)), ",", ".")
+    return Log("DataFrame", tuple(map(str, frame.columns)), rows, tuple(range(1, len(rows) + 1)), ".")
 
 
-def read_log(path: Path, *, separator: str | None = None, decimal: str | None = None, header: int | None = None) -> Log:
-    """The table in a log.
-
-    separator  comma, semicolon, tab or blank; decimal: point or comma; header: the line, from 1, that names the columns
-
-    Raises InputError: every row below the first one that has another number of cells, and what cannot be a log.
-    """
+def read_log(path: Path) -> Log:
+    """The table in a log. Raises InputError: what cannot be a log, and every row of another number of cells."""
     problems = Problems()
     content = small_file(path, problems, "name the log", most=LOG_MAX)
     problems.raise_any()
     assert content is not None
     lines = _text(content).splitlines()
-    first = header or 0
-    body = [(number, line) for number, line in enumerate(lines, 1) if number > first and not _COMMENT.match(line)]
-    body = [(number, line) for number, line in body if line.strip()]
-    mark, sign, width = _guessed(body[:_LOOKED_AT], separator, decimal, str(path))
+    body = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _COMMENT.match(line)]
+    mark, sign, width = _guessed([line for _, line in body[:_LOOKED_AT]], str(path))
     rows = [(number, _cells(line, mark)) for number, line in body]
     if mark == "," and _decimals_apart([cells for _, cells in rows]):
         what = "has decimal commas, and commas between columns too: no rule tells them apart"
@@ -110,9 +100,9 @@ def read_log(path: Path, *, separator: str | None = None, decimal: str | None = 
             what = f"{len(cells)} cells, but the rows before have {width}"
             problems.add(Problem(str(path), what, "mend the line, or make it a comment with #", number))
     problems.raise_any()
-    names = _header(lines, rows[start][0] if header is None else header + 1, width, mark, sign)
+    names = _header(lines, rows[start][0], width, mark, sign)
     kept = rows[start:]
-    return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), mark, sign)
+    return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), sign)
 
 
 def _text(content: bytes) -> str:
@@ -139,26 +129,20 @@ def _numbers(cells: list[str], sign: str) -> int:
     return sum(_NUMBERS[sign].fullmatch(cell) is not None for cell in cells)
 
 
-def _guessed(
-    body: list[tuple[int, str]], separator: str | None, decimal: str | None, where: str
-) -> tuple[str, str, int]:
+def _guessed(lines: list[str], where: str) -> tuple[str, str, int]:
     """Separator, decimal sign, and how many cells a row has: with which most cells are numbers."""
     best = (0, "", "", 0)
-    for name, mark in SEPARATORS.items():
-        for label, sign in _SIGNS.items():
-            if separator not in (None, name) or decimal not in (None, label):
-                continue  # where both are commas, quotes tell them apart
-            counts = [(len(cells), _numbers(cells, sign)) for cells in (_cells(line, mark) for _, line in body)]
-            widths = Counter(width for width, numbers in counts if numbers >= _LEAST)
-            if not widths:
-                continue
-            width = widths.most_common(1)[0][0]
-            score = sum(numbers for wide, numbers in counts if wide == width and numbers >= _LEAST)
-            if score > best[0]:
-                best = (score, mark, sign, width)
+    for mark, sign in itertools.product(",;\t ", ".,"):  # where both are commas, quotes tell them apart
+        counts = [(len(cells), _numbers(cells, sign)) for cells in (_cells(line, mark) for line in lines)]
+        widths = Counter(width for width, numbers in counts if numbers >= _LEAST)
+        if not widths:
+            continue
+        width = widths.most_common(1)[0][0]
+        score = sum(numbers for wide, numbers in counts if wide == width and numbers >= _LEAST)
+        if score > best[0]:
+            best = (score, mark, sign, width)
     if not best[0]:
-        stated = f"--separator ({', '.join(SEPARATORS)}) and --decimal (point, comma)"
-        remedy = f"give a table with at least {_LEAST} numbers in a row, or state {stated}"
+        remedy = f"give a table with at least {_LEAST} numbers in a row, separated by comma, semicolon, tab or blanks"
         raise unusable(where, "holds no rows of numbers", remedy)
     return best[1:]
 

@@ -31,7 +31,7 @@ from cpcal.solver.execution.executors import (
     linear_algebra_on_one_thread,
     outcomes,
 )
-from cpcal.solver.execution.stopping import Stopped, asked, heard, within_memory
+from cpcal.solver.execution.stopping import Stopped, asked, heard
 from cpcal.solver.optimize.bound import Bracket
 
 if TYPE_CHECKING:
@@ -79,7 +79,6 @@ def certify(
     workers: int | None = None,
     scheduler: str | None = None,
     executor: Executor | Client | None = None,
-    memory_limit: int | None = None,
     resume: bool = False,
 ) -> Result:
     """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
@@ -112,9 +111,8 @@ def certify(
     `concurrent.futures`, or a `distributed.Client`) do the legs; left out: this process does, one after the other. The
     certificates are the same, byte for byte.
 
-    Ctrl-C ends it with what is proved so far, and certificates of that; so does a process (without its workers) that
-    takes more than `memory_limit` bytes. Until all is answered the folder keeps what is done in `checkpoint`; with
-    `resume` another call goes on from there, whatever its limits, to the same certificates.
+    Ctrl-C ends it with what is proved so far, and certificates of that. Until all is answered the folder keeps what is
+    done in `checkpoint`; with `resume` another call goes on from there, whatever its limits, to the same certificates.
 
     Raises InputError, PluginError, LostWorkerError.
     """
@@ -138,7 +136,7 @@ def certify(
         half_widths=half_widths or {},
         ranges=ranges,
     )
-    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
+    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         return _answered_into(question, certificates, place, resume=resume)
 
 

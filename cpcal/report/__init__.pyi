@@ -1,4 +1,4 @@
-from .figures import errors_svg, paving_svg
+from .figures import errors_svg
 from .run_page import (
     bounds_table,
     outliers_section,
@@ -22,7 +22,6 @@ __all__ = [
     "outliers_section",
     "parameters_drawing",
     "parameters_section",
-    "paving_svg",
     "render",
     "residuals_drawing",
     "write_report",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -148,23 +146,6 @@ def as_json(data: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def as_yaml(data: Mapping[str, Any]) -> str:
-    """JSON, in characters that every reader of YAML takes."""
-    return _printable(as_json(data))
-
-
-def as_csv(data: Mapping[str, Any]) -> str:
-    """A row a parameter; frame and provenance are in the other formats only, but for the robot and the campaign."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("leg", "parameter", "unit", *_COLUMNS, "verdict", "what", "range_eps", "campaign_sha256"))
-    for leg in data["legs"]:
-        rest = (leg["verdict"], leg["recommended"], leg.get("range_eps", ""), data["provenance"]["campaign_sha256"])
-        for name, values in leg["parameters"].items():
-            writer.writerow((leg["leg"], name, values["unit"], *(values.get(c, "") for c in _COLUMNS), *rest))
-    return stream.getvalue()
-
-
 def as_toml(data: Mapping[str, Any]) -> str:
     return "\n".join(_toml(data, "")) + "\n"
 
@@ -191,14 +172,11 @@ def _scalar(value: Any) -> str:
 
     Characters stay as they are: JSON would write one beyond the basic plane as two halves, which no other reader takes.
     """
-    return _printable(json.dumps(value, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
 
 
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() or c == "\n" else f"\\U{ord(c):08x}" for c in text)
-
-
-WRITERS = {"toml": as_toml, "json": as_json, "yaml": as_yaml, "csv": as_csv}
+WRITERS = {"toml": as_toml, "json": as_json}
 
 
 # ------------------------------------------------------------------------------------------------------------------

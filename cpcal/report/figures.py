@@ -8,13 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.questions import Result, verdict_of
 from cpcal.report.svg import BAND, DASHES, DOT, EDGE, GRID, INK, ROOM, SUPPORT, Plot, Span, Svg, evenly, rectangle
-from cpcal.solver.contract import Verdict
-from cpcal.solver.search import Paving
 
 # ------------------------------------------------------------------------------------------------------------------
 # Bars: what is proved of some numbers, a row each: of the errors of legs, and of the parameters of one.
@@ -137,32 +134,3 @@ def worst_of_neighbours(size: Floats, chosen: Floats) -> list[int]:
     runs = np.array_split(np.arange(len(size)), min(len(size), MOST_POINTS))
     worst = (int(run[np.argmax(size[run])]) for run in runs)
     return sorted({*worst, *np.flatnonzero(chosen).tolist()})
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# A paving: inside, boundary and outside boxes over two of the variables.
-
-_OUTSIDE, _BOUNDARY, _INSIDE, _PROVED = "#e8ecf1", "#f0b429", "#2f855a", "#c53030"
-
-
-def paving_svg(paving: Paving, horizontal: str, vertical: str, *, size: float = 4.5) -> Svg:
-    """A figure of `size` inches: outside boxes grey, boundary yellow, inside green, single solutions red dots.
-
-    Of more than two variables it is the projection, without outside boxes, which mean nothing there. The same paving
-    gives the same text. Raises ModelError for an unbounded or empty paving, or an unknown variable.
-    """
-    single = [s.box for s in paving.solutions if s.verdict is Verdict.PROVED]
-    every = [*paving.inside, *paving.outside, *paving.boundary, *single]
-    if not every or not all(box.is_bounded for box in every):
-        raise ModelError("only a paving of bounded boxes, and of at least one, can be drawn")
-    pair = [every[0].index(horizontal), every[0].index(vertical)]
-    low, high = np.min([box.lo for box in every], axis=0)[pair], np.max([box.hi for box in every], axis=0)[pair]
-    margin = 0.05 * np.where(high > low, high - low, np.where(low != 0.0, np.abs(low), 20.0))
-    x, y = np.stack([low - margin, high + margin], axis=1).tolist()
-    plot = Plot((72.0 * size, 72.0 * size), x, y, (horizontal, vertical))
-    outside = paving.outside if len(every[0]) == 2 else ()
-    for boxes, colour in ((outside, _OUTSIDE), (paving.boundary, _BOUNDARY), (paving.inside, _INSIDE)):
-        corners = (rectangle(*box.lo[pair].tolist(), *box.hi[pair].tolist()) for box in boxes)
-        plot.area(colour, *corners, edge="#ffffff", width=0.2)
-    plot.marks([box.mid[pair] for box in single], "dot", _PROVED, 4.0)
-    return plot.svg("paving")

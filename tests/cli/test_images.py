@@ -1,32 +1,22 @@
-"""Images by the command line: rendered, detected, joined with leg readings, calibrated; the demo by way of images."""
+"""Images by the command line: rendered, detected, joined with leg readings, calibrated."""
 
 from __future__ import annotations
 
 import csv
-import shutil
 
 import numpy as np
 import pytest
 
-from cpcal.files import campaign_sha256
-
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli.demo import DemoPlan
-from cpcal.cli.report import study_found
 from cpcal.files import load_study
 from cpcal.simulate import simulate_study
-from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET
 from tests.changed import of_poses
 from tests.cli.command import done, refused, run
-
-FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
-SMALL = DemoPlan(photographs=FEW, enclosed=10, legs=(6,), timeout_seconds=0.5)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -47,40 +37,18 @@ def every(step):
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("demo") / "demo"
+def shots(tmp_path_factory):
+    """What an engineer brings home: images, target, camera and leg readings."""
+    folder = tmp_path_factory.mktemp("images") / "shots"
+    options = ("--runs", 1, "--validation-runs", 1, "--random-poses", 2, "--images", 2, "--seed", 3, "--sag", 2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
         patch.setattr("cpcal.cli.image.simulate_study", every(6))
-        outcome = run("demo", "--images", "-o", folder, "--seed", 3)
-    return folder, outcome
-
-
-@pytest.fixture(scope="module")
-def shots(demo, tmp_path_factory):
-    """What an engineer brings home: the demo's images, target, camera and leg readings."""
-    folder = tmp_path_factory.mktemp("shots")
-    for name in (
-        "target.toml", "camera.toml", "study.toml", "calibration-readings.csv", "validation-readings.csv",
-        "poses-calibration.csv.journal",
-    ):  # fmt: skip
-        shutil.copyfile(demo[0] / name, folder / name)
-    (folder / "images").symlink_to(demo[0] / "images")
+        said = done("simulate", "deltalab", "--study", "--render", "-o", folder, *options)
+    assert "22 images for calibration, 4 for validation" in said
     return folder
 
 
-def test_a_study_can_be_rendered_instead_of_told(tmp_path, monkeypatch):
-    written = {}
-    monkeypatch.setattr(
-        RenderedImages, "write", lambda images, folder, progress: written.update({folder: images.names})
-    )
-    options = ("--runs", 1, "--validation-runs", 1, "--random-poses", 2, "--seed", 5)
-    assert "64 images for calibration, 2 for validation" in done(
-        "simulate", "deltalab", "--study", "--render", "-o", tmp_path / "shots", *options
-    )
-    assert {folder.name: len(names) for folder, names in written.items()} == {"calibration": 64, "validation": 2}
-    names = ["calibration-readings.csv", "camera.toml", "study.toml", "target.toml", "validation-readings.csv"]
-    assert sorted(path.name for path in (tmp_path / "shots").iterdir()) == names
+def test_images_are_those_of_a_study(tmp_path):
     assert "--render" in refused("simulate", "deltalab", "--render", "-o", tmp_path / "other")
 
 
@@ -162,25 +130,3 @@ def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
     )
     for part in ("--camera: is missing", "--readings and --table", "holds no PNG, JPEG or TIFF"):
         assert part in said
-
-
-def test_the_demo_goes_the_whole_road(demo):
-    folder, outcome = demo
-    assert outcome.exit_code == 0, outcome.stderr
-    accepted, found = study_found(folder)
-    assert accepted
-    assert (folder / "poses-calibration.csv.html").is_file()
-    pixel, repeats = (cpcal.load_campaign(folder / name) for name in ("pixel-campaign", "campaign"))
-    assert (len(pixel), len(repeats)) == (2, 11)
-    assert set(pixel.pose) == set(repeats.pose[::10])
-    assert not pixel.exact
-    assert "2 of 2 poses are enclosed, proved; the true pose lies in 2 of the 2." in outcome.stdout
-    result = cpcal.load_result(folder / "pixel-run")
-    assert result.campaign.sha256 == campaign_sha256(pixel)
-    assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
-    assert len(list((folder / "pixel-sets").glob("*.pose.json"))) == 2
-    of_sets = len(list((folder / "pixel-sets").glob("*.cert.jsonl")))
-    others = len(list(folder.rglob("*.cert.jsonl"))) - of_sets  # of fits, legs and ranges
-    assert min(of_sets, others) > 0
-    assert f"accepted all {others} certificates" in found.checked
-    assert f"accepted all 2 pose sets with {of_sets} certificates" in found.checked

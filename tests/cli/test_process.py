@@ -20,16 +20,13 @@ from tests.cli.command import run
 _SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import cpcal.cli.certify
+import cpcal.cli.terminal
 
-class Stop:
-    def __init__(self, line):
-        pass
-    def __call__(self, leg, bracket):
-        if leg == 2:
-            os.kill(os.getpid(), signal.NAME)
+def stop(line, leg, bracket):
+    if leg == 2:
+        os.kill(os.getpid(), signal.NAME)
 
-cpcal.cli.certify.leg_progress = Stop
+cpcal.cli.terminal.Line.leg = stop
 from cpcal.__main__ import main
 main()
 """

@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 
-import cpcal
 from tests.cli.command import done, refused
 from tests.remembered import verify_once
 
@@ -33,25 +32,16 @@ def test_the_campaign_is_found_from_within_the_run(copy, monkeypatch):
     assert (copy / "run" / "other" / "page.html").is_file()
 
 
-def test_campaign_and_file_of_ones_choice_or_the_campaign_that_the_run_holds(copy, tmp_path):
-    (copy / "campaign").rename(copy / "elsewhere")
+def test_the_page_is_written_where_one_says_from_the_run_alone(copy, tmp_path):
     page, new = copy / "run" / "report.html", tmp_path / "new" / "page.html"
     before = page.read_bytes()
     page.unlink()
-    done("report", copy / "run", "--campaign", copy / "elsewhere", "-o", new)
+    done("report", copy / "run", "-o", new)
     assert new.read_bytes() == before
     assert not page.exists()
     done("report", copy / "run")
     (copy / "run" / "campaign.json").unlink()
     assert "campaign.json" in refused("report", copy / "run")
-
-
-def test_another_campaign_is_refused_by_its_sha256(copy):
-    cpcal.save_campaign(cpcal.simulate(seed=2), copy / "other")
-    before = (copy / "run" / "report.html").read_bytes()
-    said = refused("report", copy / "run", "--campaign", copy / "other")
-    assert "is another campaign than the run's: its SHA-256" in said
-    assert (copy / "run" / "report.html").read_bytes() == before
 
 
 def test_no_run_and_no_file(copy):

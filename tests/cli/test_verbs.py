@@ -20,17 +20,15 @@ from tests.cli.command import done, refused, run
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal simulate`, `plugins` and `check`.
 
-COMMON = {"seed": 5, "runs": 2, "random_poses": 3, "noise": 0.5, "truncate": 2.0, "deviation": 0.5}
-COMMON |= {"joint_error": 0.5, "stroke": (10.0, 130.0)}
+COMMON = {"seed": 5, "runs": 2, "random_poses": 3, "noise": 0.5, "deviation": 0.5, "joint_error": 0.5}
 OF_A_STUDY = {"validation_runs": 2, "images": 2, "axis_offset": 1.0, "backlash": 0.5}
-OF_A_STUDY |= {"friction": 0.1, "sag": 1.0, "gain": 0.01}
+OF_A_STUDY |= {"sag": 1.0, "gain": 0.01}
 
 
 def words_of(options):
     """Arguments of a function as options of the command."""
     for name, value in options.items():
-        yield f"--{name.replace('_', '-')}"
-        yield from value if isinstance(value, tuple) else (value,)
+        yield from (f"--{name.replace('_', '-')}", value)
 
 
 def test_simulate_writes_the_campaign_of_its_options(tmp_path):

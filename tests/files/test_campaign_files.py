@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import os
 import pickle
-import tomllib
 from functools import partial
 from pathlib import Path
 
@@ -147,12 +146,6 @@ def test_half_widths_given_directly_and_whole_numbers(tmp_path):
     assert loaded.provenance == {"year": "2006", "when": "2006-05-01"}
 
 
-def test_exact_readings_are_called_exact_in_the_file(tmp_path):
-    save_campaign(simulate(seed=1, factor=0.0), tmp_path)
-    assert tomllib.loads((tmp_path / "campaign.toml").read_text())["uncertainty"] == {"exact": True}
-    assert load_campaign(tmp_path).exact
-
-
 def test_whether_readings_are_exact_is_never_taken_for_granted():
     arrays = (DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)))
     some = {"position_radius": 0.1, "rotation_radius": 0.0}
@@ -197,13 +190,6 @@ def test_an_interrupted_save_leaves_nothing_rather_than_a_mixture(tmp_path, monk
     with pytest.raises(InputError, match=f"{head}: does not exist"):
         load(old)
     assert os.listdir(tmp_path) == ["old"]
-
-
-def test_a_failed_save_of_a_new_campaign_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    with pytest.raises(InputError, match="No space left"):
-        save_campaign(simulate(seed=2), tmp_path / "new")
-    assert os.listdir(tmp_path) == []
 
 
 def test_saving_where_a_file_stands_is_refused(tmp_path):

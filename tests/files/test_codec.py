@@ -78,26 +78,17 @@ def test_an_empty_box_and_what_is_no_number(tmp_path):
     [
         ("format", "cpcal-test/2", "not of format"),
         ("name", 5, "name is no text"),
-        ("name", None, "name is no text"),
         ("colour", "green", "none of red, blue"),
-        ("colour", [], "none of red, blue"),
         ("numbers", 5, "no list"),
         ("numbers", [True], r"numbers\[0\] is no number"),
-        ("numbers", ["1"], r"numbers\[0\] is no number"),
         ("numbers", [int("9" * 301)], "too large for a number"),
-        ("numbers", [{}], r"numbers\[0\] is no number"),
         ("pair", [1], "no list of 2"),
         ("pair", [1.0, "x"], r"pair\[0\] is no whole number"),
-        ("pair", [True, "x"], r"pair\[0\] is no whole number"),
-        ("inner", [], "inner is no object"),
         ("inner", {}, "inner lacks size"),
         ("inner", {"size": 1, "\x1b": 2}, "mean nothing"),
         ("inner", {"size": -1}, "size is negative"),
         ("widths", {"a": "b"}, "widths.'a' is no number"),
-        ("widths", [], "widths is no object"),
         ("box", {"names": ["x"], "lo": [1.0], "hi": [0.0]}, "no box"),
-        ("box", {"names": ["x"], "lo": [1.0], "hi": None}, "no box"),
-        ("box", {"names": ["x"], "lo": ["nan"], "hi": [1.0]}, "no box"),
         ("box", {"names": ["x", "x"], "lo": [0.0, 0.0], "hi": [1.0, 1.0]}, "lacks or garbles"),
         ("box", None, "no object"),
         ("called", 1, "called is no true or false"),
@@ -119,11 +110,3 @@ def test_every_field_is_needed(tmp_path):
         (tmp_path / "x.json").write_text(json.dumps({k: v for k, v in data.items() if k != key}))
         with pytest.raises(InputError, match="not of format" if key == "format" else f"lacks {key}"):
             load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
-
-
-@pytest.mark.parametrize("content", [b"", b"[]", b'{"format": NaN}', b'{"format": "x", "format": "x"}'])
-def test_hostile_files_give_one_clear_error(tmp_path, content):
-    """What else a file can hold: test_documents."""
-    (tmp_path / "x.json").write_bytes(content)
-    with pytest.raises(InputError, match=r"x\.json"):
-        load(Outer, tmp_path / "x.json", FORMAT, remedy="again")

@@ -86,12 +86,6 @@ def test_a_measured_study_has_no_truth(tmp_path):
     assert load_study(tmp_path / "again") == study
 
 
-def test_the_example_with_a_truth_is_good(tmp_path):
-    truth = load(tmp_path).truth
-    assert truth.seed == 3
-    assert truth.camera.position.tolist() == [0.0, 0.0, 900.0]
-
-
 def test_strange_names_and_numbers_come_back(tmp_path):
     names, runs = ('a,"b', "#é", "x y"), ("=1", "'", "-0")
     values = [[-0.0, 5e-324, 1e12], [0.1, 1 / 3, 1e-300], [1.0, 2.0, 3.0]]
@@ -154,12 +148,6 @@ def test_everything_wrong_in_the_three_files_is_said_at_once(tmp_path):
     assert found == [("study.toml", 10), ("study.toml", 16), ("calibration.csv", 3), ("validation.csv", 4)]
 
 
-def test_the_truth_is_checked_even_when_the_robot_is_unusable(tmp_path):
-    toml = TOML.partition("[robot]")[0] + TOML[TOML.index("[provenance]") :].replace("[1, 2, 3]", "[1, 2]")
-    missing, target = "the section [robot] is missing", "position has 2 numbers, not 3"
-    assert [row[1:3] for row in refused(tmp_path, toml=toml)] == [(None, missing), (14, target)]
-
-
 def test_missing_files_and_a_campaign_in_place_of_a_study(tmp_path):
     found = refused(tmp_path, toml=None, calibration=None, validation=None)
     assert [row[0] for row in found] == list(NAMES)
@@ -203,12 +191,3 @@ def test_a_bad_study_in_memory():
     with pytest.raises(InputError) as caught:
         Study(few, table(), table(length=np.zeros((2, 5))), truth, {"a": 1})
     assert [p.where for p in caught.value.problems] == ["study calibration", "study truth", "study provenance 'a'"]
-
-
-def test_tables_are_values():
-    one = table()
-    assert one == table()
-    assert hash(one) == hash(table())
-    assert one != table(length=np.ones((2, 6)))
-    with pytest.raises(ValueError, match="read-only"):
-        one.length[0, 0] = 1.0

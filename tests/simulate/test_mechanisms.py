@@ -49,20 +49,6 @@ def test_poses_satisfy_the_six_leg_equations_to_rounding(name):
     assert np.abs(pose.position - IDEAL.position).max() > 1.0
 
 
-def test_all_mechanisms_at_once():
-    mechanisms = sampled(**{name: 0.2 * size for name, size in LARGE.items()}, friction=0.2)
-    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
-    side = clearance_sides(DELTALAB, mechanisms, pose)
-    gaps = leg_gaps(DELTALAB, mechanisms, READINGS, pose, side)
-    assert (np.abs(gaps).max(axis=1) < 1e-10).mean() > 0.95  # a few legs may float in their clearance
-
-
-@pytest.mark.parametrize("name", LARGE)
-def test_the_effect_is_proportional_to_the_size_to_first_order(name):
-    small, double = (effect(**{name: share * LARGE[name]}) for share in (1e-4, 2e-4))
-    assert_allclose(double, 2 * small, atol=2e-3 * np.abs(small).max())
-
-
 def test_a_lower_axis_offset_moves_the_end_of_the_leg_towards_it():
     """By trigonometry in the plane of the first axis and the leg, and not by the code's vectors."""
     mechanisms = sampled(axis_offset=7.0)

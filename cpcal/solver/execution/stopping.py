@@ -7,7 +7,6 @@ and so does the note. A second signal does what the first would have done withou
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import sys
@@ -22,7 +21,6 @@ from typing import Any
 class Reason(IntEnum):
     """Why work is asked to stop; the value is the exit status that says so."""
 
-    MEMORY = 1
     DESERTED = 2
     INTERRUPTED = 130
     TERMINATED = 143
@@ -33,7 +31,6 @@ class Reason(IntEnum):
 
 
 _SENTENCES = {
-    Reason.MEMORY: "stopped at the memory limit",
     Reason.DESERTED: "stopped, since nobody is there to do the work",
     Reason.INTERRUPTED: "interrupted",
     Reason.TERMINATED: "terminated",
@@ -131,38 +128,6 @@ def also_asked_by(source: Callable[[], Reason | None]) -> Iterator[None]:
         yield
     finally:
         _note.sources.remove(source)
-
-
-def resident_bytes() -> int:
-    """Bytes that this process has in memory now; where the system does not tell, the most so far; else 0."""
-    try:
-        with open("/proc/self/statm", "rb") as file:
-            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, IndexError):
-        pass
-    try:
-        resource = importlib.import_module("resource")  # of POSIX only
-    except ImportError:
-        return 0
-    unit = 1 if sys.platform == "darwin" else 1024
-    return int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * unit
-
-
-@contextmanager
-def within_memory(limit: int | None) -> Iterator[None]:
-    """While in the block the process is asked to stop once it takes more than so many bytes."""
-    if limit is None:
-        yield
-        return
-    beyond: list[Reason] = []  # for good, even if some is given back
-
-    def source() -> Reason | None:
-        if not beyond and resident_bytes() > limit:
-            beyond.append(Reason.MEMORY)
-        return beyond[0] if beyond else None
-
-    with also_asked_by(source):
-        yield
 
 
 @contextmanager

@@ -22,8 +22,6 @@ from cpcal.solver.execution.stopping import (
     asked,
     heard,
     raising,
-    resident_bytes,
-    within_memory,
 )
 
 
@@ -85,15 +83,6 @@ def test_both_signals_raise_where_there_is_something_to_tidy_up():
 def test_a_stop_travels():
     again = pickle.loads(pickle.dumps(Stopped(Reason.TERMINATED)))
     assert (again.reason, str(again)) == (Reason.TERMINATED, "terminated")
-
-
-def test_too_much_memory_is_a_reason_to_stop():
-    here = resident_bytes()
-    assert here > 2**20
-    with within_memory(1000 * here):
-        assert asked() is None
-    with heard(), within_memory(here // 2):
-        assert asked() is Reason.MEMORY
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, norm, sqr
-from cpcal.report.figures import paving_svg
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
@@ -265,27 +264,6 @@ def test_readings_have_inner_boxes_only_where_that_is_proved() -> None:
         assert (np.abs(np.linalg.norm(corners, axis=1) - 1) <= 0.25 + 1e-12).all()
     assert Interval(np.pi * (1.25**2 - 0.75**2)).subset(paving.volume)
     assert "nothing but solutions" in paving.status
-
-
-def test_the_picture_is_the_same_every_time_and_stands_alone() -> None:
-    paving = annulus().solve(width=0.3, contractors=("hc4",), inner=True)
-    svg = paving_svg(paving, "x", "y").document()
-    assert svg == paving_svg(paving, "x", "y").document()
-    assert svg.startswith("<svg xmlns=")
-    assert "var(--" not in svg
-    boxes = len(paving.inside) + len(paving.outside) + len(paving.boundary)
-    assert svg.count("Z") == boxes
-    with pytest.raises(ModelError, match="no variable 'z'"):
-        paving_svg(paving, "x", "z")
-    unbounded = Network()
-    unbounded.variable("x")
-    unbounded.variable("y")
-    with pytest.raises(ModelError, match="bounded"):
-        paving_svg(unbounded.solve(contractors=("hc4",), limits=Limits(nodes=1)), "x", "y")
-    net = Network()
-    x = net.variable("x", 3, (-2, 2))
-    net.add([x[0] == 1, x[1] == x[0], x[2] == x[1]])
-    assert "#c53030" in paving_svg(net.solve(), "x[0]", "x[2]")
 
 
 def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
