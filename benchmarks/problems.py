@@ -25,7 +25,7 @@ from cpcal.common.values import Floats
 from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
 GROUP = "cpcal.benchmark_problems"
@@ -102,7 +102,7 @@ class Leg:
 
     def network(self, eps: float | None = None) -> ConstraintNetwork:
         domain = (0.0, self.longest) if eps is None else (eps, eps)
-        return leg_network(self.campaign, self.leg, self.box, engine=get_arithmetic("float64"), eps=domain)
+        return leg_network(self.campaign, self.leg, self.box, eps=domain)
 
 
 @dataclass(frozen=True)

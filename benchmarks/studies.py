@@ -87,7 +87,6 @@ from cpcal.robot.mistakes import spread_of, suspicions
 from cpcal.simulate import simulate, simulate_study
 from cpcal.simulate.campaigns import STROKE
 from cpcal.simulate.studies import mechanisms_of, true_poses
-from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local import fit as minimax_fit
 
@@ -197,16 +196,15 @@ def _true_error(campaign: Campaign, others: Campaign, leg: int) -> float:
     of the campaign."""
     start = fit_model(campaign, leg)
     x, error = _least_error(_joined([campaign, others]), leg, start)
-    engine = get_arithmetic("float64")
-    while verified_rows(campaign, leg, x, error, engine)[1] or verified_rows(others, leg, x, error, engine)[1]:
+    while verified_rows(campaign, leg, x, error)[1] or verified_rows(others, leg, x, error)[1]:
         error = 1.0001 * error + 1e-7
     return error
 
 
 def _least_error(campaign: Campaign, leg: int, start: Floats) -> tuple[Floats, float]:
     """Parameters (7,) near `start` whose largest error is (locally) least, and that error in mm."""
-    box, engine = leg_box(start, 50.0), get_arithmetic("float64")
-    network = leg_network(campaign, leg, box, engine=engine, eps=(0.0, np.inf))
+    box = leg_box(start, 50.0)
+    network = leg_network(campaign, leg, box, eps=(0.0, np.inf))
     point = minimax_fit(Rows(network), network.names.index("eps"), network.domain, np.append(start, 0.0))
     return point[:-1], max(float(point[-1]), 0.0)
 
@@ -327,7 +325,7 @@ def _recommended(seed: int) -> tuple[float, ...]:
     legs = [cpcal.certify(campaign, support="none", tolerance=t).legs[0].recommended for t in tolerances]
     points = [leg.point for leg in legs if leg is not None] + [free.passes_from.point]
     box = leg_box(free.center, 100.0)
-    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, np.inf))
+    network = leg_network(campaign, 1, box, eps=(0.0, np.inf))
     rows, best = Rows(network, every=True), np.array(free.passes_from.point)
     for _ in range(8):  # the largest unseen error is the last unknown; it and the rows are convex, nearly
         (value, slope), inside = (

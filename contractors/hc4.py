@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.contract import Composable, Contraction, narrowed
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, rows_tape
 
 
@@ -16,10 +16,8 @@ class HC4(Composable):
     reported: a reading is a number that exists in its set.
     """
 
-    def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
-    ) -> None:
-        self._engine, self._tape = get_arithmetic(arithmetic), rows_tape(network)
+    def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
+        self._tape = rows_tape(network)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         left = self.contract_batch(box.array[None])
@@ -27,4 +25,4 @@ class HC4(Composable):
 
     def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
-        return self._tape.contract(self._engine, boxes)
+        return self._tape.contract(boxes)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
-from cpcal.solver.interval import Arithmetic, Bools, Box, Floats, Indices, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
@@ -26,10 +26,10 @@ class PolyhedralPrograms(Programs):
 
     # a program that overflows proposes nothing; what is proved is NaN-safe
     @np.errstate(over="ignore", invalid="ignore")
-    def __init__(self, name: str, polyhedron: Polyhedron, origin: Indices, box: Box, arithmetic: Arithmetic) -> None:
+    def __init__(self, name: str, polyhedron: Polyhedron, origin: Indices, box: Box) -> None:
         n = len(box)
         super().__init__(box, {k: k for k in range(n)}, n)
-        self.name, self._polyhedron, self._origin, self._arithmetic = name, polyhedron, origin, arithmetic
+        self.name, self._polyhedron, self._origin = name, polyhedron, origin
         inner = polyhedron.matrix * box.rad
         largest = np.abs(inner).max(axis=1, initial=0.0)
         self._scale = np.where(largest > 0.0, largest, 1.0)
@@ -41,7 +41,7 @@ class PolyhedralPrograms(Programs):
     def lowest(self, objective: Floats, solution: LinearSolution, unit: float = 1.0) -> float:
         weights = solution.multipliers / self._scale[solution.rows] * unit
         matrix, rhs = self._polyhedron.matrix, self._polyhedron.rhs
-        return lower_bound(self._arithmetic, matrix, rhs, solution.rows, weights, objective, self.box.array)
+        return lower_bound(matrix, rhs, solution.rows, weights, objective, self.box.array)
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
@@ -75,10 +75,10 @@ class IntervalRows:
 class Linearised:
     """The one-sided rows of a network, to be linearised box by box."""
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
+    def __init__(self, network: ConstraintNetwork) -> None:
         self._forms: list[tuple[CentredForm, Indices]] = []
         for row in one_sided_rows(network):
-            form = CentredForm(network, row.expr, engine)
+            form = CentredForm(network, row.expr)
             elements = np.arange(form.count) if row.elements is None else row.elements
             self._forms.append((form, np.stack([np.full(form.count, row.constraint), elements], axis=1)))
 
@@ -126,7 +126,7 @@ def beaumont(rows: IntervalRows, box: Box) -> Floats:
     return np.asarray(rows.matrix.mid - rows.matrix.rad * alpha)
 
 
-def inequalities(engine: Arithmetic, rows: IntervalRows, box: Box, decomposition: Decomposition) -> Polyhedron:
+def inequalities(rows: IntervalRows, box: Box, decomposition: Decomposition) -> Polyhedron:
     """`U x <= u` around the solutions of the rows in a box (eq. 12); rigorous for every real matrix U:
 
     U (x - c) <= -v + (U - A)(x - c),     hence     U x <= sup(U c) - inf v + sup((U - A)(X - c))
@@ -134,9 +134,9 @@ def inequalities(engine: Arithmetic, rows: IntervalRows, box: Box, decomposition
     matrix = decomposition(rows, box)
     u, c = IntervalArray.point(matrix), IntervalArray.point(rows.point)
     with np.errstate(all="ignore"):
-        rest = engine.sum(engine.mul(engine.sub(u, rows.matrix), engine.sub(box.array, c)), 1)
-        start = engine.dot(u, c.reshape((-1, 1)))[:, 0]
-        rhs = engine.sub(engine.add(start, rest), rows.value)
+        rest = ((u - rows.matrix) * (box.array - c)).sum(1)
+        start = (u @ c.reshape((-1, 1)))[:, 0]
+        rhs = start + rest - rows.value
     return Polyhedron(box.names, matrix, rhs.hi)
 
 
@@ -148,7 +148,6 @@ class Krawczyk(Composable):
     rounds. Boxes that are not bounded come back as they are.
     """
 
-    monotone_tolerance = np.inf  # the loop may stop on a part where it goes on with the whole
     name = "krawczyk"
 
     def __init__(
@@ -156,12 +155,10 @@ class Krawczyk(Composable):
         network: ConstraintNetwork,
         *,
         objective: str | None = None,
-        arithmetic: str = "float64",
         ratio: float = 0.9,
         most: int = 20,
     ) -> None:
-        self._arithmetic = get_arithmetic(arithmetic)
-        self._system = Linearised(network, self._arithmetic)
+        self._system = Linearised(network)
         self._objective = None if objective is None else network.names.index(objective)
         self._ratio, self._most = ratio, most
 
@@ -179,13 +176,13 @@ class Krawczyk(Composable):
 
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
-        parts = [(inequalities(self._arithmetic, rows, box, how), rows.origin) for rows, how in self._rows(box)]
+        parts = [(inequalities(rows, box, how), rows.origin) for rows, how in self._rows(box)]
         if not parts:
             return Contraction(box)
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
-        programs = PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic)
+        programs = PolyhedralPrograms(self.name, polyhedron, origin, box)
         return replace(programs.tightened(self._objective, deadline), polyhedron=polyhedron)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.contract import Composable, Contraction, StepWeights
 from cpcal.solver.existence import reads
-from cpcal.solver.interval import Arithmetic, Box, Floats, Indices, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import LinearSolution, LinearStatus, Programs, lower_bound
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
@@ -39,26 +39,23 @@ class Directions:
     `objectives` (m, count) are to be minimised: they point the other way.
     """
 
-    def __init__(
-        self, engine: Arithmetic, box: Box, columns: Mapping[int, int], count: int, directions: Floats
-    ) -> None:
-        self._engine = engine
+    def __init__(self, box: Box, columns: Mapping[int, int], count: int, directions: Floats) -> None:
         center = IntervalArray.point(np.broadcast_to(box.mid, directions.shape))
         radius = IntervalArray.point(np.broadcast_to(box.rad, directions.shape))
         scaled, self._exponents = _scaled(directions, box.rad)
         unit = IntervalArray.point(scaled)
-        slopes = engine.mul(unit, radius)
+        slopes = unit * radius
         variables, places = list(columns), list(columns.values())
         self.objectives = np.zeros((len(directions), count))
         self.objectives[:, places] = -slopes.mid[:, variables]
         beside = slopes.mag
         beside[:, variables] = slopes.rad[:, variables]
-        self._rest = np.concatenate([beside, engine.mul(unit, center).hi], axis=1)
+        self._rest = np.concatenate([beside, (unit * center).hi], axis=1)
 
     def highest(self, lowest: Floats) -> Floats:
         """Upper bounds (m,) of `directions @ x` from lower bounds (m,) of the objectives."""
         terms = IntervalArray.point(np.concatenate([-lowest[:, None], self._rest], axis=1))
-        bounds = self._engine.sum(terms, 1).hi
+        bounds = terms.sum(1).hi
         # a step up: powers of two are exact but for numbers that are nearly too small
         return np.where(self._exponents == 0, bounds, np.nextafter(np.ldexp(bounds, self._exponents), np.inf))
 
@@ -71,13 +68,13 @@ def _scaled(directions: Floats, radius: Floats) -> tuple[Floats, npt.NDArray[np.
     return np.where(exact[:, None], scaled, directions), np.where(exact, exponents, 0)
 
 
-def over_box(engine: Arithmetic, box: Box, directions: Floats) -> Floats:
+def over_box(box: Box, directions: Floats) -> Floats:
     """Upper bounds (m,) of `directions @ x` over all of a box, which need not be bounded."""
     bounds = IntervalArray(np.broadcast_to(box.lo, directions.shape), np.broadcast_to(box.hi, directions.shape))
     with np.errstate(invalid="ignore"):
-        terms = engine.mul(IntervalArray.point(directions), bounds)
+        terms = bounds * directions
     highest = np.where(directions == 0.0, 0.0, terms.hi)  # zero times an infinite bound is nothing
-    return np.asarray(engine.sum(IntervalArray.point(highest), 1).hi)
+    return np.asarray(IntervalArray.point(highest).sum(1).hi)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -102,8 +99,8 @@ class Structures:
     `objective`: the variable whose smallest value is sought on boxes where it has a width; few rows decide that.
     """
 
-    def __init__(self, network: ConstraintNetwork, arithmetic: Arithmetic, objective: int | None) -> None:
-        self._network, self._arithmetic, self._objective = network, arithmetic, objective
+    def __init__(self, network: ConstraintNetwork, objective: int | None) -> None:
+        self._network, self._objective = network, objective
         elements = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints)
         self._share = elements // _SHARE
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
@@ -119,7 +116,7 @@ class Structures:
         serve the boxes within it that are not much smaller.
         """
         if self._rows is None and self._made is None:  # all, for whoever asks for some of them
-            self._made = _Expanded(self._network, None, self._arithmetic, math.inf)
+            self._made = _Expanded(self._network, None, math.inf)
         other = copy(self)
         other._elements, other._last = elements, None
         return other
@@ -139,7 +136,7 @@ class Structures:
     def _of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
         """Of those elements of each constraint; None: of all."""
         if self._made is None or not self._made.has(keep):
-            self._made = _Expanded(self._network, keep, self._arithmetic, deadline)
+            self._made = _Expanded(self._network, keep, deadline)
         return self._made.on(box)
 
     def _alone(self, elements: Indices, box: Box, deadline: float) -> Structure:
@@ -157,14 +154,12 @@ class Structures:
 class _Expanded:
     """The polynomial forms of some elements of a network's constraints; None: of all."""
 
-    def __init__(
-        self, network: ConstraintNetwork, keep: list[Indices] | None, arithmetic: Arithmetic, deadline: float
-    ) -> None:
+    def __init__(self, network: ConstraintNetwork, keep: list[Indices] | None, deadline: float) -> None:
         self._network, self._keep = network, keep
         some = network if keep is None else restricted(network, keep)
-        self._forms = PolynomialForms(some, arithmetic, deadline)
+        self._forms = PolynomialForms(some, deadline)
         read = any(map(reads, some.constraints))
-        self._decisive = DecisiveReadings(some, arithmetic) if read else None
+        self._decisive = DecisiveReadings(some) if read else None
         self._known: dict[bytes, Structure] = {}  # by the reading sets, the latest last
 
     def has(self, keep: list[Indices] | None) -> bool:
@@ -220,13 +215,11 @@ _LOST = 0.01  # of what the objective's lower bound would rise by: what linear p
 class LiftedPrograms(Programs):
     """The linear programs of a relaxation, to be loaded. What they prove says the contractor `name`."""
 
-    def __init__(
-        self, name: str, structure: Structure, relaxation: Relaxation, box: Box, arithmetic: Arithmetic
-    ) -> None:
+    def __init__(self, name: str, structure: Structure, relaxation: Relaxation, box: Box) -> None:
         places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         columns = {variable: places[k] for variable, k in structure.positions.items() if k in places}
         super().__init__(box, columns, len(relaxation.columns))
-        self.name, self.structure, self.relaxation, self._arithmetic = name, structure, relaxation, arithmetic
+        self.name, self.structure, self.relaxation = name, structure, relaxation
         self._linear: Indices | None = None  # the columns of the programs; None: all
 
     def load(self, objective: int | None) -> None:
@@ -281,7 +274,7 @@ class LiftedPrograms(Programs):
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
-        asked = Directions(self._arithmetic, self.box, self.columns, self.size, directions)
+        asked = Directions(self.box, self.columns, self.size, directions)
         lowest = np.full(len(directions), -np.inf)
         for k, objective in enumerate(asked.objectives):
             solution = self.minimize(objective)
@@ -295,7 +288,7 @@ class LiftedPrograms(Programs):
 
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:
         r = self.relaxation
-        return lower_bound(self._arithmetic, r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
+        return lower_bound(r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
 
     def reached(self, variable: int, side: str, solution: LinearSolution) -> float:
         sign = 1.0 if side == "lo" else -1.0
@@ -337,20 +330,16 @@ class Lifted(Composable):
     """
 
     gives_weights = True
-    # Tangents touch a square at places that move with the box, and bounds met to 1e-3 are left as they are.
-    monotone_tolerance = 0.05
 
     def __init__(
         self,
         network: ConstraintNetwork,
         *,
         objective: str | None = None,
-        arithmetic: str = "float64",
     ) -> None:
-        self._arithmetic = get_arithmetic(arithmetic)
         self._objective = None if objective is None else network.names.index(objective)
         self._network = network
-        self._structures = Structures(network, self._arithmetic, self._objective)
+        self._structures = Structures(network, self._objective)
 
     @property
     def unused_constraints(self) -> frozenset[int]:
@@ -380,7 +369,7 @@ class Lifted(Composable):
         """
         if box.is_empty:
             return np.full(len(directions), -np.inf)
-        widest = over_box(self._arithmetic, box, directions)
+        widest = over_box(box, directions)
         if not box.is_bounded:
             return widest
         programs = self._programs(box, deadline)
@@ -391,7 +380,7 @@ class Lifted(Composable):
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return None
-        relaxation = Relaxation(structure, self._arithmetic, box)
-        programs = LiftedPrograms("lifted", structure, relaxation, box, self._arithmetic)
+        relaxation = Relaxation(structure, box)
+        programs = LiftedPrograms("lifted", structure, relaxation, box)
         programs.load(objective)
         return programs

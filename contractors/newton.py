@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, narrowed
-from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, square_of, stop_flag
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, newton_all, stop_flag
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
 
@@ -23,18 +23,14 @@ class Newton(Composable):
     are and count as parameters. Inequalities are ignored.
     """
 
-    monotone_tolerance = np.inf  # rows, columns and the inverse are chosen anew on every box
-
     def __init__(
         self,
         network: ConstraintNetwork,
         *,
         objective: str | None = None,
-        arithmetic: str = "float64",
         operator: Operator = hansen_sengupta,
         most: int = 10,
     ) -> None:
-        self._engine = get_arithmetic(arithmetic)
         self._operator, self._most = operator, most
         self._equalities = Equalities.of(network)
         self.unused_constraints = self._equalities.inequalities
@@ -50,6 +46,5 @@ class Newton(Composable):
             return boxes
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
         with stop_flag(deadline, boxes.shape[1], len(bounds)) as stop:
-            kernel = square_of(self._engine).newton_all
-            kernel(self._equalities.program, self._operator.value, self._most, stop, bounds)
+            newton_all(self._equalities.program, self._operator.value, self._most, stop, bounds)
         return IntervalArray(bounds[..., 0], bounds[..., 1])

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from contractors.hc4 import HC4
-from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, monotone_tolerance, narrowed
+from cpcal.solver.contract import Composable, Contraction, Contractor, contracted, narrowed
 from cpcal.solver.interval import Bools, Box, Floats, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
@@ -34,7 +34,6 @@ class QInter(Composable):
         if not 0 <= q < len(parts):
             raise ValueError(f"q = {q} of {len(parts)} constraints: q is at least 0 and less than their number")
         self._parts, self._q = tuple(parts), q
-        self.monotone_tolerance = max(map(monotone_tolerance, parts))
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty:
@@ -46,12 +45,10 @@ class QInter(Composable):
         return narrowed("qinter", box, after)
 
 
-def qinter(
-    network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64", q: int = 0
-) -> Contractor:
+def qinter(network: ConstraintNetwork, *, objective: str | None = None, q: int = 0) -> Contractor:
     """hc4 on each measurement (element along the leading axis) of each constraint, all but q of which must hold."""
-    parts = [HC4(part, objective=objective, arithmetic=arithmetic) for part in one_by_one(network)]
-    return QInter(parts, q) if parts else HC4(network, objective=objective, arithmetic=arithmetic)
+    parts = [HC4(part, objective=objective) for part in one_by_one(network)]
+    return QInter(parts, q) if parts else HC4(network, objective=objective)
 
 
 def one_by_one(network: ConstraintNetwork) -> list[ConstraintNetwork]:

@@ -19,7 +19,7 @@ import numpy as np
 from contractors.lifted import LiftedPrograms, Structures
 from contractors.relaxation import Relaxation
 from cpcal.solver.contract import Composable, Contraction, Step
-from cpcal.solver.interval import Box, Floats, Indices, get_arithmetic
+from cpcal.solver.interval import Box, Floats, Indices
 from cpcal.solver.linear import LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, PolynomialSystem
 
@@ -47,14 +47,10 @@ class Regression(Composable):
     """
 
     gives_weights = True
-    monotone_tolerance = np.inf  # of very many measurements other boxes get others
 
-    def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
-    ) -> None:
-        self._arithmetic = get_arithmetic(arithmetic)
+    def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
         sought = None if objective is None else network.names.index(objective)
-        self._structures = Structures(network, self._arithmetic, sought)
+        self._structures = Structures(network, sought)
         self._known: tuple[bytes, Combined] | None = None  # which coefficients they are of
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
@@ -63,8 +59,8 @@ class Regression(Composable):
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return Contraction(box)
-        relaxation = Relaxation(structure, self._arithmetic, box, whole=True)
-        programs = LiftedPrograms("regression", structure, relaxation, box, self._arithmetic)
+        relaxation = Relaxation(structure, box, whole=True)
+        programs = LiftedPrograms("regression", structure, relaxation, box)
         steps = tuple(self._steps(programs))
         lo, hi = box.lo.copy(), box.hi.copy()
         for step in steps:

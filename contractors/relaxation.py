@@ -15,7 +15,7 @@ from math import comb
 import numpy as np
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval import Arithmetic, Bools, Box, Floats, Indices, IntervalArray
+from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
@@ -153,17 +153,17 @@ class Shift:
         self._count = np.array([count for _, count in terms], dtype=np.float64)
         self._least = _UNDERFLOW ** (1.0 / max(degree, 1))  # of factors whose product is no number too small
 
-    def values(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+    def values(self, center: Floats, radius: Floats) -> IntervalArray:
         """Every term, for exact float64 `center` and `radius`."""
         vector = np.concatenate([[1.0], center, radius])
         value = IntervalArray.point(self._count)
         for k in range(self.degree):
-            value = engine.mul(value, IntervalArray.point(vector[self._factors[:, k]]))
+            value = value * vector[self._factors[:, k]]
         return value
 
-    def matrix(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+    def matrix(self, center: Floats, radius: Floats) -> IntervalArray:
         """T, shape (M, M)."""
-        value = self.values(engine, center, radius)
+        value = self.values(center, radius)
         lo, hi = np.zeros((2, self.size, self.size))
         lo[self.alpha, self.beta], hi[self.alpha, self.beta] = value.lo, value.hi
         return IntervalArray(lo, hi)
@@ -187,7 +187,7 @@ class CentredRows:
     """
 
     def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
-        self._shift, self._coefficients = shift, coefficients
+        self._shift = shift
         self._gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
         # along the rows in memory, for the loops of `_centred`
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
@@ -196,20 +196,14 @@ class CentredRows:
         occurs = np.asarray(self._errors.any(axis=1))
         self._terms = np.flatnonzero(occurs[shift.alpha])
 
-    def on(self, engine: Arithmetic, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
+    def on(self, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
         """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets
 
         the row's value at u lies within the widening of `coefficients.T @ u^beta`.
         """
-        if engine.name == "float64":
-            shift, terms = self._shift, self._terms
-            term = shift.rounded(center, radius)[terms]
-            return _centred(self._mid, self._errors, shift.beta[terms], shift.alpha[terms], term, self._gamma)
-        slots, count, size = self._coefficients.shape
-        flat = self._coefficients.reshape((slots * count, size))
-        found = engine.dot(flat, self._shift.matrix(engine, center, radius)).reshape((slots, count, size))
-        spread = found[0].rad.sum(axis=1) + found[1:].mag.sum(axis=(0, 2))
-        return np.ascontiguousarray(found[0].mid.T), spread * (1.0 + 4.0 * (slots * size + 8) * _UNIT)
+        shift, terms = self._shift, self._terms
+        term = shift.rounded(center, radius)[terms]
+        return _centred(self._mid, self._errors, shift.beta[terms], shift.alpha[terms], term, self._gamma)
 
 
 @compiled
@@ -441,11 +435,10 @@ class Relaxation:
     `kept` of the system, times 2^-exponent, but for those that no point of the box violates (with `whole`: all).
     """
 
-    def __init__(self, structure: Structure, engine: Arithmetic, box: Box, *, whole: bool = False) -> None:
-        self._engine = engine
+    def __init__(self, structure: Structure, box: Box, *, whole: bool = False) -> None:
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
-            rows, widening = structure.rows.on(engine, self.center, self.radius)
+            rows, widening = structure.rows.on(self.center, self.radius)
             widening = self._guarded(structure, widening)
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         rows = rows[1:]
@@ -466,7 +459,7 @@ class Relaxation:
         """With the square of what a guard may fall short by: see `Row`."""
         if structure.guards is None:
             return widening
-        rows, error = structure.guards.on(self._engine, self.center, self.radius)
+        rows, error = structure.guards.on(self.center, self.radius)
         lowest = np.asarray(np.nextafter((rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows))), -np.inf))
         lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # a sum that overflowed on its way may be anything
         out = widening.copy()

@@ -44,7 +44,6 @@ class _OnSlices(Composable):
     """A contractor that tries `inner` on parts of what it leaves of the whole box."""
 
     name = ""
-    monotone_tolerance = np.inf  # where slices end depends on the box
 
     def __init__(self, inner: Contractor) -> None:
         self._inner = inner
@@ -117,9 +116,9 @@ class Shaving(_OnSlices):
         return box
 
 
-def shaving(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Shaving:
+def shaving(network: ConstraintNetwork, *, objective: str | None = None) -> Shaving:
     """Shaving with hc4."""
-    return Shaving(HC4(network, objective=objective, arithmetic=arithmetic))
+    return Shaving(HC4(network, objective=objective))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -171,6 +170,6 @@ class Cid(_OnSlices):
         return box.intersect(box.with_bounds(left.lo[some].min(axis=0), left.hi[some].max(axis=0)))
 
 
-def cid(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Cid:
+def cid(network: ConstraintNetwork, *, objective: str | None = None) -> Cid:
     """Constructive interval disjunction with hc4."""
-    return Cid(HC4(network, objective=objective, arithmetic=arithmetic))
+    return Cid(HC4(network, objective=objective))

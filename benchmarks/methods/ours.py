@@ -17,7 +17,6 @@ from cpcal.files import campaign_sha256
 from cpcal.questions import LegResult
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Verdict
-from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.optimize.bound import minimize, run
 
 
@@ -58,8 +57,8 @@ class Cpcal:
         network = question.problem.network(eps)
         contractor = plugins.build(network, self._contractors, objective="eps")
         limits = Limits(seconds=question.limit, gap=question.task.value if eps is None else 1e-6)
-        engine, start = get_arithmetic("float64"), question.problem.start
-        found = run(minimize(network, "eps", contractor, engine=engine, limits=limits, start=start), None)
+        start = question.problem.start
+        found = run(minimize(network, "eps", contractor, limits=limits, start=start), None)
         bounds = {"lo": found.lo, "hi": found.hi} if eps is None else {}  # else nothing is said of eps*
         wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
         figures = {**bounds, "nodes": found.nodes, "programs": found.programs}

@@ -218,7 +218,7 @@ def status_of(result: Result) -> Status:
 # ------------------------------------------------------------------------------------------------------------------
 # The verb.
 
-_NOT_WITH_OUTLIERS = ("eps", "gap", "node_limit", "contractors", "arithmetic", "support", "method")
+_NOT_WITH_OUTLIERS = ("eps", "gap", "node_limit", "contractors", "support", "method")
 _NOT_WITH_MODELS = ("outliers", "eps", "center", "support", "method")
 
 
@@ -241,7 +241,6 @@ class CertifyFlags:
     gap: float = expert(1e-6, "Relative width at which the bracket counts as closed.")
     node_limit: int | None = expert(None, "Boxes a leg, at most.", "N", min=1)
     contractors: str = expert("lifted", "See `cpcal plugins`.", "A,B")
-    arithmetic: Literal["float64", "arb"] = expert("float64", "Rigorous arithmetic.")
     support: Literal["few", "none"] = expert("few", "Seek few measurements that give the bound by themselves.")
     method: Literal["bound", "timeout"] = expert(
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."

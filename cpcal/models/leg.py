@@ -30,7 +30,7 @@ from cpcal.files.codec import Informed, checked
 from cpcal.robot import Campaign, Pose, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
@@ -320,7 +320,6 @@ def leg_network(
     leg: int,
     box: Box,
     *,
-    engine: Arithmetic,
     eps: tuple[float, float] = (0.0, np.inf),
     model: LegModel = PLAIN,
     stated: bool = False,
@@ -331,7 +330,7 @@ def leg_network(
     for every reading: `L_k - lambda_k + l >= eps` is part of every model (without its correction, so that each contains
     the plain one). `stated`: as a certificate states it, see `leg_equation`.
     """
-    equation = leg_equation(campaign, leg, box, engine=engine, model=model, stated=stated)
+    equation = leg_equation(campaign, leg, box, model=model, stated=stated)
     net, scale = equation.network, equation.scale
     error = net.variable("eps", (), eps)
     bound = error if scale is None else scale * error
@@ -357,7 +356,7 @@ class LegEquation:
 
 
 def leg_equation(
-    campaign: Campaign, leg: int, box: Box, *, engine: Arithmetic, model: LegModel = PLAIN, stated: bool = False
+    campaign: Campaign, leg: int, box: Box, *, model: LegModel = PLAIN, stated: bool = False
 ) -> LegEquation:
     """The equation of a leg, without a tolerance yet.
 
@@ -377,9 +376,9 @@ def leg_equation(
     if scaled and stated:
         matrix, scale = rational_rotations(as_expr(campaign.quaternion))
     else:
-        matrix = net.constant(rotations(IntervalArray.point(campaign.quaternion), engine))
+        matrix = net.constant(rotations(IntervalArray.point(campaign.quaternion)))
         if scaled:
-            scale = net.constant(engine.sum(engine.sqr(IntervalArray.point(campaign.quaternion)), 1))
+            scale = net.constant(IntervalArray.point(campaign.quaternion).sqr().sum(1))
     radius = campaign.rotation_radius
     s = net.reading(np.zeros_like(radius), 0.5 * radius) if radius.any() else None  # |2 s_i| <= radius_i
 
@@ -427,10 +426,10 @@ def rational_rotations(q: Expr) -> tuple[Expr, Expr]:
     return numerators / scale, scale[:, 0, 0]
 
 
-def rotations(quaternion: IntervalArray, engine: Arithmetic) -> IntervalArray:
+def rotations(quaternion: IntervalArray) -> IntervalArray:
     """R(q) (..., 3, 3), divided by |q|^2, of quaternions (..., 4), scalar first."""
-    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)], engine)
-    entries = [engine.div(entry, norm_squared) for row in rows for entry in row]
+    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)])
+    entries = [entry / norm_squared for row in rows for entry in row]
     shape = (*quaternion.shape[:-1], 3, 3)
     lo, hi = (np.stack([getattr(one, side) for one in entries], -1).reshape(shape) for side in ("lo", "hi"))
     return IntervalArray(lo, hi)
@@ -496,8 +495,7 @@ def model_statement(
     if not exactly_read(campaign, leg):
         return None
     box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
-    engine = get_arithmetic("float64")  # nothing that is stated depends on it
-    network = leg_network(campaign, leg, box, engine=engine, eps=eps, model=model, stated=True)
+    network = leg_network(campaign, leg, box, eps=eps, model=model, stated=True)
     network = of_measurements(network, only)
     try:
         return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
@@ -518,7 +516,7 @@ class ModelResiduals:
         self._plain = LegEquations.of(campaign, [leg]) if model.name == PLAIN.name else None
         if self._plain is None:
             still, box = _with_sets(campaign, 0.0), leg_box(np.zeros(7), 0.0, model)
-            equation = leg_equation(still, leg, box, engine=get_arithmetic("float64"), model=model)
+            equation = leg_equation(still, leg, box, model=model)
             equation.network.add(equation.unscaled <= 0.0)
             self._rows = Rows(equation.network)
 
@@ -583,15 +581,13 @@ def fit_model(
     return full(optimize.least_squares(values, start[free], jac=jacobian, bounds=bounds, x_scale=scale).x)
 
 
-def reading_range(
-    campaign: Campaign, leg: int, model: LegModel, x: Floats, engine: Arithmetic, factor: float = 1.0
-) -> IntervalArray:
+def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, factor: float = 1.0) -> IntervalArray:
     """PROVED: lower and upper bounds (N,) in mm of g at x (n,) over ALL readings of sets `factor` times as wide;
     infinite where nothing is. By interval evaluation, so too wide where g holds a reading more than once."""
-    equation = leg_equation(_with_sets(campaign, factor), leg, leg_box(x, 0.0, model), engine=engine, model=model)
+    equation = leg_equation(_with_sets(campaign, factor), leg, leg_box(x, 0.0, model), model=model)
     tape = Tape(equation.network, [equation.unscaled])
-    slots = tape.forward(engine, IntervalArray.point(np.asarray(x, np.float64)[None]))
-    if tape.continuous(engine, slots):
+    slots = tape.forward(IntervalArray.point(np.asarray(x, np.float64)[None]))
+    if tape.continuous(slots):
         return tape.values(slots)[0]
     return IntervalArray(np.full(len(campaign), -np.inf), np.full(len(campaign), np.inf))
 

@@ -34,7 +34,7 @@ from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import exact_box, leg_sides
 from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Repeat, SupportFunction, elements, gives_weights, shrunk
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.network.expression import as_expr
 
@@ -63,16 +63,14 @@ class CertifiedSet:
     ranges: Callable[[Floats], IntervalArray]
 
 
-def _ranges(
-    contractor: SupportFunction, domain: Box, controller: Floats, engine: Arithmetic, directions: Floats
-) -> IntervalArray:
+def _ranges(contractor: SupportFunction, domain: Box, controller: Floats, directions: Floats) -> IntervalArray:
     """From a set that is known in x, w and C: what x^ gives is taken off."""
     count = len(directions)
     asked = np.zeros((2 * count, len(domain)))
     asked[:count, _COLUMNS], asked[count:, _COLUMNS] = directions, -directions
     highest = contractor.support_function(domain, asked)
-    known = engine.dot(IntervalArray.point(directions[:, :7]), IntervalArray.point(controller[:, None]))
-    return engine.sub(IntervalArray(-highest[count:], highest[:count]), known[:, 0])
+    known = IntervalArray.point(directions[:, :7]) @ controller[:, None]
+    return IntervalArray(-highest[count:], highest[:count]) - known[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,27 +95,27 @@ class AskedSet:
         jacobian = ModelResiduals(self.campaign, self.leg, PLAIN).jacobian(self.controller)
         return np.linalg.svd(jacobian, full_matrices=True)[2].T
 
-    def network(self, engine: Arithmetic) -> ConstraintNetwork:
+    def network(self) -> ConstraintNetwork:
         """The equations of the leg at `eps`."""
         box = leg_box(np.asarray(self.center, np.float64), self.delta)
-        whole = leg_network(self.campaign, self.leg, box, engine=engine, eps=(self.eps, self.eps), model=PLAIN)
+        whole = leg_network(self.campaign, self.leg, box, eps=(self.eps, self.eps), model=PLAIN)
         return of_measurements(whole, self.only)
 
 
-def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedSet | None:
+def certified_set(asked: AskedSet) -> CertifiedSet | None:
     """S; None when it is proved to be empty: the campaign refutes its `eps`.
 
     Raises InputError when none of the contractors has a support function.
     """
-    engine, controller = get_arithmetic(arithmetic), asked.controller
-    network = asked.network(engine)
+    controller = asked.controller
+    network = asked.network()
     a, b, offset, _ = network.variables
     alpha, beta, rest = a - controller[:3], b - controller[3:6], offset - controller[6]
     w = network.variable("w", (), (-_WIDE, _WIDE))
     products = network.variable("C", (3, 3), (-_WIDE, _WIDE))
     network.add(w == sqr(alpha).sum() + sqr(beta).sum() - sqr(rest))
     network.add([products[i] == alpha[i] * beta for i in range(3)])
-    loaded = (plugins.load(name)(network, objective=None, arithmetic=arithmetic) for name in asked.contractors)
+    loaded = (plugins.load(name)(network, objective=None) for name in asked.contractors)
     contractor: Any = next((one for one in loaded if isinstance(one, SupportFunction)), None)
     if contractor is None:
         what = f"none of {', '.join(asked.contractors)} has a support function"
@@ -125,14 +123,14 @@ def certified_set(asked: AskedSet, *, arithmetic: str = "float64") -> CertifiedS
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    ranges = partial(_ranges, contractor, domain, controller, engine)
+    ranges = partial(_ranges, contractor, domain, controller)
     basis = asked.basis
     directions = np.zeros((7, SIZE))
     directions[:, :7] = basis.T
     along = ranges(directions)
     if (along.lo > along.hi).any():
         return None
-    box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
+    box = domain.array[_COLUMNS] - np.append(controller, np.zeros(SIZE - 7))
     return CertifiedSet(asked.leg, asked.eps, controller, box=box, basis=basis, along=along, ranges=ranges)
 
 
@@ -167,7 +165,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     directions = tuple(tuple(map(F, (np.rint(row * one) / one).tolist())) for row in asked.basis.T)
     forms = (*(pose.form(known) for pose in poses), *map(direction_form, directions))
     statement = leg_statement(asked.campaign, asked.leg, asked.only, forms=forms)
-    plain = asked.network(get_arithmetic("float64"))
+    plain = asked.network()
     root = with_forms(exact_box(plain.domain), forms)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
@@ -178,7 +176,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
         n, sides = len(plain.names), leg_sides(statement.problem, len(asked.campaign), asked.only, first=first)
         prover = WeightProver(replace(statement, sides=sides), _LOSS)
         own = np.r_[0:n, n + first : n + first + len(part.names) - n]
-        loaded = [plugins.load(name)(part, objective=None, arithmetic="float64") for name in asked.contractors]
+        loaded = [plugins.load(name)(part, objective=None) for name in asked.contractors]
         givers = [giver for contractor in loaded for giver in elements(contractor) if gives_weights(giver)]
         if not givers:
             what = f"none of {', '.join(asked.contractors)} gives weights"
@@ -203,7 +201,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     contracted(plain, 0, _PASSES)
     for first in range(0, len(forms), _FORMS):
         if not box.is_empty:
-            part = asked.network(get_arithmetic("float64"))
+            part = asked.network()
             contracted(_with_forms(part, forms[first : first + _FORMS], box), first, 1)
     left = None if box.is_empty else exact_box(box)
     if certificate is not None:

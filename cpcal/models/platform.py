@@ -22,10 +22,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
@@ -33,102 +32,59 @@ from cpcal.models.leg import rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
 from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval.numbers import Intervals as Numbers
 from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 
 # ------------------------------------------------------------------------------------------------------------------
 # Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
 
-ENGINE = get_arithmetic("float64")
 _FORTH, _BACK = [1, 2, 0], [2, 0, 1]
 
 
-class Intervals(IntervalArray):
-    """Intervals in float64 with operators, for which arrays are exact numbers."""
-
-    __array_ufunc__ = None  # so that numpy leaves array + intervals to these
-
-    def __add__(self, other: Numbers) -> Intervals:
-        return intervals(ENGINE.add(self, intervals(other)))
-
-    def __sub__(self, other: Numbers) -> Intervals:
-        return intervals(ENGINE.sub(self, intervals(other)))
-
-    def __rsub__(self, other: Numbers) -> Intervals:
-        return intervals(other) - self
-
-    def __mul__(self, other: Numbers) -> Intervals:
-        return intervals(ENGINE.mul(self, intervals(other)))
-
-    def __truediv__(self, other: Numbers) -> Intervals:
-        return intervals(ENGINE.div(self, intervals(other)))
-
-    def __rtruediv__(self, other: Numbers) -> Intervals:
-        return intervals(other) / self
-
-    def __neg__(self) -> Intervals:
-        return intervals(ENGINE.neg(self))
-
-    def __getitem__(self, index: Any) -> Intervals:
-        return intervals(super().__getitem__(index))
-
-    __radd__, __rmul__ = __add__, __mul__
-
-
-Numbers = IntervalArray | npt.ArrayLike
-
-
-def intervals(values: Numbers) -> Intervals:
-    """Exact numbers, or intervals, with operators."""
-    if isinstance(values, Intervals):
-        return values
-    found = values if isinstance(values, IntervalArray) else IntervalArray.point(np.asarray(values, np.float64))
-    return Intervals(found.lo, found.hi)
-
-
-def total(x: Intervals, axis: int = -1) -> Intervals:
+def total(x: IntervalArray, axis: int = -1) -> IntervalArray:
     """The sum along an axis, which may count from the end."""
-    return intervals(ENGINE.sum(x, axis % x.ndim))
+    return x.sum(axis % x.ndim)
 
 
-def squares(x: Intervals) -> Intervals:
+def squares(x: IntervalArray) -> IntervalArray:
     """Of vectors (..., m)."""
-    return total(intervals(ENGINE.sqr(x)))
+    return total(x.sqr())
 
 
-def cross(x: Intervals, y: Intervals) -> Intervals:
+def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
     """Of vectors (..., 3) and (..., 3)."""
     return x[..., _FORTH] * y[..., _BACK] - x[..., _BACK] * y[..., _FORTH]
 
 
-def applied(matrix: Intervals, x: Numbers) -> Intervals:
+def applied(matrix: IntervalArray, x: Numbers) -> IntervalArray:
     """M x, for matrices (..., m, n) and vectors (..., n)."""
-    return total(matrix * intervals(x)[..., None, :])
+    return total(matrix * IntervalArray.of(x)[..., None, :])
 
 
-def transposed(matrix: Intervals) -> Intervals:
+def transposed(matrix: IntervalArray) -> IntervalArray:
     """Of matrices (..., m, n)."""
-    return Intervals(np.swapaxes(matrix.lo, -1, -2), np.swapaxes(matrix.hi, -1, -2))
+    return IntervalArray(np.swapaxes(matrix.lo, -1, -2), np.swapaxes(matrix.hi, -1, -2))
 
 
-def norm(x: Intervals) -> Intervals:
+def norm(x: IntervalArray) -> IntervalArray:
     """Of vectors (..., m)."""
-    return intervals(ENGINE.sqrt(squares(x)))
+    return squares(x).sqrt()
 
 
-def joined(parts: Sequence[IntervalArray], axis: int = -1) -> Intervals:
+def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
     """One after the other along an axis."""
-    return Intervals(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
+    return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
 
 
-def turned_pose(s: Intervals, center: Pose) -> Intervals:
+def turned_pose(s: IntervalArray, center: Pose) -> IntervalArray:
     """R(1, s) R(q) (K, 1, 3, 3) of s (K, 3)."""
-    one = joined([intervals(np.ones((len(s.lo), 1))), s])
-    turn, before = (intervals(rotations(q, ENGINE)) for q in (one, intervals(center.quaternion)))
+    one = joined([IntervalArray.of(np.ones((len(s.lo), 1))), s])
+    turn, before = (IntervalArray.of(rotations(q)) for q in (one, IntervalArray.of(center.quaternion)))
     return total(turn[..., :, :, None] * before[..., None, :, :], -2)[:, None]
 
 
-def along_turn(s: Intervals, m: Intervals) -> Intervals:
+def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
     """The gradient in s, (..., 3), of what changes by m.omega under a small turn omega of R(1, s).
 
     R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), hence 2 (m - s x m) / (1 + s.s).
@@ -136,9 +92,9 @@ def along_turn(s: Intervals, m: Intervals) -> Intervals:
     return (2.0 / (1.0 + squares(s)))[..., None] * (m - cross(s, m))
 
 
-def crossing(v: Intervals) -> Intervals:
+def crossing(v: IntervalArray) -> IntervalArray:
     """The matrices (..., 3, 3) of s -> s x v."""
-    nothing = intervals(np.zeros(v.shape[:-1]))
+    nothing = IntervalArray.of(np.zeros(v.shape[:-1]))
     x, y, z = (v[..., k] for k in range(3))
     rows = ((nothing, z, -y), (-z, nothing, x), (y, -x, nothing))
     return joined([joined([one[..., None] for one in row])[..., None, :] for row in rows], -2)
@@ -153,13 +109,13 @@ class Cells:
     """K cells: `center` holds K poses, exact numbers (R(q) divides by |q|^2); `reach` (K, 6) the boxes of (p, s)."""
 
     center: Pose
-    reach: Intervals
+    reach: IntervalArray
 
     @classmethod
     def of_boxes(cls, boxes: IntervalArray) -> Cells:
         """Boxes (K, 6) of (P, S): the poses P, R(1, S), P in mm and 2 S the rotation vector to second order."""
         middle = boxes.mid
-        away, c = intervals(boxes) - middle, intervals(middle[:, 3:])
+        away, c = IntervalArray.of(boxes) - middle, IntervalArray.of(middle[:, 3:])
         d = away[:, 3:]
         # (1, c + d) (1, -c), divided by its scalar part: R(1, c + d) = R(1, s) R(1, c)
         scalar = 1.0 + squares(c) + total(c * d)
@@ -171,7 +127,7 @@ class Cells:
     @classmethod
     def of_poses(cls, poses: Pose) -> Cells:
         """Poses alone."""
-        return cls(poses, intervals(np.zeros((len(poses.position), 6))))
+        return cls(poses, IntervalArray.of(np.zeros((len(poses.position), 6))))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -249,21 +205,21 @@ class Equations:
         self.length = norm(self.vector)
         self._directions = np.swapaxes(self.basis, 1, 2)[None]  # (1, n, 7 directions, 7 components)
 
-    def deviations(self) -> Intervals:
+    def deviations(self) -> IntervalArray:
         """(K, n) mm at centers: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S."""
         exact = self._form() / self.scale[..., None]
         asked = exact.mid
         at_center = joined([one.ranges(asked[:, k])[:, None] for k, one in enumerate(self.sets)])
         return at_center + total((exact - asked) * self.box[None])
 
-    def _form(self) -> Intervals:
+    def _form(self) -> IntervalArray:
         """(K, n, 17): the linear form in z of each leg."""
         count, n = self.length.shape
-        of_products = -intervals(self.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
-        of_beta, of_w = applied(transposed(self.rotation), self.vector), intervals(np.full((count, n, 1), 0.5))
+        of_products = -IntervalArray.of(self.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
+        of_beta, of_w = applied(transposed(self.rotation), self.vector), IntervalArray.of(np.full((count, n, 1), 0.5))
         return joined([-self.vector, of_beta, -self.length[..., None], of_w, of_products])
 
-    def across(self, centers: Equations) -> Intervals:
+    def across(self, centers: Equations) -> IntervalArray:
         """(K, n) mm: what the linear form adds between the centers and the other poses of the cells, for all z of S.
 
         Of its first seven coefficients as a mean-value form in (p, s) for each direction of the sets' basis: a
@@ -272,13 +228,13 @@ class Equations:
         """
         linear = total(total(self._slopes() * self.cells.reach[:, None, None, :]) * self.along[None])
         # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
-        squared = total(intervals(self.basis[:, :, None, :]) * self.basis[:, None, :, :])
+        squared = total(IntervalArray.of(self.basis[:, :, None, :]) * self.basis[:, None, :, :])
         lost = applied(np.eye(7)[None] - squared, self.box[:, :7])
         change = self._form() - centers._form()
         added = linear + total(change[..., :7] * lost[None])
         return (added + total(change[..., 8:] * self.box[None, :, 8:])) / self.scale
 
-    def _slopes(self) -> Intervals:
+    def _slopes(self) -> IntervalArray:
         """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau of the basis."""
         tau = self._directions
         turned_b = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
@@ -287,7 +243,7 @@ class Equations:
         of_turn = cross(turned_b, self.vector[:, :, None]) + cross(self.arm[:, :, None], of_position)
         return joined([of_position, along_turn(self.cells.reach[:, None, None, 3:], of_turn)])
 
-    def bounds(self, deviation: Intervals) -> PoseBounds:
+    def bounds(self, deviation: IntervalArray) -> PoseBounds:
         """From F(0) without errors e."""
         value = self.with_error(deviation)
         good = self.regular & np.isfinite(value.lo).all(axis=1)
@@ -297,20 +253,20 @@ class Equations:
         size = np.where(proved[:, None], size, 0.0)
         more = image(size)
         y = (IntervalArray(-more, more) - value).intersect(IntervalArray(-size, size))
-        box = applied(intervals(self.inverse), y)
+        box = applied(IntervalArray.of(self.inverse), y)
         position, angle = (np.where(proved, most, np.inf) for most in sizes(self.inverse, y))
         lo, hi = (np.where(proved[:, None], of, end) for of, end in ((box.lo, -np.inf), (box.hi, np.inf)))
         return PoseBounds(proved, IntervalArray(lo, hi), position, angle)
 
-    def with_error(self, deviation: Intervals) -> Intervals:
+    def with_error(self, deviation: IntervalArray) -> IntervalArray:
         """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""
         eps = np.array([one.eps for one in self.sets])[None]
         length = self.length + self.box[None, :, 6]  # L + l
-        most = eps * ((length + 0.5 * intervals(eps)) / self.scale)
+        most = eps * ((length + 0.5 * IntervalArray.of(eps)) / self.scale)
         reach = np.where(length.lo <= eps, np.inf, most.hi)
         return deviation + IntervalArray(-reach, reach)
 
-    def image(self, value: Intervals) -> Callable[[Floats], Floats]:
+    def image(self, value: IntervalArray) -> Callable[[Floats], Floats]:
         """How large y + F(0) can be, (K, n), for sizes of y (K, n) and F(0) in `value`: a function of the sizes of y.
 
         With r the mobile joint's place R b, w = P - a, v = w + r, d = p + 2 s x r, and x off the middle by t tau along
@@ -321,10 +277,10 @@ class Equations:
         y is J (C J)^-1 z. With E = I - C J and |E| r <= r / 2 for sizes r of z, it is J z but for at most 2 |J| |E| r.
         """
         tau, scale = self._directions, 2.0 * self.scale
-        ends = intervals(self.middle)[None]
+        ends = IntervalArray.of(self.middle)[None]
         arm = applied(self.rotation, ends[..., 3:6])
         place = self.cells.center.position + self.cells.reach[:, :3]
-        place = intervals(place[:, None] - ends[..., :3])
+        place = IntervalArray.of(place[:, None] - ends[..., :3])
         leg = place + arm
         turned = applied(self.rotation[:, :, None], tau[..., 3:6])  # (K, n, 7, 3)
         delta = turned - tau[..., :3]
@@ -337,11 +293,13 @@ class Equations:
         off = self.box[:, :7] - (self.middle - self.controller)
         # the basis is orthonormal up to rounding: so much more covers what that leaves
         stray = 1e-12 * off.mag.sum(axis=1, keepdims=True)
-        far = (self.along - applied(transposed(intervals(self.basis)), self.middle - self.controller)).mag + stray
+        far = (
+            self.along - applied(transposed(IntervalArray.of(self.basis)), self.middle - self.controller)
+        ).mag + stray
         linear = linear + (far[None, :, :, None] * shares).sum(axis=2)
         identity, nothing = np.broadcast_to(np.eye(3), (*leg.shape, 3)), np.zeros((*leg.shape, 3))
         forms = (
-            joined([intervals(one), way])
+            joined([IntervalArray.of(one), way])
             for one, way in ((identity, 2.0 * crossing(arm)), (nothing, crossing(leg)), (nothing, crossing(arm)))
         )
         # ||d||^2 - 4 (s x v).(s x r) in y: about the middles of these three, and what they are off
@@ -349,7 +307,7 @@ class Equations:
         half = np.swapaxes(of_v, -1, -2) @ of_r
         middle = np.abs(np.swapaxes(d, -1, -2) @ d - 2.0 * (half + np.swapaxes(half, -1, -2)))
         far_d, far_v, far_r = (np.abs(one) for one in (d, of_v, of_r))
-        base, swing = off[:, :3].mag[None], applied(intervals(self.rotation), off[None, :, 3:6]).mag
+        base, swing = off[:, :3].mag[None], applied(IntervalArray.of(self.rotation), off[None, :, 3:6]).mag
         at, arm_, leg_, value_ = place.mag, arm.mag, leg.mag, value.mag
 
         def image(y: Floats) -> Floats:
@@ -376,14 +334,14 @@ class Equations:
 
         return image
 
-    def _in_legs(self, gradients: Intervals) -> tuple[Floats, Floats]:
+    def _in_legs(self, gradients: IntervalArray) -> tuple[Floats, Floats]:
         """(K, n, ..., n): coefficients of y in what has these gradients (K, n, ..., 6) in z = C y, and how far off."""
         inverse = self.inverse.reshape((len(self.inverse), *[1] * (gradients.ndim - 3), *self.inverse.shape[1:]))
         middle = gradients.mid
         off = np.maximum(gradients.hi - middle, middle - gradients.lo) + _LOST * gradients.mag
         return middle @ inverse, (off @ np.abs(inverse)) * _ROUNDED
 
-    def _sizes(self, gradients: Intervals) -> Floats:
+    def _sizes(self, gradients: IntervalArray) -> Floats:
         """At most so large are these coefficients."""
         middle, off = self._in_legs(gradients)
         return np.asarray(np.abs(middle) + off)
@@ -416,7 +374,7 @@ def sizes(inverse: Floats, y: IntervalArray) -> tuple[Floats, Floats]:
     legs = inverse.shape[-1]
     corners = (np.arange(1 << legs)[:, None] >> np.arange(legs) & 1).astype(bool)
     values = np.where(corners[None], y.hi[:, None], y.lo[:, None])  # (K, 2^n, n)
-    moves = applied(intervals(inverse)[:, None], values)  # (K, 2^n, 6)
+    moves = applied(IntervalArray.of(inverse)[:, None], values)  # (K, 2^n, 6)
     position, turn = (norm(moves[..., part]).hi.max(axis=1) for part in (slice(3), slice(3, 6)))
     return position, 2.0 * turn
 

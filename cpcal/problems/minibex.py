@@ -9,7 +9,7 @@ dimensions  = { "[" expression "]" }     at most three
 function    = "function" name "(" name dimensions { "," name dimensions } ")"
               { name "=" expression ";" } "return" expression [";"] "end"
 block       = "for" name "=" expression ":" expression ";" block { ";" block } [";"] "end"
-            | expression ("=" | "<=" | ">=" | "<" | ">" | "in") expression | "integer" "(" expression ")"
+            | expression ("=" | "<=" | ">=" | "<" | ">" | "in") expression
             | "(" block ")" | name "=" expression     for a new name: what it stands for from there on
 expression  = sums of products of powers: + -, then * /, then ^ and ' (which bind a minus sign to what follows)
 """
@@ -28,7 +28,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from cpcal.common.errors import CpcalError, InputError, ModelError, shown, unusable
+from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.problems.values import (
     FORMS,
     FUNCTIONS,
@@ -56,7 +56,6 @@ from cpcal.problems.values import (
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr
-from cpcal.solver.network.expression import floor
 
 # ------------------------------------------------------------------------------------------------------------------
 # Text cut into tokens, each with its line and column.
@@ -119,11 +118,11 @@ class Function:
 
 @dataclass(frozen=True)
 class Relation:
-    """`right` is None for "integer". A name that nothing has yet = `right` says what the name stands for."""
+    """A name that nothing has yet = `right` says what the name stands for."""
 
     sign: Token
     left: SyntaxNode
-    right: SyntaxNode | None = None
+    right: SyntaxNode
 
 
 @dataclass(frozen=True)
@@ -363,12 +362,6 @@ class _Parser:
                 found = self.relation()
                 self.needs(")")
             return found
-        if self.now.text == "integer" and self.tokens[self.at + 1].text == "(":
-            sign = self.take()
-            self.needs("(")
-            found = Relation(sign, self.expression())
-            self.needs(")")
-            return found
         left = self.expression()
         if self.now.text not in _RELATIONS:
             self.fail(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
@@ -383,8 +376,6 @@ class _Parser:
         for before, token in pairwise(self.tokens[self.at :]):
             depth += (before.text in _OPENING) - (before.text in _CLOSING)
             after_value = before.kind in ("number", "name") or before.text in (*_CLOSING, "'")
-            if depth == 1 and token.text == "integer" and before.text == "(":
-                return True
             if depth == 1 and token.text in _RELATIONS and (after_value or token.text not in "<>"):
                 return True
             if depth == 0 or token.text == ";":
@@ -581,8 +572,7 @@ class _Meaning(_Evaluator):
             if name not in self.used:
                 what = f"{shown(name)} is set here and used nowhere"
                 raise self.wrong(what, "correct the name of the variable, or take the line out", token)
-        whole = tuple(name for name, is_whole in zip(self.network.names, self.network.whole, strict=True) if is_whole)
-        return StatedProblem(self.network, goal, integer=whole)
+        return StatedProblem(self.network, goal)
 
     # declarations -----------------------------------------------------------------------------
 
@@ -618,7 +608,7 @@ class _Meaning(_Evaluator):
             if not exact:
                 bounds = [interval_of(entry) for entry in entries]
                 if parameter:
-                    entries = [self.network.parameter((b.lo, b.hi), forall=False) for b in bounds]
+                    entries = [as_operand(Data(b)) for b in bounds]
                 else:
                     entries = [b if b.lo == b.hi else Data(b) for b in bounds]
         names[token.text] = array_of(entries, shape) if shape else entries[0]
@@ -660,7 +650,7 @@ class _Meaning(_Evaluator):
                 continue
             token = block.left.token
             known = token.text in names or token.text in self.functions
-            if block.right is not None and block.left.kind == "name" and block.sign.text == "=" and not known:
+            if block.left.kind == "name" and block.sign.text == "=" and not known:
                 names[token.text] = self.value(block.right, names)  # what has no meaning yet gets one
                 self.set_here[token.text] = token
             else:
@@ -668,8 +658,6 @@ class _Meaning(_Evaluator):
 
     def constraint(self, relation: Relation, names: Names) -> list[Constraint]:
         left = self.value(relation.left, names)
-        if relation.right is None:
-            return [c for entry, _ in pairs(left, Fraction(0)) for c in self.integer(entry)]
         right, sign, out = self.value(relation.right, names), relation.sign.text[0], []
         both = pairs(left, right) if sign == "i" else pairs(minus(left, right), Fraction(0))
         for entry, bounds in both:
@@ -682,13 +670,3 @@ class _Meaning(_Evaluator):
             else:
                 out.append(body <= 0.0 if sign == "<" else body >= 0.0 if sign == ">" else body == 0.0)
         return out
-
-    def integer(self, value: Value) -> list[Constraint]:
-        """`integer(...)`: of a variable a property of it, of an expression an equation."""
-        body = as_operand(value)
-        if not isinstance(body, Expr):
-            raise ModelError("integer() of a number says nothing of a variable")
-        if body.op == "variable" or (body.op == "index" and body.args[0].op == "variable"):
-            self.network.require_whole(body)
-            return []
-        return [floor(body) - body == 0.0]

@@ -18,9 +18,9 @@ from cpcal.solver.network.expression import folded, topological
 Texts = npt.NDArray[np.object_]
 
 _FORMS = {"add": "({}+{})", "sub": "({}-{})", "mul": "({}*{})", "div": "({}/{})", "neg": "(-{})", "log": "ln({})"}
-_FORMS |= {"pow": "exp({1}*ln({0}))", "expm1": "(exp({})-1)", "log1p": "ln(1+{})", "sqr": "({}^2)"}
-_CALLED = ("sqrt", "abs", "exp", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "floor", "ceil")
-_FORMS |= {name: name + "({})" for name in (*_CALLED, "sign")}
+_FORMS |= {"sqr": "({}^2)"}
+_CALLED = ("sqrt", "abs", "exp", "sin", "cos", "tan", "asin", "atan")
+_FORMS |= {name: name + "({})" for name in _CALLED}
 _FORMS |= {name: name + "({},{})" for name in ("min", "max", "atan2")}
 _LONGEST = 10_000_000  # characters
 
@@ -34,7 +34,6 @@ def minibex_text(network: ConstraintNetwork, objective: Expr | None = None) -> s
         lines += ["Minimize", f"  {writer.of(objective).item()};"]
     lines.append("Constraints")
     lines += [f"  {row};" for constraint in network.constraints for row in writer.rows(constraint)]
-    lines += [f"  integer({text});" for text in writer.whole()]
     return "\n".join([*lines, "end", ""])
 
 
@@ -78,11 +77,6 @@ class _MinibexWriter:
             out += [f"{text} >= {low}"] if low != "(-oo)" else []
             out += [f"{text} <= {high}"] if high != "oo" else []
         return out
-
-    def whole(self) -> list[str]:
-        """The components that take whole numbers only."""
-        texts = [text for leaf in self._network.variables for text in self._done[leaf.digest].ravel().tolist()]
-        return [text for text, is_whole in zip(texts, self._network.whole, strict=True) if is_whole]
 
     def of(self, root: Expr) -> Texts:
         def written(node: Expr, args: list[Texts]) -> Texts:

@@ -41,7 +41,7 @@ _UNARY: dict[int, Callable[[Value], Value]] = {
     42: lambda x: divided(applied("log", [x]), applied("log", [Fraction(10)])),
     77: lambda x: power(x, Fraction(2)),
 }
-_NAMED = {13: "floor", 14: "ceil", 15: "abs", 37: "tanh", 38: "tan", 39: "sqrt", 40: "sinh", 41: "sin", 43: "log"}
+_NAMED = {15: "abs", 37: "tanh", 38: "tan", 39: "sqrt", 40: "sinh", 41: "sin", 43: "log"}
 _NAMED |= {44: "exp", 45: "cosh", 46: "cos", 47: "atanh", 49: "atan", 50: "asinh", 51: "asin", 52: "acosh", 53: "acos"}
 _ZERO: Value = Fraction(0)
 _LISTS = {11: "min", 12: "max", 54: "sum"}
@@ -87,14 +87,15 @@ class _Reader:
         if len(counts[0]) < 3 or not all(0 <= size <= MOST for size in counts[0][:3]):
             raise self.wrong("states no sizes, or too large ones", f"at most {MOST:,} variables and constraints")
         self.count, self.rows, objectives = counts[0][:3]
-        integer = self.integers(counts)
+        if any(counts[5]):
+            self.at = 7
+            raise self.wrong("has whole-number variables", "cpcal solves for real numbers: relax them")
         lo, hi = self.bounds_ahead()
         network = Network("problem")
         self.at = 0
         if not self.count:
             raise self.wrong("has no variables", "give a problem with some")
-        whole = np.isin(np.arange(self.count), integer)
-        self.variables = list(network.variable("x", shape=self.count, domain=(lo, hi), integer=whole))
+        self.variables = list(network.variable("x", shape=self.count, domain=(lo, hi)))
         self.at = _HEADER
         while self.at < len(self.lines):
             self.segment()
@@ -105,11 +106,10 @@ class _Reader:
                 network.add(body.within((low, high)))
         if objectives > 1:
             raise self.wrong("has more than one objective", "choose one")
-        names = tuple(network.names[k] for k in integer)
         if 0 not in self.goals:
-            return StatedProblem(network, integer=names)
+            return StatedProblem(network)
         largest, goal = self.goals[0]
-        return StatedProblem(network, self.whole_form("G", 0, goal), largest, names)
+        return StatedProblem(network, self.whole_form("G", 0, goal), largest)
 
     # lines ------------------------------------------------------------------------------------
 
@@ -146,15 +146,6 @@ class _Reader:
         return InputError([Wrong(self.where, what, remedy, line)])
 
     # the header -------------------------------------------------------------------------------
-
-    def integers(self, counts: Sequence[Sequence[int]]) -> list[int]:
-        """Which variables are whole numbers: the last of each group, by the order that the format asks for."""
-        in_rows, in_goals, in_both = (*counts[3], 0, 0, 0)[:3]
-        binary, whole, both, rows, goals = (*counts[5], 0, 0, 0, 0, 0)[:5]
-        ends = (in_both, in_rows, max(in_goals, in_rows), self.count)
-        return [
-            k for end, n in zip(ends, (both, rows, goals, binary + whole), strict=True) for k in range(end - n, end)
-        ]
 
     def bounds_ahead(self) -> tuple[Floats, Floats]:
         """The segment of the variables' bounds, which stands behind those that need the variables."""

@@ -30,12 +30,11 @@ from cpcal.solver.network.expression import as_expr, topological
 class StatedProblem:
     """objective  None: all solutions are asked for
     maximize   whether the objective is to be as large as can be
-    integer    names of components that take whole numbers only"""
+    """
 
     network: Network
     objective: Expr | None = None
     maximize: bool = False
-    integer: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ LARGEST_POWER = 1000
 _NAMES = {"ln": "log", "max": "maximum", "min": "minimum", "abs": "abs"}
 FUNCTIONS = (
     *("sqr", "sqrt", "exp", "ln", "log", "cos", "sin", "tan", "acos", "asin", "atan", "cosh", "sinh", "tanh"),
-    *("abs", "sign", "floor", "ceil", "max", "min", "atan2", "pow"),
+    *("abs", "max", "min", "atan2", "pow"),
 )
 
 
@@ -287,8 +286,8 @@ def is_row(array: Array) -> bool:
 # ------------------------------------------------------------------------------------------------------------------
 # Derivatives of expressions as expressions: what `diff` of Minibex means.
 #
-# diff(e, x) is defined where the formula of the derivative is; expressions with a kink or a jump (abs, min, max, floor,
-# ceil, sign) have no such formula and are refused.
+# diff(e, x) is defined where the formula of the derivative is; expressions with a kink (abs, min, max) have no such
+# formula and are refused.
 
 # of the node and its arguments: the partial derivative by each argument
 _PARTIALS: dict[str, Callable[[Expr, Sequence[Expr]], tuple[Any, ...]]] = {
@@ -300,20 +299,13 @@ _PARTIALS: dict[str, Callable[[Expr, Sequence[Expr]], tuple[Any, ...]]] = {
     "sqr": lambda z, a: (2.0 * a[0],),
     "sqrt": lambda z, a: (0.5 / z,),
     "power": lambda z, a: (z.parameter * a[0] ** (z.parameter - 1),),
-    "pow": lambda z, a: (a[1] * mathematics.power(a[0], a[1] - 1.0), z * mathematics.log(a[0])),
     "exp": lambda z, a: (z,),
-    "expm1": lambda z, a: (z + 1.0,),
     "log": lambda z, a: (1.0 / a[0],),
-    "log1p": lambda z, a: (1.0 / (a[0] + 1.0),),
     "sin": lambda z, a: (mathematics.cos(a[0]),),
     "cos": lambda z, a: (-mathematics.sin(a[0]),),
     "tan": lambda z, a: (1.0 + sqr(z),),
     "asin": lambda z, a: (1.0 / sqrt(1.0 - sqr(a[0])),),
-    "acos": lambda z, a: (-1.0 / sqrt(1.0 - sqr(a[0])),),
     "atan": lambda z, a: (1.0 / (1.0 + sqr(a[0])),),
-    "sinh": lambda z, a: (mathematics.cosh(a[0]),),
-    "cosh": lambda z, a: (mathematics.sinh(a[0]),),
-    "tanh": lambda z, a: (1.0 - sqr(z),),
     "atan2": lambda z, a: (a[1] / (sqr(a[0]) + sqr(a[1])), -a[0] / (sqr(a[0]) + sqr(a[1]))),
 }
 
@@ -348,9 +340,7 @@ def _times(factor: Expr, partial: Any) -> Expr:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# What Minibex has besides functions of numbers: diff, chi, ends of an interval, and inverse hyperbolic functions.
-
-_PARTIAL = {"sqrt", "log", "log1p", "div", "pow", "asin", "acos", "tan", "atan2"}  # not defined everywhere
+# What Minibex has besides functions of numbers: diff, ends of an interval, and inverse hyperbolic functions.
 
 
 def _diff(*arguments: Value) -> Value:
@@ -367,22 +357,6 @@ def _diff(*arguments: Value) -> Value:
     if len(parts) == len(by) == 1:
         return rows[0][0]
     return flattened(array_of([entry for row in rows for entry in row], (len(parts), len(by))))
-
-
-def _chi(condition: Value, low: Value, high: Value) -> Any:
-    """The one where the condition is <= 0, else the other."""
-    for part in (low, high):
-        if isinstance(part, Expr) and any(
-            (node.op in _PARTIAL or (node.op == "power" and node.parameter < 0)) for node in topological((part,))
-        ):
-            raise ModelError("a part of chi may be undefined where the other one counts: move it out of chi")
-    above = applied("max", [applied("sign", [condition]), Interval(0.0, 0.0)])  # 1 where a > 0, else 0
-    if not isinstance(above, Expr):
-        found = interval_of(above)
-        if found.lo < found.hi:
-            raise ModelError("chi of an interval about 0 is neither of its parts")
-        return high if found.lo > 0.0 else low
-    return as_operand(low) * (1.0 - above) + as_operand(high) * above
 
 
 def _middle(value: Value) -> Interval:
@@ -416,10 +390,11 @@ _OF_ONE: dict[str, Callable[[Value], Any]] = {
     "mid": _middle,
     "acosh": lambda x: applied("log", [plus(x, applied("sqrt", [minus(power(x, Fraction(2)), Fraction(1))]))]),
     "asinh": _asinh,
-    "atanh": lambda x: times(Fraction(1, 2), minus(applied("log1p", [x]), applied("log1p", [negative(x)]))),
+    "atanh": lambda x: times(
+        Fraction(1, 2), minus(applied("log", [plus(Fraction(1), x)]), applied("log", [minus(Fraction(1), x)]))
+    ),
 }
 FORMS = {name: _form(name, "one argument", 1, of) for name, of in _OF_ONE.items()} | {
     "diff": _diff,
-    "chi": _form("chi", "three arguments: chi(a, b, c) is b where a <= 0, else c", 3, _chi),
 }
-RESERVED = (*FUNCTIONS, *FORMS, "integer", "sum")
+RESERVED = (*FUNCTIONS, *FORMS, "sum")

@@ -3,7 +3,6 @@ from .ask import COMPARED, certify, compare
 from .data_check import DataCheck, check_data
 from .points import PointResult, certify_point
 from .result import (
-    ARITHMETICS,
     CENTERS,
     METHODS,
     RESULT_NAME,
@@ -38,7 +37,6 @@ from .verdict import (
 )
 
 __all__ = [
-    "ARITHMETICS",
     "CENTERS",
     "COMPARED",
     "INFORMATION",

@@ -49,7 +49,7 @@ def network_of(question: Question, leg: int, center: Floats, highest: float | No
         longest = float(np.nextafter(np.min(question.campaign.length[:, leg - 1]) + box.hi[6], np.inf))
         highest = max(longest, 0.0)
     domain = (0.0, highest) if eps is None else (eps, eps)
-    return leg_network(question.campaign, leg, box, engine=question.engine, eps=domain, model=question.model)
+    return leg_network(question.campaign, leg, box, eps=domain, model=question.model)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +91,7 @@ class PreparedLeg:
             return prepared_leg(self.question, self.leg, center=self.center, only=only)
         elements = np.array(only, dtype=np.intp)
         named = [(name, c.restricted_to(elements)) for name, c in self.named if isinstance(c, Restrictable)]
-        problem = Prepared(of_measurements(self.problem.network, only), "eps", self.question.engine)
+        problem = Prepared(of_measurements(self.problem.network, only), "eps")
         return replace(self, problem=problem, named=named, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:
@@ -114,13 +114,13 @@ def prepared_leg(
     center = question.center(leg) if center is None else center
     network = network_of(question, leg, center, highest)
     network = of_measurements(network, only)
-    names, arithmetic = question.options.contractors, question.options.arithmetic
-    parts = plugins.build_each(network, names, objective="eps", arithmetic=arithmetic)
+    names = question.options.contractors
+    parts = plugins.build_each(network, names, objective="eps")
     found = PreparedLeg(
         question=question,
         leg=leg,
         center=center,
-        problem=Prepared(network, "eps", question.engine),
+        problem=Prepared(network, "eps"),
         named=list(zip(names, parts, strict=True)),
         only=only,
     )
@@ -209,7 +209,6 @@ def searched(
             leg.problem.network,
             "eps",
             leg.named,
-            engine=question.engine,
             limits=limits or question.limits,
             domain=domain,
             prepared=leg.problem,

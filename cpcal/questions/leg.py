@@ -101,7 +101,7 @@ def _leg_result(leg: PreparedLeg, answer: Answered, support: tuple[str, ...]) ->
     eps, lo = options.eps or 0.0, float(found.lo)
     if options.eps is not None:  # of that one alone something is said
         lo = options.eps if found.verdict is Verdict.REFUTED else 0.0
-    verified = verify_point(leg.problem.network, np.append(center, eps), question.engine, leg.problem.prover.reading)
+    verified = verify_point(leg.problem.network, np.append(center, eps), leg.problem.prover.reading)
     at = center if found.witness is None else found.witness.point[:-1]
     return LegResult(
         leg=leg.leg,

@@ -25,7 +25,7 @@ from cpcal.robot import Campaign
 from cpcal.solver.certificate.float_rows import at_point, failing, holding
 from cpcal.solver.certificate.prover import claims
 from cpcal.solver.certificate.recording import Recording
-from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import verify_point
 
 
@@ -52,7 +52,6 @@ def certify_point(
     point: npt.ArrayLike,
     *,
     eps: float = 0.0,
-    arithmetic: str = "float64",
     certificate: str | os.PathLike[str] | None = None,
     model: str | LegModel | None = None,
 ) -> PointResult:
@@ -79,7 +78,7 @@ def certify_point(
         wrong += beyond_legs(campaign, leg, float(x[6]), eps, "eps")
     if wrong:
         raise InputError(wrong)
-    good, bad = verified_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)
+    good, bad = verified_rows(campaign, leg, x, eps, corrected)
     if certificate is not None:
         at_eps, statement = np.append(x, eps), leg_statement(campaign, leg, model=corrected.name)
         problem, at = statement.problem, at_point(at_eps.tolist())
@@ -94,12 +93,12 @@ def certify_point(
 
 
 def verified_rows(
-    campaign: Campaign, leg: int, x: Floats, eps: float, engine: Arithmetic, model: LegModel = PLAIN
+    campaign: Campaign, leg: int, x: Floats, eps: float, model: LegModel = PLAIN
 ) -> tuple[list[int], list[int]]:
     """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
     box = leg_box(x, 0.0, model).with_bounds(x, x)
-    network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=model)
-    found = verify_point(network, np.append(x, eps), engine)
+    network = leg_network(campaign, leg, box, eps=(eps, eps), model=model)
+    found = verify_point(network, np.append(x, eps))
     return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
 
 

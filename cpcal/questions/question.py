@@ -35,7 +35,6 @@ from cpcal.solver.certificate.recording import Recording, SearchKeeper
 from cpcal.solver.contract import Limits
 from cpcal.solver.execution.checkpoint_file import garbled, kept, read_checkpoint
 from cpcal.solver.execution.executors import Place
-from cpcal.solver.interval import Arithmetic, get_arithmetic
 from cpcal.solver.optimize.bound import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -63,11 +62,7 @@ class Checkpoints:
         asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
         # of a user-defined model its equations count: a function that was edited between two runs keeps its name
         box, legs = leg_box(np.zeros(len(model.parameters)), 0.0, model), range(1, campaign.legs + 1)
-        equations = (
-            []
-            if built_in(model)
-            else [leg_network(campaign, leg, box, engine=question.engine, model=model).digest for leg in legs]
-        )
+        equations = [] if built_in(model) else [leg_network(campaign, leg, box, model=model).digest for leg in legs]
         of = {
             "version": __version__,
             "campaign": campaign_sha256(campaign),
@@ -142,10 +137,6 @@ class Question:
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
     place: Place | None = None
-
-    @property
-    def engine(self) -> Arithmetic:
-        return get_arithmetic(self.options.arithmetic)
 
     @property
     def limits(self) -> Limits:

@@ -100,7 +100,7 @@ class _Leg:
         exact, question = self._exact(x), self._question
         if exact is not None:
             return exact.least_eps(factor)
-        found = reading_range(question.campaign, self._leg, question.model, x, question.engine, factor)
+        found = reading_range(question.campaign, self._leg, question.model, x, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
 
     def _exact(self, x: Floats) -> AllReadings | None:

@@ -39,8 +39,7 @@ _BOX = checked("the box of each certificate", "certificate", "proofs", "point_ce
 CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "none")
 METHODS = ("bound", "timeout")
-ARITHMETICS = ("float64", "arb")
-_ALWAYS = ("delta", "center", "gap", "contractors", "arithmetic")
+_ALWAYS = ("delta", "center", "gap", "contractors")
 LARGEST_DELTA = 1e6  # mm: a kilometre
 
 
@@ -80,7 +79,7 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] 
     "half_widths": (_widths, lambda _: True, "", ""),
     "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
 }
-for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS), ("arithmetic", ARITHMETICS)):
+for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS)):
     _KINDS[_name] = str, _known.__contains__, "{!r:.60} is not known", f"use one of {', '.join(_known)}"
 
 
@@ -98,7 +97,6 @@ class Options:
     time_limit: Informed[float | None] = None
     node_limit: Informed[int | None] = None
     contractors: Informed[tuple[str, ...]] = ("lifted",)
-    arithmetic: Informed[str] = "float64"
     eps: Annotated[float | None, checked("the box and the cap of each certificate")] = None
     tolerance: Informed[float | None] = None
     support: Informed[str] = "few"

@@ -189,7 +189,7 @@ def assumptions(campaign: Campaign, result: Result) -> dict[str, str]:
             "outside this box."
         ),
         "Arithmetic": (
-            f"Every bound is derived in outward-rounded arithmetic ({asked.arithmetic}) by the contractors "
+            f"Every bound is derived in outward-rounded arithmetic by the contractors "
             f"{', '.join(asked.contractors)}; no answer of a linear-programming solver is trusted. Lower bounds are "
             "printed rounded down and upper bounds rounded up. Figures are drawn in plain floating point."
         ),

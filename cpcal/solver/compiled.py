@@ -24,13 +24,13 @@ import secrets
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from functools import update_wrapper
 from pathlib import Path
 from threading import RLock
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 from cpcal.common.files import exclusive
@@ -132,16 +132,12 @@ def plain(function: F) -> F:
     return getattr(function, "py_func", function)
 
 
-def rebound(functions: Iterable[Callable[..., Any]], primitives: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
-    """Compiled functions, by name, as plain Python on other primitives: one source in more than one arithmetic."""
-    known, scopes = dict[str, Any](primitives), list[dict[str, Any]]()
-    for function in map(plain, functions):
-        if function.__name__ not in primitives:
-            scopes.append(dict(function.__globals__))
-            known[function.__name__] = FunctionType(function.__code__, scopes[-1], function.__name__)
-    for scope in scopes:
-        scope.update(known)
-    return known
+def in_python(module: ModuleType) -> dict[str, Any]:
+    """The compiled functions of a module, by name, as plain Python that calls plain Python."""
+    found = {name: plain(f) for name, f in vars(module).items() if getattr(f, "kernel", False)}
+    scope = dict(vars(module))
+    scope |= {name: FunctionType(function.__code__, scope, name) for name, function in found.items()}
+    return scope
 
 
 def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:

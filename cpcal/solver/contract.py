@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from cpcal.solver.interval import Box
     from cpcal.solver.network import ConstraintNetwork
 
-ROUNDING = 1e-9  # by which monotone contractors may differ, relative to the box
-
 
 class Verdict(Enum):
     """What is known of a statement. `UNKNOWN` is never reported as a proof.
@@ -111,14 +109,9 @@ class Contractor(Protocol):
     declared; what is not declared counts as the default, in brackets:
 
     gives_weights       its steps carry `StepWeights`, so that they can be written into a certificate (False)
-    idempotent          a second call on the result changes nothing (False)
-    monotone_tolerance  a part of a box gives a part of the result, up to this share of the box's width; math.inf
-                        promises nothing (ROUNDING)
     """
 
     gives_weights: bool
-    idempotent: bool
-    monotone_tolerance: float
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction: ...
 
@@ -153,20 +146,15 @@ def takes_batches(contractor: Contractor) -> bool:
 class ContractorFactory(Protocol):
     """What an entry point of the group `cpcal.contractors` names: usually the contractor's class.
 
-    `objective`: the variable to be minimised, whose lower bound matters most. `arithmetic`: "float64" or "arb".
+    `objective`: the variable to be minimised, whose lower bound matters most.
     """
 
-    def __call__(self, network: ConstraintNetwork, *, objective: str | None, arithmetic: str) -> Contractor: ...
+    def __call__(self, network: ConstraintNetwork, *, objective: str | None) -> Contractor: ...
 
 
 def gives_weights(contractor: Contractor) -> bool:
     """As declared."""
     return bool(getattr(contractor, "gives_weights", False))
-
-
-def monotone_tolerance(contractor: Contractor) -> float:
-    """As declared."""
-    return float(getattr(contractor, "monotone_tolerance", ROUNDING))
 
 
 def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> Contraction:
@@ -215,8 +203,6 @@ class Composable:
     """Base class of contractors: the declarations' defaults, and the operators `>>` and `|` with any contractor."""
 
     gives_weights: bool = False
-    idempotent: bool = False
-    monotone_tolerance: float = ROUNDING
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         raise NotImplementedError
@@ -239,7 +225,6 @@ class Then(Composable):
 
     def __init__(self, *parts: Contractor) -> None:
         self.parts = parts
-        self.monotone_tolerance = sum(map(monotone_tolerance, parts))
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         total = Contraction(box)
@@ -255,7 +240,6 @@ class Union(Composable):
 
     def __init__(self, first: Contractor, second: Contractor) -> None:
         self._first, self._second = first, second
-        self.monotone_tolerance = max(monotone_tolerance(first), monotone_tolerance(second))
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         one, two = (contracted(part, box, deadline) for part in (self._first, self._second))
@@ -265,8 +249,6 @@ class Union(Composable):
 
 class Repeat(Composable):
     """`inner` again and again, at most `most` times, while some width shrinks below `ratio` times what it was."""
-
-    monotone_tolerance = math.inf  # a part may stop at once where the whole goes on shrinking
 
     def __init__(self, inner: Contractor, ratio: float = 0.9, most: int = 100) -> None:
         if not 0.0 < ratio <= 1.0:
@@ -334,7 +316,7 @@ class Strategy(Protocol):
 class StrategyFactory(Protocol):
     """What an entry point of the group `cpcal.strategies` names: usually the strategy's class."""
 
-    def __call__(self, network: ConstraintNetwork, width: float, *, arithmetic: str) -> Strategy: ...
+    def __call__(self, network: ConstraintNetwork, width: float) -> Strategy: ...
 
 
 # ------------------------------------------------------------------------------------------------------------------

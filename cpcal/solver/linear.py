@@ -14,7 +14,7 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.contract import Contraction, Step, StepWeights
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.interval import Box, IntervalArray
 
 Row = tuple[int, int]  # constraint, element
 
@@ -55,7 +55,6 @@ _UNDERFLOW = 1e-290  # more than all that products lose that are too small
 
 
 def lower_bound(
-    engine: Arithmetic,
     matrix: Floats,
     rhs: Floats,
     rows: Indices,
@@ -69,15 +68,7 @@ def lower_bound(
     (negative multipliers count as zero); objective and columns (n,).
     """
     y = np.where(np.isfinite(multipliers), np.maximum(multipliers, 0.0), 0.0)
-    if engine.name == "float64":
-        return float(_bound(matrix.T, rhs, rows, y, objective, columns.lo, columns.hi))
-    augmented = IntervalArray.point(np.concatenate([matrix[rows], -rhs[rows, None]], axis=1))
-    combined = engine.dot(IntervalArray.point(y[None, :]), augmented)[0]
-    residual = engine.add(combined[:-1], IntervalArray.point(objective))
-    terms = engine.mul(residual, columns)
-    lowest = IntervalArray.point(np.append(terms.lo, combined.lo[-1]))
-    bound = float(engine.sum(lowest, 0).lo)
-    return bound if np.isfinite(bound) else -np.inf
+    return float(_bound(matrix.T, rhs, rows, y, objective, columns.lo, columns.hi))
 
 
 @compiled

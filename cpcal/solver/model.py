@@ -34,10 +34,8 @@ from cpcal.solver.contract import (
     Contraction,
     Contractor,
     Limits,
-    Repeat,
     Strategy,
     StrategyFactory,
-    Then,
     Verdict,
     contracted,
     in_sequence,
@@ -46,11 +44,11 @@ from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
 from cpcal.solver.execution.stopping import heard
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
 from cpcal.solver.network.expression import as_expr, topological
-from cpcal.solver.network.forms import check_powers, with_products
+from cpcal.solver.network.forms import with_products
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
@@ -63,7 +61,6 @@ from cpcal.solver.search import (
     Race,
     Search,
     Solution,
-    WholeNumbers,
     conclusion,
 )
 from cpcal.solver.search.race import checkpoint_of, raced
@@ -80,7 +77,6 @@ FINE_WIDTH = 1e-6  # of the boxes about single points
 REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
 _BOXES = 256  # about as many make up the set of solutions, or some times as many
 _DIVISIONS = 1000.0
-_WHOLE = 0.5  # so that boxes of whole numbers are points
 
 N = TypeVar("N", bound=ConstraintNetwork)
 
@@ -102,7 +98,6 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
         return network, network.component(objective)
     network.check_owner(objective)
-    check_powers(network, [objective])
     bounds = evaluate(network, objective, network.domain)
     name = "objective"
     while any(leaf.name == name for leaf in network.variables):
@@ -130,7 +125,7 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[
     widest = float(np.max(np.minimum(widths, 2.0 * reach) / small_units(network), where=free, initial=0.0))
     if not widest > 0.0:
         return FINE_WIDTH, everywhere
-    width: float = min(widest * _BOXES ** (-1.0 / freedom), _WHOLE if network.whole.any() else np.inf)
+    width: float = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
     width = max(width, 5e-324)  # of a domain next to the least float it is zero
     return round(width, -math.floor(math.log10(width))), reach  # one digit
 
@@ -182,7 +177,6 @@ def named_strategy(
     width: float,
     reach: Floats,
     unit: Floats | float,
-    arithmetic: str,
 ) -> Strategy:
     if not isinstance(strategy, str):
         if not hasattr(strategy, "split"):
@@ -191,7 +185,7 @@ def named_strategy(
     if strategy in STRATEGIES:
         return STRATEGIES[strategy](network, width).within(reach, unit)
     make: StrategyFactory = plugins.load(strategy, plugins.STRATEGY_GROUP, STRATEGIES)
-    return make(network, width, arithmetic=arithmetic)
+    return make(network, width)
 
 
 def resolution(
@@ -304,7 +298,7 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         largest = max(sizes, default=0)
         if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False
-    system = polynomial_form(network, get_arithmetic("float64"), deadline=deadline)
+    system = polynomial_form(network, deadline=deadline)
     return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS
 
 
@@ -436,7 +430,6 @@ class Network(ConstraintNetwork):
         box: Box | None = None,
         *,
         contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
-        arithmetic: str = "float64",
     ) -> Contraction:
         """One pass of the named contractors over `box` (default: the domain). Loses no solution.
 
@@ -447,7 +440,7 @@ class Network(ConstraintNetwork):
         network = self._as_asked()
         box = network.domain if box is None else box
         network.check_box(box)
-        return contracted(plugins.build(network, contractors, arithmetic=arithmetic), box)
+        return contracted(plugins.build(network, contractors), box)
 
     @_or_late(_no_paving)
     def solve(
@@ -455,7 +448,6 @@ class Network(ConstraintNetwork):
         *,
         width: float | None = None,
         contractors: Sequence[str | Contractor] | None = None,
-        arithmetic: str = "float64",
         limits: Limits | None = None,
         time_limit: float | None = None,
         node_limit: int | None = None,
@@ -497,26 +489,22 @@ class Network(ConstraintNetwork):
         """
         limit = checked_limits(limits, seconds=time_limit, nodes=node_limit)
         network, clock = self._as_asked(), limit.clock()
-        engine = get_arithmetic(arithmetic)
         chooses = contractors is None and strategy is None
         with compiling_until(clock.deadline):
             choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         if order not in ORDERS:
             raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-        priority, inside = ORDERS[order](network), Inside(network, engine) if inner else None
+        priority, inside = ORDERS[order](network), Inside(network) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
-        options = (contractors, strategy, order, inner, width, arithmetic)
+        options = (contractors, strategy, order, inner, width)
         of = {} if checkpoint is None else checkpoint_of(network, options)
         keeper = Checkpoint(checkpoint, of, resume=resume)
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
-            parts = plugins.build_each(choice.rows(network, method), names, arithmetic=arithmetic)
+            parts = plugins.build_each(choice.rows(network, method), names)
             built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
-            contractor = in_sequence(parts)
-            if network.whole.any():
-                contractor = Repeat(Then(contractor, WholeNumbers(network.whole)))  # a point must be looked at again
-            return contractor
+            return in_sequence(parts)
 
         def left() -> Box:
             return contracted(contracting(choice.methods[0]), network.domain, clock.deadline).box
@@ -525,7 +513,7 @@ class Network(ConstraintNetwork):
             finest, reach, unit = resolution(network, left, width)
 
         def search(method: SearchMethod, place: Place) -> Search:
-            by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
+            by = named_strategy(network, strategy or method.strategy, finest, reach, unit)
             every = Contracting([("", contracting(method))], deadline=clock.deadline)
             elsewhere = None if isinstance(place[0], Here) else place
             process = Divide(every, by, inside=inside, outside=inner, place=elsewhere)
@@ -539,7 +527,7 @@ class Network(ConstraintNetwork):
             nodes = raced(race, keeper, network.names, clock, progress)
             found = race.leader.search or search(choice.methods[0], place)
             (keeper.keep if found.waiting else keeper.done)()
-            paving = conclusion(found, UniquenessProver(network, engine, deadline=clock.deadline), clock, nodes)
+            paving = conclusion(found, UniquenessProver(network, deadline=clock.deadline), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
         said += width_sentence(finest, reach) if width is None else ""
@@ -551,7 +539,6 @@ class Network(ConstraintNetwork):
         objective: Expr,
         *,
         contractors: Sequence[str | Contractor] | None = None,
-        arithmetic: str = "float64",
         limits: Limits | None = None,
         time_limit: float | None = None,
         node_limit: int | None = None,
@@ -592,19 +579,15 @@ class Network(ConstraintNetwork):
         """
         limit = checked_limits(limits, seconds=time_limit, nodes=node_limit, gap=gap)
         network, clock = self._as_asked(), limit.clock()
-        engine, exact, why = get_arithmetic(arithmetic), certificate is not None, "asked for"
+        exact, why = certificate is not None, "asked for"
         with compiling_until(clock.deadline):
             network, name = with_objective(relaxed(network, relax), objective)
             stated, origin = with_products(network, instead=exact)
             if contractors is None:
                 contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
             network._check_bounded(name, contractors, chosen=why != "asked for")
-            parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
+            parts = plugins.build_each(stated, contractors, objective=name)
             named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        if network.whole.any() and exact:
-            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
-        if network.whole.any():
-            named.append(("whole numbers", WholeNumbers(network.whole)))
         if exact and not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
@@ -614,7 +597,7 @@ class Network(ConstraintNetwork):
             if first.shape != (count,) or not np.isfinite(first).all():
                 raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
             first = np.concatenate([first, network.domain.hi[count:]])
-        options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
+        options = (list(contractors), limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
         recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
         with heard(), recorded as recording:
@@ -630,7 +613,6 @@ class Network(ConstraintNetwork):
                     network,
                     name,
                     named,
-                    engine=engine,
                     limits=left,
                     start=first,
                     prover=None if recording is None else recording.prover,

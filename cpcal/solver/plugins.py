@@ -144,12 +144,10 @@ def build_each(
     names: Sequence[str | Contractor],
     *,
     objective: str | None = None,
-    arithmetic: str = "float64",
 ) -> list[Contractor]:
     """The named contractors (or those given) for a network, at least one. Raises PluginError."""
     check_names(names)
-    options = {"objective": objective, "arithmetic": arithmetic}
-    return [load(name)(network, **options) if isinstance(name, str) else name for name in names]
+    return [load(name)(network, objective=objective) if isinstance(name, str) else name for name in names]
 
 
 def build(network: ConstraintNetwork, names: Sequence[str | Contractor], **options: Any) -> Contractor:

@@ -16,7 +16,7 @@ from cpcal.checker import Accepted, check
 from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.models import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval import Box
 from tests.checker.proofs import Lines, Proof, halved, short
 from tests.checker.second import Second, encoded, second_checker
 
@@ -65,7 +65,7 @@ def _leg_proof(folder: Path, name: str = "plain", **options: Any) -> Proof:
     extra = np.array(leg.bracket.point[7:])
     small = 1e-4 * model.half_widths
     box = Box(model.parameters, np.append(box.lo, extra - small), np.append(box.hi, extra + small))
-    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.bracket.hi), model=model)
+    network = leg_network(campaign, 1, box, eps=(0.0, leg.bracket.hi), model=model)
     return short(folder, leg_statement(campaign, 1, model=name), network, "eps", (*leg.bracket.point, leg.bracket.hi))
 
 

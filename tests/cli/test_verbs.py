@@ -138,7 +138,6 @@ def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
         (["--contractors", "magic"], ["'magic'", "found: ", "hc4"]),
         (["--contractors", ","], ["at least one contractor"]),
         (["--center", "left"], ["--center"]),
-        (["--arithmetic", "float32"], ["--arithmetic"]),
         (["--eps", "-1"], ["eps"]),
     ],
 )

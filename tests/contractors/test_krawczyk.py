@@ -16,7 +16,7 @@ from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import Contraction, Repeat
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
 Floats = npt.NDArray[np.float64]
@@ -95,13 +95,10 @@ def test_beaumont_gives_the_exact_hull_where_the_signs_are_known(name: str) -> N
     assert (wider > 1.2 * (np.array(hi) - lo)).all()
 
 
-@pytest.mark.parametrize("engine", ["float64", "arb"])
 @pytest.mark.parametrize("decomposition", [krawczyk, beaumont, "any"])
 @settings(max_examples=30, deadline=None)
 @given(seed=SEEDS)
-def test_inequalities_hold_for_all_solutions_of_the_interval_rows(
-    decomposition: object, engine: str, seed: int
-) -> None:
+def test_inequalities_hold_for_all_solutions_of_the_interval_rows(decomposition: object, seed: int) -> None:
     """`v + A (x - c) <= 0` for one A and v in their sets: x, rounded to float64, is moved inside by a hair."""
     rng = np.random.default_rng(seed)
     c, x = rng.normal(0, 100, 3), rng.normal(0, 100, 3)
@@ -111,7 +108,7 @@ def test_inequalities_hold_for_all_solutions_of_the_interval_rows(
     rows = IntervalRows(c, IntervalArray.around(value, rng.random(6)), matrix, np.zeros((6, 2), dtype=np.intp))
     box = Box(["x", "y", "z"], x - rng.uniform(0, 9, 3), x + rng.uniform(0, 9, 3))
     choice = decomposition if callable(decomposition) else lambda rows, box: rng.normal(size=rows.matrix.shape)
-    assert x in inequalities(get_arithmetic(engine), rows, box, choice)
+    assert x in inequalities(rows, box, choice)
 
 
 # nonlinear networks -----------------------------------------------------------------------------------------
@@ -128,7 +125,7 @@ def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) 
     leg = int(rng.integers(1, 7))
     x = truth.parameters[leg - 1]
     center = x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-3, 2))
-    net = leg_network(campaign, leg, leg_box(center, delta), engine=get_arithmetic("float64"), eps=(0.0, 10.0))
+    net = leg_network(campaign, leg, leg_box(center, delta), eps=(0.0, 10.0))
     found = KINDS[kind](net, objective="eps").contract(net.domain)
     for eps in (0.0, 10.0):
         assert np.append(x, eps) in found.box
@@ -153,7 +150,7 @@ def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) 
         (m + s) * x[0] - s * x[1] + 2.0 * m,
     ]
     expr = exprs[rng.integers(len(exprs))]
-    here = evaluate(net, expr, net.domain.with_bounds(point, point), "natural", "arb")
+    here = evaluate(net, expr, net.domain.with_bounds(point, point))
     net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
     found = KINDS[kind](net).contract(net.domain)
     assert point in found.box
@@ -168,7 +165,7 @@ def exact_leg() -> ConstraintNetwork:
     assert truth is not None
     exact = Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
     center = truth.parameters[0] + 0.5 * np.array([1, -1, 1, 1, -1, 1, -1])
-    return leg_network(exact, 1, leg_box(center, 1.0), engine=get_arithmetic("float64"), eps=(0.0, 1e-3))
+    return leg_network(exact, 1, leg_box(center, 1.0), eps=(0.0, 1e-3))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -236,14 +233,6 @@ def test_beaumont_beats_krawczyk_and_hc4_in_one_orthant() -> None:
     assert exact.hi == pytest.approx([4, 3])
     for other in (Krawczyk(net), HC4(net), Repeat(HC4(net))):  # hc4 gets there in many sweeps
         assert (other.contract(net.domain).box.hi > [4.2, 3.1]).all()
-
-
-def test_both_engines_give_the_same_boxes() -> None:
-    net = brown(0.8, 1.3)
-    for make in KINDS.values():
-        fast, tight = (make(net, arithmetic=name, most=2).contract(net.domain).box for name in ("float64", "arb"))
-        np.testing.assert_allclose(fast.lo, tight.lo, atol=1e-9)
-        np.testing.assert_allclose(fast.hi, tight.hi, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -32,7 +32,7 @@ from cpcal.models.leg import sag_shape
 from cpcal.robot import ModelChoice, Pose, leg_vectors, quaternion_product, rotation_matrix, small_rotation
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Tape, sqr
 from cpcal.solver.optimize.witness import verify_point
 from tests.changed import some, with_gain
@@ -105,9 +105,8 @@ def test_a_leg_is_longer_than_eps_for_every_reading_of_its_length():
     # the joints are eps apart, so that the equation itself holds to within eps
     for more, holds in ((-1e-6, False), (1e-6, True)):
         x = np.array([*(campaign.position[k] - [eps, 0.0, 0.0]), 0.0, 0.0, 0.0, eps - shortest + more])
-        engine = get_arithmetic("float64")
-        network = leg_network(campaign, 1, leg_box(x, 0.0), engine=engine, eps=(eps, eps))
-        assert bool(verify_point(network, np.append(x, eps), engine).holds[k]) is holds
+        network = leg_network(campaign, 1, leg_box(x, 0.0), eps=(eps, eps))
+        assert bool(verify_point(network, np.append(x, eps)).holds[k]) is holds
 
 
 @pytest.mark.parametrize("name", NAMES[1:])
@@ -162,9 +161,7 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     model, leg = replace(leg_model(name), name=f"own_{name}"), 4
     campaign = some(exact, slice(0, 5))
     x = about(campaign, leg, model)
-    net = leg_network(
-        campaign, leg, leg_box(x, 100.0, model), engine=get_arithmetic("float64"), eps=(0.0, 9.0), model=model
-    )
+    net = leg_network(campaign, leg, leg_box(x, 100.0, model), eps=(0.0, 9.0), model=model)
     statement = model_statement(campaign, leg, model, net.domain)
     assert statement is not None
     at = tuple(F(float(v)) for v in [*x, 0.3125])

@@ -15,7 +15,6 @@ from cpcal.models.platform import (
     Workspace,
     cell_bounds,
     cover,
-    intervals,
     pose_bounds,
     proved_sizes,
     sizes,
@@ -166,7 +165,7 @@ def shares(poses, sets):
 
 def alone(known, eps):
     """Sets that hold only the controller's parameters."""
-    nothing = intervals(np.zeros(SIZE))
+    nothing = IntervalArray.of(np.zeros(SIZE))
     return [
         replace(one, eps=eps, box=nothing, along=nothing[:7], ranges=nowhere, controller=row)
         for one, row in zip(known.sets, known.controller.parameters, strict=True)
@@ -179,7 +178,7 @@ def test_the_image_holds_what_the_equations_leave_at_every_pose_in_the_box(known
     rng, sets = np.random.default_rng(9), known.sets
     poses = unseen(known, 3, 8)
     equations = Equations(Cells.of_poses(poses), sets, held)
-    image = equations.image(intervals(np.zeros((3, 6))))
+    image = equations.image(IntervalArray.of(np.zeros((3, 6))))
     drawn = [one.basis @ rng.uniform(one.along.lo, one.along.hi) for one in sets]
     x = Robot.from_parameters(
         "drawn",
@@ -211,7 +210,7 @@ def test_a_bound_is_that_of_the_farthest_corner():
 
 def nowhere(directions):
     """Of a set that holds only the controller's parameters."""
-    return intervals(np.zeros(len(directions)))
+    return IntervalArray.of(np.zeros(len(directions)))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ def test_a_problem_is_the_same_after_writing_and_reading(name: str) -> None:
 def test_arrays_functions_and_bounds_are_written_out() -> None:
     net = cpcal.Network()
     x, m = net.variable("x", 2, ([0, -1], [1, np.inf])), net.variable("m", (2, 2), (-1, 1))
-    net.add([(m @ x).within((-1, [1, np.inf])), cpcal.atan2(x[0], x[1]) + cpcal.expm1(x[1]) ** 3 <= x[0] ** -2])
+    net.add([(m @ x).within((-1, [1, np.inf])), cpcal.atan2(x[0], x[1]) + cpcal.exp(x[1]) ** 3 <= x[0] ** -2])
     net.add(cpcal.minimum(x[0], 2) + abs(m[0, 1]) == x[1] ** 1.5)
     again = read_minibex(minibex_text(net), "again.bch").network
     assert again.domain == net.domain
@@ -59,10 +59,3 @@ def test_what_minibex_can_not_say_is_refused() -> None:
     net.add(x + r >= 1)
     with pytest.raises(ModelError, match="used twice"):
         minibex_text(net)
-
-
-def test_whole_numbers_come_back() -> None:
-    net = cpcal.Network()
-    n = net.variable("n", 2, (0, 3), integer=np.array([False, True]))
-    net.add(n[0] + n[1] == 2.5)
-    assert read_minibex(minibex_text(net), "here").integer == ("n[1]",)

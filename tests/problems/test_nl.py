@@ -128,22 +128,12 @@ def test_the_bound_of_its_minimum_is_below_the_known_one_and_the_point_above() -
     assert found.objective[1] >= 17.014017
 
 
-def test_whole_numbers_are_found_by_their_place() -> None:
-    text = HS071.replace("0 0 0 0 0	# discrete", "0 0 2 0 0	# discrete")
-    problem = read_nl(text, "problem.nl")
-    assert problem.integer == ("x[2]", "x[3]")
-    found = answer(problem, limits=Limits(nodes=300))
-    assert found.objective is not None
-    assert found.objective[0] >= 17.014  # the least of the problem without whole numbers
-    assert found.point is not None
-    assert all(float(found.point[name]).is_integer() for name in problem.integer)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
         ("g3", "b3", "is no text form of .nl"),
         (" 4 2 1", " 4 two 1", "no whole number"),
+        ("0 0 0 0 0\t# discrete", "0 0 2 0 0\t# discrete", "has whole-number variables"),
         ("o54\n3", "o99\n3", "o99 is not understood"),
         ("v0\nn2", "v9\nn2", "names the variable 9"),
         ("n2\no77", "nan\no77", "is not understood here"),

@@ -101,16 +101,6 @@ def test_limits_and_the_certificate_reach_the_solver(tmp_path: Path) -> None:
     assert Verdict.UNKNOWN.value not in stopped.extra_info.sentence
 
 
-def test_whole_numbers_are_taken_as_such() -> None:
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(bounds=(0, 10), domain=pyo.Integers), pyo.Var(bounds=(0, 10))
-    m.goal = pyo.Objective(expr=-2 * m.x - m.y)
-    m.row = pyo.Constraint(expr=3 * m.x + 2 * m.y <= 11.5)
-    solver().solve(m)
-    assert pyo.value(m.x) == 3
-    assert pyo.value(m.y) == pytest.approx(1.25, abs=1e-5)
-
-
 def test_variables_stand_in_exponents_too() -> None:
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(bounds=(0.5, 3)), pyo.Var(bounds=(0.5, 3))

@@ -18,7 +18,6 @@ from cpcal.questions import LegResult, Result, recommendation, save_result, verd
 from cpcal.questions.recommended import nearest_within
 from cpcal.robot import Campaign, Robot, Uncertainty, rotation_matrix
 from cpcal.solver.certificate.float_rows import AllReadings
-from cpcal.solver.interval import get_arithmetic
 
 LEG = 2
 
@@ -70,15 +69,12 @@ def largest(of: Campaign, x: Floats, factor: float = 1.0) -> float:
     return AllReadings(leg_statement(of, LEG).problem, x.tolist(), range(len(of))).least_eps(factor)
 
 
-ENGINE = get_arithmetic("float64")
-
-
 @pytest.mark.parametrize("model", ["gain", "linear", "lateral"])
 def test_in_every_model_it_is_below_an_interval_evaluation_that_grows_with_the_half_widths(model: str) -> None:
     of, (_, leg) = campaign(), certified(campaign(), model=model)
     assert leg.recommended is not None
     x = np.array(leg.recommended.point)
-    ranges = [reading_range(of, LEG, leg_model(model), x, ENGINE, factor) for factor in (0.0, 0.5, 1.0)]
+    ranges = [reading_range(of, LEG, leg_model(model), x, factor) for factor in (0.0, 0.5, 1.0)]
     for inner, outer in pairwise(ranges):
         assert (outer.lo < inner.lo).all()
         assert (inner.hi < outer.hi).all()
@@ -92,7 +88,7 @@ def test_readings_in_which_the_error_is_not_monotone_count_too() -> None:
     robot = Robot.from_parameters("one", np.zeros((1, 7)))
     sideways = Uncertainty(np.array([10.0, 0.0, 0.0]), np.zeros(3), np.zeros(1))
     of = Campaign.of(robot, up, identity, np.array([[100.0]]), uncertainty=sideways)
-    for found in (reading_range(of, 1, leg_model("plain"), np.zeros(7), ENGINE).hi[0],
+    for found in (reading_range(of, 1, leg_model("plain"), np.zeros(7)).hi[0],
                   AllReadings(leg_statement(of, 1).problem, [0.0] * 7, [0]).least_eps()):  # fmt: skip
         assert found >= np.hypot(100.0, 10.0) - 100.0
 
@@ -101,7 +97,7 @@ def test_nothing_is_proved_of_readings_at_which_a_model_is_not_defined() -> None
     """The square of a leg less h is negative."""
     of, lateral = campaign(), leg_model("lateral")
     for h, proved in ((1e6, False), (0.0, True)):
-        found = reading_range(of, LEG, lateral, np.append(of.robot.parameters[LEG - 1], h), ENGINE)
+        found = reading_range(of, LEG, lateral, np.append(of.robot.parameters[LEG - 1], h))
         assert np.isfinite(found.hi).all() == proved
 
 

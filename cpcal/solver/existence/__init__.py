@@ -14,7 +14,7 @@ from cpcal.solver.existence.operators import (
     Operator,
     hansen_sengupta,
     krawczyk,
-    square_of,
+    newton_all,
     stop_flag,
 )
 from cpcal.solver.existence.unique import (
@@ -41,10 +41,10 @@ __all__ = [
     "hansen_sengupta",
     "highest",
     "krawczyk",
+    "newton_all",
     "prove_unique",
     "reads",
     "sides",
-    "square_of",
     "stop_flag",
     "upper_ends",
 ]

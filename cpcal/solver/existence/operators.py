@@ -19,24 +19,21 @@ The computation itself comes last, in compiled functions. Bounds are the last ax
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
 from functools import cached_property
 from threading import Timer
-from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices, Ints
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub
-from cpcal.solver.interval.operations import CONTINUOUS, quality
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, sweeps
+from cpcal.solver.interval.operations import continuous
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
@@ -74,11 +71,6 @@ class Operator(Enum):
 
 
 hansen_sengupta, krawczyk = Operator
-
-
-def square_of(engine: Arithmetic) -> Any:
-    """The compiled functions of this file, by name, in an engine's arithmetic."""
-    return in_arithmetic(engine.name, sweeps, sys.modules[__name__])
 
 
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:
@@ -123,7 +115,6 @@ class Equalities:
     def image(
         self,
         operator: Operator,
-        engine: Arithmetic,
         box: Box,
         center: Floats,
         columns: Indices,
@@ -135,15 +126,15 @@ class Equalities:
         finished at the deadline (of time.monotonic()). The derivatives (where they exist) at all points of the box
         enclose all slopes (F(x) - F(y)) between two of its points.
         """
-        kernels, center, rows = square_of(engine), np.array(center, np.float64), np.arange(len(columns))
+        center, rows = np.array(center, np.float64), np.arange(len(columns))
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
         bounds = np.stack([box.lo, box.hi], axis=1)
-        if not kernels.linearized(self.program, bounds, center, value, jacobian):
+        if not linearized(self.program, bounds, center, value, jacobian):
             return None
         out = np.full(bounds.shape, np.nan)
         with stop_flag(deadline, len(columns)) as stop:
             given = (value, jacobian, center, rows, np.array(columns), stop, bounds, out)
-            found = kernels.newton_image(operator.value, *given)
+            found = newton_image(operator.value, *given)
         return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
     @cached_property
@@ -213,7 +204,7 @@ def linearized(equations: Equations, box: Floats, center: Floats, value: Floats,
     x[0][:n], x[1][:n] = box[:, 0], box[:, 1]
     forward(p, x)
     for k in range(len(p.code)):
-        if quality(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1])) != CONTINUOUS:
+        if not continuous(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1])):
             return False
     factors, g = np.empty((len(p.code), 4)), (np.zeros(len(reach.order)), np.zeros(len(reach.order)))
     all_partials(p, x, factors)

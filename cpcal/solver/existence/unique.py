@@ -12,8 +12,9 @@ import numpy as np
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, inside, krawczyk
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
+from cpcal.solver.network.forms import exactly_zero
 from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.rows import Extremes
 
@@ -38,37 +39,35 @@ class ReadingConstraint:
         bounds_read = any("reading" in e.ops for e in (constraint.lower, constraint.upper))
         self._usable = self._extremes.exclusive and not bounds_read
 
-    def for_all(self, engine: Arithmetic, box: IntervalArray) -> Bools:
+    def for_all(self, box: IntervalArray) -> Bools:
         """Which elements hold on the box for all readings."""
-        slots = self._tape.forward(engine, box)
+        slots = self._tape.forward(box)
         size = int(np.prod(self._over.shape))
         ends = [upper_ends(self._tape.value(slots, e), size) for e in (self._over, self._under)]
-        return np.asarray((np.max(ends, axis=0) <= 0.0) & self._tape.defined(engine, slots))
+        return np.asarray((np.max(ends, axis=0) <= 0.0) & self._tape.continuous(slots))
 
-    def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
+    def excesses(self, box: IntervalArray, point: Floats) -> Floats:
         """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
-        slots = self._tape.forward(engine, box)
+        slots = self._tape.forward(box)
         size = int(np.prod(self._over.shape))
-        if not self._usable or not self._tape.continuous(engine, slots):
+        if not self._usable or not self._tape.continuous(slots):
             return np.full(size, np.inf)
         smallest, largest = (
             ({leaf.digest: _inside(ends[leaf.digest], leaf) for leaf in self._extremes.tape.readings})
             for ends in self._extremes.at(point)
         )
-        over = self._tape.value(self._tape.forward(engine, box, smallest), self._over)
-        under = self._tape.value(self._tape.forward(engine, box, largest), self._under)
+        over = self._tape.value(self._tape.forward(box, smallest), self._over)
+        under = self._tape.value(self._tape.forward(box, largest), self._under)
         order = self._tape.value(slots, self._order)
         return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
 
 
-def excess_for_some(
-    constraints: Iterable[ReadingConstraint], engine: Arithmetic, box: IntervalArray, point: Floats
-) -> float:
+def excess_for_some(constraints: Iterable[ReadingConstraint], box: IntervalArray, point: Floats) -> float:
     """How far the worst is from holding on a box for some readings, at most; <= 0: all hold for common ones."""
-    choosing = [c for c in constraints if not c.for_all(engine, box).all()]
+    choosing = [c for c in constraints if not c.for_all(box).all()]
     if len(choosing) > 1:  # two that hold for some readings each need not hold for common ones
         return math.inf
-    return max((float(np.max(c.excesses(engine, box, point), initial=-np.inf)) for c in choosing), default=-math.inf)
+    return max((float(np.max(c.excesses(box, point), initial=-np.inf)) for c in choosing), default=-math.inf)
 
 
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
@@ -119,27 +118,24 @@ class Inside:
     `ReadingConstraint`.
     """
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
-        self._engine, self._domain, self._whole = engine, network.domain, network.whole
+    def __init__(self, network: ConstraintNetwork) -> None:
+        self._domain = network.domain
         self._plain = Tape(network, [e for c in network.constraints if not reads(c) for e in sides(c)])
         self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
 
     def __call__(self, box: Box) -> bool:
         """Whether every point of the box is proved to be a solution, in the domain."""
-        if box.is_empty or not box.subset(self._domain) or (self._whole & (box.lo < box.hi)).any():
-            return False  # between two whole numbers no point is a solution
+        if box.is_empty or not box.subset(self._domain):
+            return False
         values = IntervalArray(box.lo[None], box.hi[None])
         with np.errstate(all="ignore"):
-            return (
-                _hold(self._engine, self._plain, values)
-                and excess_for_some(self._reading, self._engine, values, values.mid[0]) <= 0.0
-            )
+            return _hold(self._plain, values) and excess_for_some(self._reading, values, values.mid[0]) <= 0.0
 
 
-def _hold(engine: Arithmetic, tape: Tape, box: IntervalArray) -> bool:
+def _hold(tape: Tape, box: IntervalArray) -> bool:
     """Whether all roots are defined and at most zero on a box."""
-    slots = tape.forward(engine, box)
-    return tape.defined(engine, slots) and highest(tape.values(slots)) <= 0.0
+    slots = tape.forward(box)
+    return tape.continuous(slots) and highest(tape.values(slots)) <= 0.0
 
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
@@ -170,15 +166,13 @@ class UniquenessProver:
     def __init__(
         self,
         network: ConstraintNetwork,
-        engine: Arithmetic,
         operator: Operator = hansen_sengupta,
         deadline: float = math.inf,
     ) -> None:
-        self._engine, self._operator, self._network, self._deadline = engine, operator, network, deadline
-        self._exactly: Inside | None = None
+        self._operator, self._network, self._deadline = operator, network, deadline
         self._domain = network.domain
         self._equalities = Equalities.of(network)
-        self._rest = Inside(self._equalities.rest, engine)
+        self._rest = Inside(self._equalities.rest)
         self._choose(np.flatnonzero(self._domain.hi > self._domain.lo))
 
     def _choose(self, unknowns: Indices) -> None:
@@ -225,7 +219,7 @@ class UniquenessProver:
         tight = box.intersect(box.with_bounds(left.lo, left.hi))
         if tight.is_empty:
             return tight
-        left = rows_tape(self._network).contract(self._engine, tight.array[None])[0]
+        left = rows_tape(self._network).contract(tight.array[None])[0]
         return tight.intersect(tight.with_bounds(left.lo, left.hi))
 
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
@@ -294,26 +288,15 @@ class UniquenessProver:
         """The zero where it lies exactly on the boundary of the domain, as a point; empty where it is not known to."""
         lo, hi = self._domain.lo, self._domain.hi
         point = np.where(tight.lo < lo, lo, np.where(tight.hi > hi, hi, np.clip(tight.mid, lo, hi)))
-        exact, tape = get_arithmetic("arb"), self._equalities.tape
-        slots = tape.forward(exact, IntervalArray.point(point[None]))
-        values = tape.values(slots)
-        zero = bool((values.lo == 0.0).all() and (values.hi == 0.0).all()) and tape.defined(exact, slots)
+        zero = exactly_zero(self._network, self._equalities.roots, point)
         return tight.with_bounds(point, point) if zero and point in tight else Box.empty(tight.names)
-
-    def holds_at(self, box: Box) -> bool:
-        """Whether a box is a single point that satisfies all constraints exactly: as points of whole numbers do."""
-        if not self._network.whole.any() or box.is_empty or bool((box.lo != box.hi).any()) or self._equalities.reads:
-            return False
-        if self._exactly is None:
-            self._exactly = Inside(self._network, get_arithmetic("arb"))
-        return self._exactly(box)
 
     def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""
         box = self._domain.with_bounds(region.lo, region.hi)
         if not box.is_bounded:
             return None
-        return self._equalities.image(operator, self._engine, box, center, self._columns, self._deadline)
+        return self._equalities.image(operator, box, center, self._columns, self._deadline)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""
@@ -322,7 +305,7 @@ class UniquenessProver:
             return IntervalArray(x.lo - more * self._free, x.hi + more * self._free)
 
 
-def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floats, engine: Arithmetic) -> Box | None:
+def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floats) -> Box | None:
     """A box proved to hold exactly one solution of the network, or None: in or next to a box, or the zero that
     Newton's method reaches from a point. It serves networks with as many equations as unknowns.
 
@@ -333,5 +316,5 @@ def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floa
         if point.shape != (len(network.names),):
             raise ModelError(f"a point of this network has {len(network.names)} components, not shape {point.shape}")
         where = Box(network.names, point, point)
-    found = UniquenessProver(network, engine).prove(where)
+    found = UniquenessProver(network).prove(where)
     return None if found is None else found.box

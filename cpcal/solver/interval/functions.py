@@ -24,7 +24,6 @@ from cpcal.solver.interval.kernels import (
     neg,
     quotient_above,
     quotient_below,
-    sqr,
     sqrt,
     sub,
     sum_above,
@@ -32,7 +31,7 @@ from cpcal.solver.interval.kernels import (
 )
 
 # ------------------------------------------------------------------------------------------------------------------
-# Bounds of elementary functions at float64 numbers, as compiled functions: exp, expm1, log, log1p, sin, cos, atan.
+# Bounds of elementary functions at float64 numbers, as compiled functions: exp, log, sin, cos, atan.
 #
 # Each reduces its argument, evaluates a polynomial core in ordinary floating point, and widens the result by a bound of
 # its relative error. The cores' errors over the whole reduced range are proved in tests/solver/interval/
@@ -49,7 +48,6 @@ PIO2, PIO4 = (0.5 * PI[0], 0.5 * PI[1]), (0.25 * PI[0], 0.25 * PI[1])
 ERROR = 2.0**-49  # a bound of every relative error below
 REDUCTION = 2.0**-90  # a bound of the absolute error of an argument reduced by multiples of pi/2
 FARTHEST = 1.6e6  # beyond it sin and cos are only known to lie in [-1, 1]
-SMALL = 0.35  # up to it expm1 and log1p have a core of their own
 TAN_PI_8 = 0.4143
 
 EXP = tuple(1.0 / math.factorial(n) for n in range(14, -1, -1))  # of 1 + r + r^2/2 + ...
@@ -66,15 +64,6 @@ def exp_core(r: float) -> float:
     for c in EXP[1:]:
         total = total * r + c
     return total
-
-
-@compiled
-def expm1_core(r: float) -> float:
-    """exp - 1 for |r| <= 0.36."""
-    total = EXP[0]
-    for c in EXP[1:13]:
-        total = total * r + c
-    return r + r * r * total
 
 
 @compiled
@@ -155,14 +144,6 @@ def exp_at(x: float) -> Bounds:
 
 
 @compiled
-def expm1_at(x: float) -> Bounds:
-    if abs(x) <= SMALL:
-        return widened(expm1_core(x))
-    low, high = exp_at(x)
-    return max(sum_below(low, -1.0), -1.0), sum_above(high, -1.0)
-
-
-@compiled
 def log_at(x: float) -> Bounds:
     """For x >= 0."""
     if x == 0.0:
@@ -174,18 +155,6 @@ def log_at(x: float) -> Bounds:
         m, k = 2.0 * m, k - 1
     f = m - 1.0
     return widened(k * LN2_HI + (k * LN2_LO + log_core(f / (2.0 + f))))
-
-
-@compiled
-def log1p_at(x: float) -> Bounds:
-    """For x >= -1."""
-    if abs(x) < 1e-300:  # x / 2 may be subnormal, and rounded
-        return widened(x)
-    if abs(x) <= SMALL:
-        return widened(log_core(x / (2.0 + x)))
-    low, _ = log_at(max(sum_below(1.0, x), 0.0))
-    _, high = log_at(sum_above(1.0, x))
-    return low, high
 
 
 @compiled
@@ -257,7 +226,6 @@ def _atan_positive(x: float) -> Bounds:
 
 ANGLES = (-PIO2[1], PIO2[1])  # of asin and atan
 SINES = (-1.0, 1.0)
-LN2 = (0.6931471805599452, 0.6931471805599454)
 
 
 @compiled
@@ -268,24 +236,10 @@ def exp(x: Bounds) -> Bounds:
 
 
 @compiled
-def expm1(x: Bounds) -> Bounds:
-    if not x[0] <= x[1]:
-        return EMPTY
-    return expm1_at(x[0])[0], expm1_at(x[1])[1]
-
-
-@compiled
 def log(x: Bounds) -> Bounds:
     if not (x[0] <= x[1] and x[1] > 0.0):
         return EMPTY
     return log_at(max(x[0], 0.0))[0], log_at(x[1])[1]
-
-
-@compiled
-def log1p(x: Bounds) -> Bounds:
-    if not (x[0] <= x[1] and x[1] > -1.0):
-        return EMPTY
-    return log1p_at(max(x[0], -1.0))[0], log1p_at(x[1])[1]
 
 
 @compiled
@@ -355,24 +309,6 @@ def tan(x: Bounds) -> Bounds:
 
 
 @compiled
-def _acos_at(x: float) -> Bounds:
-    """2 atan sqrt((1 - x) / (1 + x))"""
-    below = add(ONE, (x, x))
-    if below[0] <= 0.0:
-        return PI
-    low, high = atan(sqrt(div(sub(ONE, (x, x)), below)))
-    return 2.0 * low, 2.0 * high
-
-
-@compiled
-def acos(x: Bounds) -> Bounds:
-    lo, hi = meet(x, SINES)
-    if not lo <= hi:
-        return EMPTY
-    return max(_acos_at(hi)[0], 0.0), _acos_at(lo)[1]
-
-
-@compiled
 def _asin_at(x: float) -> Bounds:
     """atan(x / sqrt((1 - x) (1 + x)))"""
     square = mul(sub(ONE, (x, x)), add(ONE, (x, x)))
@@ -387,74 +323,6 @@ def asin(x: Bounds) -> Bounds:
     if not lo <= hi:
         return EMPTY
     return _asin_at(lo)[0], _asin_at(hi)[1]
-
-
-@compiled
-def odd(positive: Bounds, x: float) -> Bounds:
-    """An odd function at x, from its bounds at |x|."""
-    return neg(positive) if x < 0.0 else positive
-
-
-@compiled
-def _sinh_at(x: float) -> Bounds:
-    """(E + E / (E + 1)) / 2 with E = expm1 |x|"""
-    low, high = expm1_at(abs(x))
-    low = max(low, 0.0)
-    if high == math.inf:
-        return odd((0.499 * low, math.inf), x)
-    below = add((low, high), ONE)
-    low = add((low, low), (quotient_below(low, below[1]), math.inf))[0]
-    high = add((-math.inf, high), (-math.inf, quotient_above(high, below[0])))[1]
-    return odd((0.5 * low, 0.5 * high), x)
-
-
-@compiled
-def sinh(x: Bounds) -> Bounds:
-    if not x[0] <= x[1]:
-        return EMPTY
-    return _sinh_at(x[0])[0], _sinh_at(x[1])[1]
-
-
-@compiled
-def _cosh_at(x: float) -> Bounds:
-    low, high = add(exp_at(abs(x)), exp_at(-abs(x)))
-    return max(0.5 * low, 1.0), 0.5 * high
-
-
-@compiled
-def cosh(x: Bounds) -> Bounds:
-    if not x[0] <= x[1]:
-        return EMPTY
-    a, b = _cosh_at(x[0]), _cosh_at(x[1])
-    return 1.0 if x[0] <= 0.0 <= x[1] else min(a[0], b[0]), max(a[1], b[1])
-
-
-@compiled
-def _tanh_at(x: float) -> Bounds:
-    """E / (E + 2) with E = expm1 2|x|: it grows with E."""
-    if abs(x) > 300.0:
-        return odd((1.0 - 2.0**-53, 1.0), x)
-    low, high = expm1_at(2.0 * abs(x))
-    least, most = (max(low, 0.0), max(low, 0.0)), (high, high)
-    low = div(least, add(least, (2.0, 2.0)))[0]
-    return odd((low, min(div(most, add(most, (2.0, 2.0)))[1], 1.0)), x)
-
-
-@compiled
-def tanh(x: Bounds) -> Bounds:
-    if not x[0] <= x[1]:
-        return EMPTY
-    return _tanh_at(x[0])[0], _tanh_at(x[1])[1]
-
-
-@compiled
-def pow_real(x: Bounds, p: Bounds) -> Bounds:
-    """x^p = exp(p log x) for x > 0, and 0^p = 0 for p > 0."""
-    if not (x[0] <= x[1] and p[0] <= p[1] and x[1] >= 0.0):
-        return EMPTY
-    if x[1] == 0.0:
-        return (0.0, 0.0) if p[1] > 0.0 else EMPTY
-    return exp(mul(log(x), p))
 
 
 @compiled
@@ -473,48 +341,6 @@ def atan2(y: Bounds, x: Bounds) -> Bounds:
 
 # ------------------------------------------------------------------------------------------------------------------
 # What undoes elementary functions: for the backward sweep.
-
-
-@compiled
-def _asinh_at(z: float) -> Bounds:
-    """log1p(z + z^2 / (1 + sqrt(z^2 + 1)))"""
-    a = (abs(z), abs(z))
-    if a[0] > 1e150:
-        return odd(add(log(a), LN2), z)
-    square = sqr(a)
-    return odd(log1p(add(div(square, add(sqrt(add(square, ONE)), ONE)), a)), z)
-
-
-@compiled
-def asinh(z: Bounds) -> Bounds:
-    if not z[0] <= z[1]:
-        return EMPTY
-    return (z[0] if math.isinf(z[0]) else _asinh_at(z[0])[0]), (z[1] if math.isinf(z[1]) else _asinh_at(z[1])[1])
-
-
-@compiled
-def acosh(z: Bounds) -> Bounds:
-    """Not negative: log1p(t + sqrt(t (t + 2))), t = z - 1."""
-    t = sub(meet(z, (1.0, math.inf)), ONE)
-    return log1p(add(t, sqrt(mul(t, add(t, (2.0, 2.0))))))
-
-
-@compiled
-def _atanh_at(z: float) -> Bounds:
-    """log((1 + z) / (1 - z)) / 2 = log1p(2 z / (1 - z)) / 2"""
-    a = abs(z)
-    if a == 1.0:
-        return odd((18.0, math.inf), z)
-    low, high = log1p(div((2.0 * a, 2.0 * a), sub(ONE, (a, a))))
-    return odd((0.5 * low, 0.5 * high), z)
-
-
-@compiled
-def atanh(z: Bounds) -> Bounds:
-    lo, hi = meet(z, SINES)
-    if not lo <= hi:
-        return EMPTY
-    return _atanh_at(lo)[0], _atanh_at(hi)[1]
 
 
 @compiled

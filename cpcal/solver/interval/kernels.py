@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from cpcal.common.errors import RoundingError
 from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
 
@@ -349,26 +350,6 @@ def larger(a: Bounds, b: Bounds) -> Bounds:
 
 
 @compiled
-def floor(a: Bounds) -> Bounds:
-    if not a[0] <= a[1]:
-        return EMPTY
-    return float(np.floor(a[0])), float(np.floor(a[1]))
-
-
-@compiled
-def ceil(a: Bounds) -> Bounds:
-    return neg(floor(neg(a)))
-
-
-@compiled
-def sign(a: Bounds) -> Bounds:
-    lo, hi = a
-    if not lo <= hi:
-        return EMPTY
-    return (1.0 if lo > 0.0 else (0.0 if lo == 0.0 else -1.0)), (-1.0 if hi < 0.0 else (0.0 if hi == 0.0 else 1.0))
-
-
-@compiled
 def total_below(terms: Floats) -> float:
     """A bound of a sum. What each addition loses is exact (Knuth): added up beside it, it is small."""
     total, rest, size = 0.0, 0.0, 0.0
@@ -391,3 +372,25 @@ def total_below(terms: Floats) -> float:
 def total(terms: Arrays) -> Bounds:
     """The sum of intervals."""
     return total_below(terms[0]), -total_below(-terms[1])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Whether this thread computes as IEEE 754 has it, which all bounds rest on.
+
+_ONE, _SMALLEST, _HALF, _LEAST = 1.0, 2.0**-60, 0.5, 5e-324
+_NORMAL = float(np.finfo(np.float64).smallest_normal)
+
+
+def check_rounding() -> None:
+    """Raises RoundingError where this thread does not compute as IEEE 754 has it.
+
+    Some interval libraries switch the rounding, and leave it so: codac and others on gaol, filib or boost. Libraries
+    that were compiled with -ffast-math switch subnormal numbers off for whoever loads them: results that small are
+    zero then, and bounds of them false.
+    """
+    nearest = _ONE + _SMALLEST == _ONE and _ONE - _SMALLEST == _ONE
+    if not nearest or _NORMAL * _HALF == 0.0 or _LEAST / _NORMAL == 0.0:
+        raise RoundingError(
+            "another library in this process has changed how the processor rounds, or switched small numbers off: no "
+            "bound in float64 can be trusted. Run that library in a process of its own"
+        )

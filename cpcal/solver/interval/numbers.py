@@ -18,8 +18,20 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
 from cpcal.common.values import Bools, Floats, fill
-from cpcal.solver.compiled import rebound
+from cpcal.solver.compiled import in_python
 from cpcal.solver.interval import kernels
+from cpcal.solver.interval.operations import (
+    ADD,
+    DIV,
+    MUL,
+    NEG,
+    SQR,
+    SQRT,
+    SUB,
+    elementwise,
+    products,
+    totals,
+)
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 
@@ -123,18 +135,75 @@ def _fits(array: np.ndarray[Any, Any]) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Arrays of intervals: two float64 arrays of the same shape. The plain data that the engines work on.
+# Arrays of intervals: two float64 arrays of the same shape.
+
+
+def _unary(code: int) -> Callable[[IntervalArray], IntervalArray]:
+    return lambda x: x.apply(code)
+
+
+def _binary(code: int) -> Callable[[IntervalArray, Intervals], IntervalArray]:
+    return lambda x, y: x.apply(code, IntervalArray.of(y))
+
+
+def _reflected(code: int) -> Callable[[IntervalArray, Intervals], IntervalArray]:
+    return lambda x, y: IntervalArray.of(y).apply(code, x)
 
 
 @dataclass(frozen=True, eq=False)
 class IntervalArray:
     """Intervals `[lo, hi]`, elementwise. NaN in both bounds is the empty interval, and propagates.
 
-    Bounds may be infinite; `lo` is never +inf and `hi` never -inf.
+    Bounds may be infinite; `lo` is never +inf and `hi` never -inf. Arithmetic broadcasts as in numpy and takes arrays
+    for exact numbers. Every result contains the exact image of the operands' points, where the operation is defined
+    there: rounded to nearest by the processor, then moved outward; overflow gives an infinite bound.
     """
 
     lo: Floats
     hi: Floats
+
+    __array_ufunc__: ClassVar[None] = None  # so that numpy leaves array + intervals to these
+
+    __add__, __sub__, __mul__, __truediv__ = map(_binary, (ADD, SUB, MUL, DIV))
+    __radd__, __rsub__, __rmul__, __rtruediv__ = map(_reflected, (ADD, SUB, MUL, DIV))
+    __neg__, sqr, sqrt = map(_unary, (NEG, SQR, SQRT))  # the square root is of the part that is >= 0
+
+    def apply(self, code: int, other: IntervalArray | None = None, n: int = 0) -> IntervalArray:
+        """Any operation of the table, element by element; n is a power's exponent."""
+        operands = (self, self if other is None else other)
+        shape = np.broadcast_shapes(*(x.shape for x in operands))
+        out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
+        # in arrays of their own: loops are compiled for those that may be written
+        a, b = ((x.lo.flatten(), x.hi.flatten()) for x in (x.broadcast_to(shape) for x in operands))
+        elementwise(code, n, a, b, out)
+        return IntervalArray(*out).reshape(shape)
+
+    def sum(self, axis: int) -> IntervalArray:
+        """Along one axis, which disappears."""
+        lo, hi = (np.array(np.moveaxis(bound, axis, -1), np.float64, order="C") for bound in (self.lo, self.hi))
+        shape, count = lo.shape[:-1], lo.shape[-1]
+        size = math.prod(shape)
+        out = np.zeros(size), np.zeros(size)
+        totals((lo.reshape(size, count), hi.reshape(size, count)), out)
+        return IntervalArray(*out).reshape(shape)
+
+    def __matmul__(self, other: Intervals) -> IntervalArray:
+        """Of shapes (..., k) and (k, n)."""
+        y = IntervalArray.of(other)
+        shape, count = (*self.shape[:-1], y.shape[1]), math.prod(self.shape[:-1])
+        lo, hi = np.zeros((2, count, y.shape[1]))
+        if self.lo.size:
+            rows = self.reshape((count, self.shape[-1]))
+            products(rows._own(), y._own(), (lo, hi))
+        return IntervalArray(lo, hi).reshape(shape)
+
+    def _own(self) -> tuple[Floats, Floats]:
+        return np.array(self.lo, np.float64, order="C"), np.array(self.hi, np.float64, order="C")
+
+    @classmethod
+    def of(cls, values: Intervals) -> IntervalArray:
+        """Intervals as they are; exact numbers as degenerate ones."""
+        return values if isinstance(values, IntervalArray) else cls.point(np.asarray(values, np.float64))
 
     @classmethod
     def point(cls, values: npt.ArrayLike) -> IntervalArray:
@@ -237,10 +306,13 @@ class IntervalArray:
         return IntervalArray(lo, lo if self.hi is self.lo else np.broadcast_to(self.hi, shape))
 
 
+Intervals = IntervalArray | npt.ArrayLike
+
+
 # ------------------------------------------------------------------------------------------------------------------
 # One closed interval of real numbers, for users and for reading single components of boxes.
 
-_KERNELS = rebound([f for f in vars(kernels).values() if getattr(f, "kernel", False)], {})
+_KERNELS = in_python(kernels)
 _NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
 
 

@@ -1,41 +1,29 @@
 """The table of operations on intervals: what each means, where it is defined, and its inverse and derivatives.
 
-Every operation on scalars has a code. `value` is its interval extension and `quality` says where it is defined and
-continuous; `first_argument` and `second_argument` undo it, and `partials` and `slopes` are its derivatives. All are
-compiled functions on pairs of bounds; `in_arithmetic` lets the same definitions compute with other primitives.
+Every operation on scalars has a code. `value` is its interval extension and `continuous` says where it is defined and
+continuous; `first_argument` and `second_argument` undo it, and `partials` are its derivatives. All are compiled
+functions on pairs of bounds.
 """
 
 from __future__ import annotations
 
 import math
-import re
 
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.functions import (
     ANGLES,
-    PI,
-    acos,
-    acosh,
     asin,
-    asinh,
     atan,
     atan2,
-    atanh,
     cos,
-    cosh,
     exp,
-    expm1,
     has_pole,
     log,
-    log1p,
     of_cosine,
     of_sine,
     of_tangent,
-    pow_real,
     sin,
-    sinh,
     tan,
-    tanh,
 )  # fmt: skip
 from cpcal.solver.interval.kernels import (
     EMPTY,
@@ -46,10 +34,8 @@ from cpcal.solver.interval.kernels import (
     absolute,
     add,
     at,
-    ceil,
     div,
     factor,
-    floor,
     hull,
     larger,
     meet,
@@ -57,39 +43,31 @@ from cpcal.solver.interval.kernels import (
     neg,
     power,
     root,
-    sign,
     smaller,
     sqr,
     sqrt,
     sub,
-    sum_above,
     total,
 )  # fmt: skip
 from cpcal.solver.interval.kernels import MAX as LARGEST
 
 NEG, ADD, SUB, MUL, DIV, SQR, SQRT, POWER, ABS, MIN, MAX = range(11)
-EXP, EXPM1, LOG, LOG1P, SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, POW, ATAN2, FLOOR, CEIL, SIGN = range(11, 29)
+EXP, LOG, SIN, COS, TAN, ASIN, ATAN, ATAN2 = range(11, 19)
 
-# What is known of an operation on all points of its arguments, as the decorations of IEEE 1788.
-ANYTHING, DEFINED, CONTINUOUS = range(3)
-_NAMES = """
-    neg add sub mul div sqr sqrt power abs min max
-    exp expm1 log log1p sin cos tan asin acos atan sinh cosh tanh pow atan2 floor ceil sign
-"""
-CODES = {name: code for code, name in enumerate(re.findall(r"\w+", _NAMES))}
-BINARY = frozenset(("add", "sub", "mul", "div", "min", "max", "pow", "atan2"))
+_NAMES = (
+    *("neg", "add", "sub", "mul", "div", "sqr", "sqrt", "power", "abs", "min", "max"),
+    *("exp", "log", "sin", "cos", "tan", "asin", "atan", "atan2"),
+)
+CODES = {name: code for code, name in enumerate(_NAMES)}
+BINARY = frozenset(("add", "sub", "mul", "div", "min", "max", "atan2"))
 
 
 @compiled
 def _function(code: int, a: Bounds, b: Bounds) -> Bounds:
     if code == EXP:
         return exp(a)
-    if code == EXPM1:
-        return expm1(a)
     if code == LOG:
         return log(a)
-    if code == LOG1P:
-        return log1p(a)
     if code == SIN:
         return sin(a)
     if code == COS:
@@ -98,24 +76,8 @@ def _function(code: int, a: Bounds, b: Bounds) -> Bounds:
         return tan(a)
     if code == ASIN:
         return asin(a)
-    if code == ACOS:
-        return acos(a)
     if code == ATAN:
         return atan(a)
-    if code == SINH:
-        return sinh(a)
-    if code == COSH:
-        return cosh(a)
-    if code == TANH:
-        return tanh(a)
-    if code == FLOOR:
-        return floor(a)
-    if code == CEIL:
-        return ceil(a)
-    if code == SIGN:
-        return sign(a)
-    if code == POW:
-        return pow_real(a, b)
     if code == ATAN2:
         return atan2(a, b)
     return EMPTY
@@ -150,10 +112,10 @@ def value(code: int, n: int, a: Bounds, b: Bounds) -> Bounds:
 
 
 @compiled
-def quality(code: int, n: int, a: Bounds, b: Bounds) -> int:
-    """Whether the operation is CONTINUOUS at all points of its arguments, or at least DEFINED there, or ANYTHING."""
+def continuous(code: int, n: int, a: Bounds, b: Bounds) -> bool:
+    """Whether the operation is defined and continuous at all points of its arguments."""
     if not (a[0] <= a[1] and b[0] <= b[1]):
-        return ANYTHING
+        return False
     known = True
     if code == SQRT:
         known = a[0] >= 0.0
@@ -163,22 +125,13 @@ def quality(code: int, n: int, a: Bounds, b: Bounds) -> int:
         known = n >= 0 or a[0] > 0.0 or a[1] < 0.0
     elif code == LOG:
         known = a[0] > 0.0
-    elif code == LOG1P:
-        known = a[0] > -1.0
-    elif code in (ASIN, ACOS):
+    elif code == ASIN:
         known = a[0] >= -1.0 and a[1] <= 1.0
     elif code == TAN:
         known = not has_pole(a)
-    elif code == POW:
-        known = a[0] > 0.0 or (a[0] == 0.0 and b[0] > 0.0)
     elif code == ATAN2:
-        if b[1] < 0.0 and a[0] <= 0.0 <= a[1]:
-            return DEFINED
         known = b[0] > 0.0 or a[0] > 0.0 or a[1] < 0.0
-    elif code in (FLOOR, CEIL, SIGN):
-        low, high = _function(code, a, b)
-        return CONTINUOUS if low == high and a[0] < a[1] else DEFINED
-    return CONTINUOUS if known else ANYTHING
+    return known
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -220,12 +173,8 @@ def _of_function(code: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
     """The first argument of an elementary function; of atan2 nothing is concluded."""
     if code == EXP:
         return log(z)
-    if code == EXPM1:
-        return log1p(z)
     if code == LOG:
         return exp(z)
-    if code == LOG1P:
-        return expm1(z)
     if code == SIN:
         return of_sine(z, a)
     if code == COS:
@@ -234,42 +183,9 @@ def _of_function(code: int, z: Bounds, a: Bounds, b: Bounds) -> Bounds:
         return of_tangent(z, a)
     if code == ASIN:
         return sin(meet(z, ANGLES))
-    if code == ACOS:
-        return cos(meet(z, (0.0, PI[1])))
     if code == ATAN:
         return _of_atan(z)
-    if code == SINH:
-        return asinh(z)
-    if code == COSH:
-        r = acosh(z)
-        return either_sign(a, (max(r[0], 0.0), r[1])) if r[0] <= r[1] else EMPTY
-    if code == TANH:
-        return atanh(z)
-    if code == POW:
-        return _base(z, b)
-    if code == FLOOR:
-        return ceil(z)[0], _next_whole(floor(z)[1])
-    if code == CEIL:
-        return -_next_whole(-ceil(z)[0]), floor(z)[1]
-    if code == SIGN:
-        return (0.0 if z[0] > -1.0 else -math.inf), (0.0 if z[1] < 1.0 else math.inf)
     return a
-
-
-@compiled
-def _next_whole(n: float) -> float:
-    """At least n + 1, which beyond 2^53 no float equals."""
-    return n + 1.0 if abs(n) < 4503599627370496.0 else sum_above(n, 1.0)
-
-
-@compiled
-def _base(z: Bounds, p: Bounds) -> Bounds:
-    """x >= 0 with x^p in z: exp(log z / p), where p has a sign."""
-    if z[1] < 0.0:
-        return EMPTY
-    if p[0] <= 0.0 <= p[1] or z[1] == 0.0:
-        return 0.0, math.inf
-    return exp(div(log((max(z[0], 0.0), z[1])), p))
 
 
 @compiled
@@ -309,25 +225,13 @@ def second_argument(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Bound
         return sub(a, z)
     if code == DIV:
         return factor(a, z, b)
-    if code == POW and z[0] > 0.0 and (a[0] > 1.0 or 0.0 < a[1] < 1.0):
-        return div(log(z), log(a))
     return b
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Partial derivatives of operations, and their slopes.
-#
-# What the derivative is to the mean value form, the slope is to the slope form. For an operation phi with arguments
-# u(c) at a centre c and u(x) anywhere, numbers p_j with
-#
-#     phi(u(x)) - phi(u(c)) = sum_j p_j (u_j(x) - u_j(c))                       (Krawczyk and Neumaier)
-#
-# are enclosed. That is algebra, not calculus: it holds wherever both sides are defined, next to poles and kinks, and
-# the enclosure is about half as wide as that of the derivative. Operations without a slope of their own use their
-# derivative over the hull of both values: it holds all such slopes.
+# Partial derivatives of operations.
 
 Partials = tuple[Bounds, Bounds]  # the derivatives by the first and the second argument
-Values = tuple[Bounds, Bounds, Bounds]  # of an operation and its arguments
 
 
 @compiled
@@ -369,12 +273,8 @@ def _derivative(code: int, n: int, z: Bounds, a: Bounds) -> Bounds:
         return 1.0 if a[0] >= 0.0 and a[1] > 0.0 else -1.0, -1.0 if a[1] <= 0.0 and a[0] < 0.0 else 1.0
     if code == EXP:
         return z
-    if code == EXPM1:
-        return add(z, ONE)
     if code == LOG:
         return div(ONE, (max(a[0], 0.0), a[1]))
-    if code == LOG1P:
-        return div(ONE, add((max(a[0], -1.0), a[1]), ONE))
     if code == SIN:
         return cos(a)
     if code == COS:
@@ -383,17 +283,9 @@ def _derivative(code: int, n: int, z: Bounds, a: Bounds) -> Bounds:
         return LINE if has_pole(a) else add(sqr(z), ONE)
     if code == ASIN:
         return div(ONE, sqrt(sub(ONE, sqr(a))))
-    if code == ACOS:
-        return div(ONE, neg(sqrt(sub(ONE, sqr(a)))))
     if code == ATAN:
         return div(ONE, add(sqr(a), ONE))
-    if code == SINH:
-        return cosh(a)
-    if code == COSH:
-        return sinh(a)
-    if code == TANH:
-        return sub(ONE, sqr(z))
-    return (0.0, 0.0) if z[0] == z[1] else LINE  # floor, ceil and sign
+    return LINE
 
 
 @compiled
@@ -411,59 +303,9 @@ def partials(code: int, n: int, z: Bounds, a: Bounds, b: Bounds) -> Partials:
         return _share_of_smaller(a, b)
     if code == MAX:
         return _share_of_smaller(neg(a), neg(b))
-    if code == POW:
-        return mul(b, pow_real(a, sub(b, ONE))), mul(z, log(a))
     if code == ATAN2:
         return _of_angle(a, b)
     return _derivative(code, n, z, a), (0.0, 0.0)
-
-
-@compiled
-def _power_slope(n: int, c: Bounds, u: Bounds) -> Bounds:
-    """u^n - c^n = (u - c) sum_k u^k c^(n-1-k); for n < 0 that of -n, divided by -(u c)^-n."""
-    if n == 0:
-        return 0.0, 0.0
-    m = abs(n)
-    out = power(c, m - 1)
-    for k in range(1, m):
-        out = add(out, mul(power(u, k), power(c, m - 1 - k)))
-    if n > 0:
-        return meet(out, _times_power(n, hull(u, c)))
-    return neg(div(out, mul(power(u, m), power(c, m))))
-
-
-@compiled
-def _abs_slope(c: Bounds, u: Bounds) -> Bounds:
-    """1 or -1 where u and c have one sign; else, for c > 0 > u, from (c - |u|) / (c + |u|) to 1: it grows in both."""
-    if u[0] >= 0.0 and c[0] >= 0.0:
-        return ONE
-    if u[1] <= 0.0 and c[1] <= 0.0:
-        return -1.0, -1.0
-    flipped = c[1] < 0.0  # the slope of |.| between -u and -c is the opposite of that between u and c
-    near = -c[1] if flipped else c[0]
-    far = max(u[1] if flipped else -u[0], 0.0)
-    least = -1.0
-    if 0.0 < near < math.inf and far < math.inf:
-        least = max(div(sub((near, near), (far, far)), add((near, near), (far, far)))[0], -1.0)
-    return (-1.0, -least) if flipped else (least, 1.0)
-
-
-@compiled
-def slopes(code: int, n: int, c: Values, u: Values) -> Partials:
-    """Enclosures of the slopes from the centre to anywhere; c and u hold value and arguments there."""
-    if code == MUL:  # u v - u_c v_c = v (u - u_c) + u_c (v - v_c)
-        return u[2], c[1]
-    if code == DIV:  # u/v - q_c = ((u - u_c) - q_c (v - v_c)) / v with q_c = u_c/v_c
-        return div(ONE, u[2]), neg(div(c[0], u[2]))
-    if code == SQR:
-        return add(u[1], c[1]), (0.0, 0.0)
-    if code == SQRT:
-        return div(ONE, add(u[0], c[0])), (0.0, 0.0)
-    if code == POWER:
-        return _power_slope(n, c[1], u[1]), (0.0, 0.0)
-    if code == ABS:
-        return _abs_slope(c[1], u[1]), (0.0, 0.0)
-    return partials(code, n, hull(u[0], c[0]), hull(u[1], c[1]), hull(u[2], c[2]))
 
 
 # ------------------------------------------------------------------------------------------------------------------

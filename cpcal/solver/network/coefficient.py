@@ -8,15 +8,13 @@ reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
 from __future__ import annotations
 
 import math
-import sys
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.kernels import ETA, MAX, Arrays, Bounds, add, at, mul, sqr
 
 
@@ -30,30 +28,21 @@ def occurring_terms(c: IntervalArray) -> Bools:
     return np.asarray(nonzero(_shaped(c, (*c.shape[:2], math.prod(c.shape[2:])))).any(axis=0))
 
 
-def combined_terms(
-    e: Arithmetic, x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float
-) -> IntervalArray:
+def combined_terms(x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
     shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    lo, hi = _kernels(e).combined(_terms(x, shape), _terms(y, shape), of_x, of_y, sign, math.prod(shape))
+    lo, hi = combined(_terms(x, shape), _terms(y, shape), of_x, of_y, sign, math.prod(shape))
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
 
 
-def term_products(
-    e: Arithmetic, x: IntervalArray, y: IntervalArray, pairs: Indices, size: int, square: bool
-) -> IntervalArray:
+def term_products(x: IntervalArray, y: IntervalArray, pairs: Indices, size: int, square: bool) -> IntervalArray:
     """All terms of a product; `pairs` (P, 3): of x, of y, and the term (of `size`) that their product belongs to.
 
     `square`: x is y, and a pair of two different terms stands for both orders.
     """
     shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
-    product = _kernels(e).products if e.name == "float64" else _kernels(e).interval_products
-    lo, hi = product(_terms(x, shape), _terms(y, shape), pairs, size, math.prod(shape), square)
+    lo, hi = products(_terms(x, shape), _terms(y, shape), pairs, size, math.prod(shape), square)
     return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
-
-
-def _kernels(e: Arithmetic) -> Any:
-    return in_arithmetic(e.name, sys.modules[__name__])
 
 
 def _shaped(c: IntervalArray, size: tuple[int, ...]) -> Arrays:
@@ -68,10 +57,8 @@ def _terms(x: IntervalArray, shape: tuple[int, ...]) -> Arrays:
     return _shaped(x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], math.prod(shape)))
 
 
-def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
+def total_over(x: IntervalArray, axis: int) -> IntervalArray:
     """The sum of the elements along one of their axes, counted from 0."""
-    if e.name != "float64":
-        return e.sum(x, axis + 1)
     shape = x.shape
     left = (*shape[: axis + 1], *shape[axis + 2 :])
     if shape[0] > 1:  # slopes, whose rounding the value bears
@@ -83,27 +70,25 @@ def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
     return IntervalArray(*summed(_shaped(x, flat))).reshape(left)
 
 
-def reciprocal(e: Arithmetic, x: IntervalArray) -> IntervalArray:
+def reciprocal(x: IntervalArray) -> IntervalArray:
     """`1 / x = 1/m - h/m^2 + h^2 / (m^2 (m + h))` with value m and h = sum x_j delta_j."""
     m = x[:1]
-    value = e.div(IntervalArray.point(np.ones(1)).reshape((1,) * m.ndim), m)
+    value = 1.0 / m
     if x.shape[0] == 1:
         return value
     h_max = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
-    square = e.sqr(IntervalArray(np.zeros_like(h_max), h_max))
-    whole = e.add(m, IntervalArray(-h_max, h_max))
-    m2 = e.sqr(m)
-    value = e.add(value, e.div(square, e.mul(m2, whole)))
-    slopes = e.neg(e.div(x[1:], m2))
+    square = IntervalArray(np.zeros_like(h_max), h_max).sqr()
+    whole, m2 = m + IntervalArray(-h_max, h_max), m.sqr()
+    value, slopes = value + square / (m2 * whole), -(x[1:] / m2)
     return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))
 
 
-def total(e: Arithmetic, x: IntervalArray) -> IntervalArray:
+def total(x: IntervalArray) -> IntervalArray:
     """The whole range over the reading sets, shape (1, *S)."""
     if x.shape[0] == 1:
         return x
     spread = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
-    return e.add(x[:1], IntervalArray(-spread, spread))
+    return x[:1] + IntervalArray(-spread, spread)
 
 
 # ------------------------------------------------------------------------------------------------------------------

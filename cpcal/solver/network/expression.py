@@ -21,6 +21,7 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Indices, fill
 from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.interval.functions import PIO2
 from cpcal.solver.interval.numbers import float_bounds, format_bound
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -191,10 +192,12 @@ class Expr:
     __sub__, __rsub__ = _both_ways("sub")
     __mul__, __rmul__ = _both_ways("mul")
     __truediv__, __rtruediv__ = _both_ways("div")
-    __rpow__ = _both_ways("pow")[1]
 
     def __pow__(self, exponent: Operand) -> Expr:
         return power(self, exponent)
+
+    def __rpow__(self, base: Operand) -> Expr:
+        return power(base, self)
 
     def __matmul__(self, other: Operand) -> Expr:
         return _matmul(self, as_expr(other))
@@ -395,8 +398,8 @@ def _matmul(x: Expr, y: Expr) -> Expr:
 # Expressions, constraints and networks as mathematics: `sqrt(x[0]^2 + x[1]^2) - 5 = 0`.
 
 _LONGEST = 400  # characters of one expression: what is longer is cut in its middle
-_SIGNS = {"add": " + ", "sub": " - ", "mul": " * ", "div": " / ", "pow": "^"}
-_RANK = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 2, "sqr": 4, "power": 4, "pow": 4}
+_SIGNS = {"add": " + ", "sub": " - ", "mul": " * ", "div": " / "}
+_RANK = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 2, "sqr": 4, "power": 4}
 _TIGHT = 5
 
 
@@ -417,7 +420,7 @@ def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
         return _leaf(node), _TIGHT
     first = args[0][0] if args[0][1] >= rank else f"({args[0][0]})"
     if node.op in _SIGNS:
-        loose = args[1][1] <= rank if node.op in ("sub", "div", "pow") else args[1][1] < rank
+        loose = args[1][1] <= rank if node.op in ("sub", "div") else args[1][1] < rank
         return first + _SIGNS[node.op] + (f"({args[1][0]})" if loose else args[1][0]), rank
     if node.op == "neg":
         return f"-{first}", rank
@@ -471,21 +474,32 @@ def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
 sqr = _named("sqr", "Square (tighter than `x * x` over intervals).")
 sqrt = _named("sqrt", "Square root, defined where the argument is not negative.")
 exp = _named("exp", "e to the power of x.")
-expm1 = _named("expm1", "exp(x) - 1, exact to the last places near 0.")
 log = _named("log", "Natural logarithm, defined where x > 0.")
-log1p = _named("log1p", "log(1 + x), defined where x > -1.")
 sin = _named("sin", "Sine of an angle in radians.")
 cos = _named("cos", "Cosine of an angle in radians.")
 tan = _named("tan", "Tangent of an angle in radians, defined between its poles.")
 asin = _named("asin", "Angle in [-pi/2, pi/2] of a sine, defined on [-1, 1].")
-acos = _named("acos", "Angle in [0, pi] of a cosine, defined on [-1, 1].")
 atan = _named("atan", "Angle in (-pi/2, pi/2) of a tangent.")
-sinh = _named("sinh", "Hyperbolic sine.")
-cosh = _named("cosh", "Hyperbolic cosine.")
-tanh = _named("tanh", "Hyperbolic tangent.")
-floor = _named("floor", "The greatest integer that is at most x.")
-ceil = _named("ceil", "The least integer that is at least x.")
-sign = _named("sign", "-1, 0 or 1.")
+
+
+def acos(x: Operand) -> Expr:
+    """Angle in [0, pi] of a cosine, defined on [-1, 1]."""
+    return as_expr(Interval(*PIO2)) - asin(x)
+
+
+def sinh(x: Operand) -> Expr:
+    """Hyperbolic sine."""
+    return 0.5 * (exp(x) - exp(-as_expr(x)))
+
+
+def cosh(x: Operand) -> Expr:
+    """Hyperbolic cosine."""
+    return 0.5 * (exp(x) + exp(-as_expr(x)))
+
+
+def tanh(x: Operand) -> Expr:
+    """Hyperbolic tangent."""
+    return 1.0 - 2.0 / (exp(2.0 * as_expr(x)) + 1.0)
 
 
 def norm(x: Operand) -> Expr:
@@ -514,46 +528,28 @@ def hypot(x: Operand, y: Operand) -> Expr:
 
 
 def power(x: Operand, exponent: Operand) -> Expr:
-    """`x ** exponent`: products for a whole number, roots for a half, else exp(exponent log(x)), defined where x > 0.
-
-    (0 to a positive power is 0.) Each element of an array of exponents means its own power.
-    """
+    """`x ** exponent`: products for a whole number, a root for 0.5, else exp(exponent log(x)), where x > 0."""
     base = as_expr(x)
     try:
         other = as_expr(exponent)
-        shape = np.broadcast_shapes(base.shape, other.shape)
-    except (ModelError, ValueError) as error:
+    except ModelError as error:
         raise ModelError(f"{exponent!r} is no exponent: {error}") from None
-    values = np.full(shape, np.nan)
-    if other.op in ("constant", "reading"):  # a constant or reading: its elements that are one number
-        values[...] = np.where(other.data.lo == other.data.hi, other.data.lo, np.nan)
-    values = np.where((values == np.rint(values)) | (values == 0.5), values, np.nan)
-    if np.any(np.abs(values) >= _LARGEST):
+    if "variable" in other.ops:
+        return exp(other * log(base))
+    lo, hi = other.data.lo.ravel(), other.data.hi.ravel()
+    if lo.size != 1 or (lo[0] != hi[0] and math.ceil(lo[0]) <= math.floor(hi[0])):
+        raise ModelError(
+            f"{exponent!r} may be a whole power of a negative number, but it is no known number: write that, "
+            f"or exp(exponent * log(base)), which is defined where the base is positive"
+        )
+    value = float(lo[0])
+    if abs(value) >= _LARGEST:
         raise ModelError(f"{exponent!r} is no exponent: whole ones are less than 2^31")
-    parts = [(_to_the(base, float(value)), values == value) for value in np.unique(values[~np.isnan(values)])]
-    if np.isnan(values).any():
-        parts.append((binary("pow", base, other), np.isnan(values)))
-    if len(parts) == 1:
-        return _spread(parts[0][0], shape)
-    chosen = [
-        Expr("mul", (_spread(part, shape), as_expr(mine.astype(np.float64))), shape, parameter=SELECTS)
-        for part, mine in parts
-    ]
-    return reduce(lambda one, two: one + two, chosen)
-
-
-def _to_the(base: Expr, value: float) -> Expr:
-    """A whole power, or the square root."""
-    if value == 0.5:
+    if value == 0.5 == hi[0]:
         return sqrt(base)
+    if value != int(value) or value != hi[0]:
+        return exp(other * log(base))
     return sqr(base) if value == 2.0 else Expr("power", (base,), base.shape, parameter=int(value))
-
-
-def _spread(expr: Expr, shape: Shape) -> Expr:
-    """Broadcast."""
-    if expr.shape == shape:
-        return expr
-    return expr.reshape(-1)[np.broadcast_to(np.arange(math.prod(expr.shape)).reshape(expr.shape), shape)]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -582,10 +578,7 @@ _OPERATORS: dict[str, _Function] = {
     "greater": operator.gt,
 }
 _UFUNCS: dict[str, _Function] = {
-    **{
-        op: globals()[op]
-        for op in ("exp", "expm1", "log", "log1p", "sin", "cos", "tan", "sinh", "cosh", "tanh", "floor", "ceil", "sign")
-    },
+    **{op: globals()[op] for op in ("exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")},
     "arcsin": asin,
     "arccos": acos,
     "arctan": atan,

@@ -1,123 +1,110 @@
-"""Evaluation of an expression over a box (paper, eq. 4, 5 and 7): natural, centred and slope form.
+"""An expression over a box: its values, and its expansion about a point (paper, eq. 7).
 
 With a centre c of the box X, centres m of the readings and their sets M,
 
     f(x, M)  in  f(c, m) + B (M - m) + A (x - c)    for all x in X                                (eq. 7)
 
-A encloses the derivatives (or slopes from c) with respect to the unknowns over X and M, B those with respect to
-the readings at c over M. Both come from one sweep from each element to its leaves.
+A encloses the derivatives with respect to the unknowns over X and M, B those with respect to the readings at c over M.
+Both come from one sweep from each element to its leaves.
 """
 
 from __future__ import annotations
 
+import math
+import operator
 from collections import Counter
 from collections.abc import Callable, Iterable
-from functools import reduce
-from typing import Literal, get_args
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
-from cpcal.solver.network.network import ConstraintNetwork, component_names
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import one_sided
 from cpcal.solver.network.tape import ReadingSets, Tape
 
-FormName = Literal["natural", "centred", "slope", "tightest"]
 
-
-def evaluate(
-    network: ConstraintNetwork, expr: Operand, box: Box, form: FormName = "natural", arithmetic: str = "float64"
-) -> IntervalArray:
+def evaluate(network: ConstraintNetwork, expr: Operand, box: Box) -> IntervalArray:
     """An enclosure, of the shape of `expr`, of its values over `box`, for ALL readings in their sets.
 
-    Values count where the expression is defined; an element that is nowhere defined is empty (NaN).
-    natural    every operation replaced by that of intervals
-    centred    eq. 7 with derivatives (mean value form); abs, min and max with their generalised derivatives
-    slope      eq. 7 with slopes from the centre (Krawczyk and Neumaier), about half as wide as derivatives
-    tightest   the intersection of all three
-    An element for which a form is not valid gets its natural form: undefined somewhere in the box (for slopes: at its
-    centre), or unbounded. Raises ModelError for an unknown form and for a box or an expression of other variables.
+    Values count where the expression is defined; an element that is nowhere defined is empty (NaN). Raises ModelError
+    for a box or an expression of other variables.
     """
-    if form not in get_args(FormName):
-        raise ModelError(f"{form!r} is no form of evaluation: {', '.join(get_args(FormName))}")
     network.check_box(box)
     expr = as_expr(expr)
     network.check_owner(expr)
-    plan = CentredForm(network, expr, get_arithmetic(arithmetic))
-    natural = plan.natural(box)
-    if form == "natural" or box.is_empty or not box.is_bounded:
-        return natural.reshape(expr.shape)
-    names = ["centred", "slope"] if form == "tightest" else [form]
-    found = [_or_else(plan.form(box, name == "slope"), natural) for name in names]
-    if form == "tightest":
-        found.append(natural)
-    return reduce(IntervalArray.intersect, found).reshape(expr.shape)
+    tape = Tape(network, [expr])
+    return tape.values(tape.forward(box.array[None]))[0].reshape(expr.shape)
 
 
-def _or_else(x: IntervalArray, other: IntervalArray) -> IntervalArray:
-    """x, and where it is empty or not bounded the other."""
-    known = np.isfinite(x.lo) & np.isfinite(x.hi)
-    return IntervalArray(np.where(known, x.lo, other.lo), np.where(known, x.hi, other.hi))
+_EXACT: dict[str, Callable[..., Any]] = {
+    "neg": operator.neg,
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "sqr": lambda x: x * x,
+}
+_fractions: Any = np.frompyfunc(Fraction, 1, 1)
+
+
+def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Floats) -> bool:
+    """Whether expressions are 0 at a point (n,), in fractions; False also where they hold roots or functions."""
+    known, start = dict[bytes, Any](), 0
+    for leaf in network.variables:
+        count = math.prod(leaf.shape)
+        known[leaf.digest] = np.asarray(_fractions(point[start : start + count])).reshape(leaf.shape)
+        start += count
+
+    def exact(node: Expr, args: list[Any]) -> Any:
+        if node.op == "constant" and (node.data.lo == node.data.hi).all():
+            found = _fractions(node.data.lo)
+        elif node.op == "index":
+            found = args[0].ravel()[node.places]
+        elif node.op == "sum":
+            found = args[0].sum(axis=node.parameter)
+        else:
+            found = args[0] ** node.parameter if node.op == "power" else _EXACT[node.op](*args)
+        return np.asarray(found, dtype=object)
+
+    try:
+        return all(bool((folded(root, exact, known) == 0).all()) for root in roots)
+    except (KeyError, ZeroDivisionError):
+        return False
 
 
 class CentredForm:
     """One expression of a network with the plans of its sweeps; K is its number of elements, in C order."""
 
-    def __init__(self, network: ConstraintNetwork, expr: Expr, engine: Arithmetic) -> None:
-        self._engine = engine
+    def __init__(self, network: ConstraintNetwork, expr: Expr) -> None:
         self._tape = Tape(network, [expr])
         self.count = self._tape.count
-        self._sets = {leaf.digest: leaf.data for leaf in self._tape.readings}
-        self._centers = {digest: IntervalArray.point(data.mid) for digest, data in self._sets.items()}
+        self._centers = {leaf.digest: IntervalArray.point(leaf.data.mid) for leaf in self._tape.readings}
         self.affine = _degree(expr) <= 1
 
-    def natural(self, box: Box) -> IntervalArray:
-        """(K,)"""
-        return self._tape.values(self._forward(box.array))[0]
-
-    def at(self, point: Floats, slopes: bool = False) -> IntervalArray:
+    def at(self, point: Floats) -> IntervalArray:
         """Enclosure (K,) of f(c, M) at a point c (n,): its natural form and f(c, m) + B (M - m)."""
-        e, tape = self._engine, self._tape
+        tape = self._tape
         slots = self._forward(IntervalArray.point(point))
         natural = tape.values(slots)[0]
-        if not self._sets:
+        if not tape.readings:
             return natural
-        center = self._forward(IntervalArray.point(point), self._centers)
-        factors = tape.slopes(e, center[0], slots[0]) if slopes else tape.derivatives(e, slots[0])
-        value = tape.values(center)[0]
-        total = tape.moved(e, factors, value, e.sub(tape.leaves(), tape.leaves(self._centers)))
-        known = tape.continuous_rows(e, (center if slopes else slots)[0]) & ~total.empty & ~value.empty
-        return natural.intersect(_or_line(total, known))
+        value = tape.values(self._forward(IntervalArray.point(point), self._centers))[0]
+        moves = tape.leaves() - tape.leaves(self._centers)
+        total = tape.moved(tape.derivatives(slots[0]), value, moves)
+        return natural.intersect(_or_line(total, tape.continuous_rows(slots[0]) & ~total.empty & ~value.empty))
 
     def jacobian(self, box: Box) -> IntervalArray:
         """Enclosure (K, n) of the derivatives over the box and all readings; the whole line where there is none."""
         slots = self._forward(box.array)[0]
-        known = self._tape.continuous_rows(self._engine, slots)
-        return self._gradients(self._tape.derivatives(self._engine, slots), known)
-
-    def slopes(self, box: Box, point: Floats) -> IntervalArray:
-        """Enclosure (K, n) of the slopes from a point of the box to all others, for all readings."""
-        anywhere, center = self._forward(box.array)[0], self._forward(IntervalArray.point(point))[0]
-        known = self._tape.continuous_rows(self._engine, center)
-        return self._gradients(self._tape.slopes(self._engine, center, anywhere), known)
-
-    def form(self, box: Box, slopes: bool) -> IntervalArray:
-        """f(c, M) + A (X - c) about the midpoint, (K,); empty where f is not defined there."""
-        e, center = self._engine, box.mid
-        matrix = self.slopes(box, center) if slopes else self.jacobian(box)
-        with np.errstate(all="ignore"):
-            moves = e.mul(matrix, e.sub(box.array, IntervalArray.point(center)))
-            return e.add(self.at(center, slopes), e.sum(moves, 1))
+        matrix = self._tape.jacobian(self._tape.derivatives(slots))
+        return _or_line(matrix, self._tape.continuous_rows(slots)[:, None] & ~matrix.empty)
 
     def _forward(self, flat: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:
-        return self._tape.forward(self._engine, flat[None], readings)
-
-    def _gradients(self, factors: Floats, known: Bools) -> IntervalArray:
-        matrix = self._tape.jacobian(self._engine, factors)
-        return _or_line(matrix, known[:, None] & ~matrix.empty)
+        return self._tape.forward(flat[None], readings)
 
 
 def _or_line(x: IntervalArray, known: Bools) -> IntervalArray:
@@ -142,40 +129,6 @@ def _degree(expr: Expr) -> float:
         return _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
 
     return folded(expr, degree)
-
-
-def check_powers(network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
-    """Raise ModelError for `x ** n` with x that may be negative and n that may be whole, but is not known to be.
-
-    exp(n log(x)) would cut it to x > 0 without a word. Where n is made of unknowns that take other numbers, too, x > 0
-    is what a power means.
-    """
-    for node in topological(tuple(roots)) if any("pow" in root.ops for root in roots) else ():
-        if node.op != "pow" or not _all_whole(network, node.args[1]):
-            continue
-        base, exponent = (evaluate(network, arg, network.domain) for arg in node.args)
-        with np.errstate(all="ignore"):
-            wrong = (base.lo < 0.0) & (np.ceil(exponent.lo) <= np.floor(exponent.hi))
-        if wrong.any():
-            raise ModelError(
-                f"{node} may be a whole power of a negative number, but its exponent is no known number: write that, "
-                f"or exp(exponent * log(base)), which is defined where the base is positive"
-            )
-
-
-def _all_whole(network: ConstraintNetwork, exponent: Expr) -> bool:
-    """Whether the unknowns of an expression are whole numbers, or known to be one number."""
-    settled = network.whole | (network.domain.lo == network.domain.hi)
-    place = {name: k for k, name in enumerate(network.names)}
-    for node in topological((exponent,)):
-        for leaf in node.args or (node,):
-            if leaf.op != "variable" or (leaf is node and leaf is not exponent):
-                continue
-            own = np.array([place.get(name, -1) for name in component_names(leaf)])
-            own = own[node.places] if node.op == "index" else own
-            if not (settled[own] & (own >= 0)).all():
-                return False
-    return True
 
 
 # ------------------------------------------------------------------------------------------------------------------

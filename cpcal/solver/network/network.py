@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import operator
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, Self, TypeVar
@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
-from cpcal.common.values import Bools, Indices
+from cpcal.common.values import Indices
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.expression import (
@@ -30,7 +30,6 @@ from cpcal.solver.network.expression import (
     Shape,
     as_expr,
     enclosed,
-    folded,
     leaves,
     pair,
     topological,
@@ -53,8 +52,6 @@ class ConstraintNetwork:
         self._domains: dict[str, Box] = {}
         self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
-        self._whole: frozenset[str] = frozenset()  # components that take whole numbers only
-        self._for_all: dict[bytes, Expr] = {}  # parameters, by digest
         self._made = Made()
 
     def variable(
@@ -62,11 +59,8 @@ class ConstraintNetwork:
         name: str,
         shape: int | Shape = (),
         domain: Domain = (-np.inf, np.inf),
-        integer: bool | Bools = False,
     ) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
-
-        `integer`: whether it takes whole numbers only, or which of its components do.
 
         `domain` is an Interval or a pair of bounds that broadcast to `shape`. Raises ModelError for a name that is
         taken, a shape without elements and a domain without numbers.
@@ -77,37 +71,10 @@ class ConstraintNetwork:
         taken = [self._owner[part] for part in component_names(leaf) if part in self._owner]
         if taken:
             raise ModelError(f"components of {name!r} would be called like those of {taken[0]!r}: rename one of both")
-        whole = np.broadcast_to(np.asarray(integer, bool), leaf.shape).ravel()
-        self._domains[name] = _domain(leaf, domain, whole)
-        self._whole |= {part for part, is_whole in zip(component_names(leaf), whole, strict=True) if is_whole}
+        self._domains[name] = _domain(leaf, domain)
         self._variables[name] = leaf
         self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
-
-    def require_whole(self, component: Expr) -> None:
-        """A variable, or an element of one, takes whole numbers only from here on. Raises ModelError for others."""
-        name = self.component(component)
-        leaf = self.leaf_of(name)
-        self._whole |= {name}
-        whole = np.array([part in self._whole for part in component_names(leaf)])
-        box = self._domains[leaf.name]
-        self._domains[leaf.name] = _domain(leaf, (box.lo.reshape(leaf.shape), box.hi.reshape(leaf.shape)), whole)
-
-    def parameter(self, domain: Domain, shape: int | Shape = (), *, forall: bool = True) -> Expr:
-        """A number that nobody chooses: each constraint that it enters must hold FOR ALL its values in `domain`.
-
-        Points are proved for all of them. Boxes are excluded by some of them: the constraint is added for the ends and
-        the middle as well. `forall=False`: for SOME value, as a reading. Raises ModelError for unbounded domains.
-        """
-        leaf = Expr("variable", shape=_shape("parameter", shape), name="parameter")
-        box = _domain(leaf, domain, np.zeros(int(np.prod(leaf.shape)), bool))
-        if not box.is_bounded:
-            raise ModelError("a parameter needs finite bounds")
-        values = IntervalArray(box.lo.reshape(leaf.shape), box.hi.reshape(leaf.shape))
-        out = Expr("constant" if forall else "reading", shape=leaf.shape, data=values)
-        if forall:
-            self._for_all = {**self._for_all, out.digest: out}
-        return out
 
     @staticmethod
     def constant(value: Operand) -> Expr:
@@ -132,16 +99,13 @@ class ConstraintNetwork:
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
         """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""
-        from cpcal.solver.network.forms import check_powers  # it needs this module
-
         listed = isinstance(constraint, Iterable) and not isinstance(constraint, (Expr, str))
         items: list[Any] = list(constraint) if listed else [constraint]  # type: ignore[arg-type]
         for item in items:
             if not isinstance(item, Constraint):
                 raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
             self.check_owner(*item.parts)
-            check_powers(self, item.parts)
-        self._constraints += [one for item in items for one in _for_all(item, self._for_all)]
+        self._constraints += items
 
     def owns(self, leaf: Expr) -> bool:
         """Whether a leaf is a variable of this network (or of the one that this is a copy of)."""
@@ -168,11 +132,6 @@ class ConstraintNetwork:
         other = copy(self)
         other._constraints, other._made = [], Made()
         return other
-
-    @property
-    def whole(self) -> Bools:
-        """Which components take whole numbers only."""
-        return np.array([name in self._whole for name in self.names], dtype=bool)
 
     @property
     def variables(self) -> tuple[Expr, ...]:
@@ -216,7 +175,7 @@ class ConstraintNetwork:
     @property
     def digest(self) -> str:
         """SHA-256 over variables, domains and constraints, in order; the same for networks built alike."""
-        hasher = hashlib.sha256(repr((self.names, self.whole.tolist())).encode())
+        hasher = hashlib.sha256(repr(self.names).encode())
         hasher.update(self.domain.lo.tobytes() + self.domain.hi.tobytes())
         roots = [expr for c in self._constraints for expr in c.parts]
         number: dict[bytes, int] = {}
@@ -237,7 +196,7 @@ class ConstraintNetwork:
         """
         parts = [part.digest for c in self._constraints for part in c.parts]
         box = self.domain
-        key = (what, self.names, self._whole, box.lo.tobytes(), box.hi.tobytes(), *parts)
+        key = (what, self.names, box.lo.tobytes(), box.hi.tobytes(), *parts)
         return self._made.of(key, make)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -291,7 +250,7 @@ def _shape(name: str, shape: Any) -> Shape:
     return sizes
 
 
-def _domain(leaf: Expr, domain: Domain, whole: Bools) -> Box:
+def _domain(leaf: Expr, domain: Domain) -> Box:
     """The box of one variable. Raises ModelError where it holds no number or does not fit the shape."""
     lower, upper = (domain.lo, domain.hi) if isinstance(domain, Interval) else pair(domain, "a domain")
     try:
@@ -299,38 +258,9 @@ def _domain(leaf: Expr, domain: Domain, whole: Bools) -> Box:
         hi = np.broadcast_to(enclosed(upper).hi, leaf.shape).ravel()
     except ValueError:
         raise ModelError(f"the domain of {leaf.name!r} does not fit its shape {leaf.shape}") from None
-    lo, hi = np.where(whole, np.ceil(lo), lo), np.where(whole, np.floor(hi), hi)
     if not bool(np.all((lo <= hi) & (lo < np.inf) & (hi > -np.inf))):
         raise ModelError(f"the domain of {leaf.name!r} holds no number: give (lower, upper) with lower <= upper")
     return Box(component_names(leaf), lo, hi)
-
-
-def _for_all(constraint: Constraint, parameters: Mapping[bytes, Expr]) -> list[Constraint]:
-    """The constraint itself, whose proofs hold for every value; and it with the ends and the middle of each parameter.
-
-    What excludes a box must be wrong for one value only: so the others are needed. Raises ModelError for an equation.
-    """
-    own = [leaf for leaf in leaves(constraint.parts) if leaf.digest in parameters]
-    if not own:
-        return [constraint]
-    if constraint.is_equation:
-        raise ModelError("an equation does not hold for all values of a parameter: give an inequality")
-    out = [constraint]
-    for pick in ("lo", "mid", "hi"):
-        chosen = {leaf.digest: as_expr(IntervalArray.point(np.array(getattr(leaf.data, pick)))) for leaf in own}
-        out.append(Constraint(*(_replaced(part, chosen) for part in constraint.parts)))
-    return out
-
-
-def _replaced(root: Expr, leaves_by: Mapping[bytes, Expr]) -> Expr:
-    """The expression with some of its leaves replaced."""
-
-    def replaced(node: Expr, args: list[Expr]) -> Expr:
-        if node.digest in leaves_by:
-            return leaves_by[node.digest]
-        return node if all(map(operator.is_, args, node.args)) else replace(node, args=tuple(args))
-
-    return folded(root, replaced)
 
 
 # ------------------------------------------------------------------------------------------------------------------

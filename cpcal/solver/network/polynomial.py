@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr, topological
@@ -100,11 +100,10 @@ class Expander:
     def __init__(
         self,
         network: ConstraintNetwork,
-        engine: Arithmetic,
         roots: tuple[Expr, ...],
         deadline: float = math.inf,
     ) -> None:
-        self._engine, self._deadline = engine, deadline
+        self._deadline = deadline
         self._start: dict[bytes, int] = {}
         start = 0
         for leaf in network.variables:
@@ -200,18 +199,18 @@ class Expander:
         return out
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
-        e, x, op = self._engine, args[0], node.op
+        x, op = args[0], node.op
         if op == "neg":
-            return x.monomials, e.neg(x.coefficients)
+            return x.monomials, -x.coefficients
         if op in ("index", "sum"):
             full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
             if op == "sum":
-                return x.monomials, coef.total_over(e, full, node.parameter + 1)
+                return x.monomials, coef.total_over(full, node.parameter + 1)
             return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.places]
         one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
         if op in ("add", "sub"):
             monomials, of_x, of_y = _union(one[0], other[0][0])
-            return monomials, coef.combined_terms(e, one[1], other[0][1], of_x, of_y, 1.0 if op == "add" else -1.0)
+            return monomials, coef.combined_terms(one[1], other[0][1], of_x, of_y, 1.0 if op == "add" else -1.0)
         if op == "mul":
             return self._product(one, other[0])
         if op == "sqr":
@@ -222,18 +221,18 @@ class Expander:
                 out = self._product(out, one)
             return out
         if op == "div" and args[1].is_constant:
-            return self._product(one, (((),), _aligned(coef.reciprocal(e, args[1].constant)[:, None], node.ndim)))
+            return self._product(one, (((),), _aligned(coef.reciprocal(args[1].constant)[:, None], node.ndim)))
         if all(arg.is_constant for arg in args):  # any operation, over all readings in their sets
-            known = [coef.total(e, arg.constant) for arg in args]
+            known = [coef.total(arg.constant) for arg in args]
             own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
-            return ((),), e.apply(CODES[op], own[0], own[-1], node.parameter)[None, None]
+            return ((),), own[0].apply(CODES[op], own[-1], node.parameter)[None, None]
         raise NotPolynomial(f"{op!r} of an expression with variables")
 
     def _product(self, x: Polynomial, y: Polynomial, square: bool = False) -> Polynomial:
         if len(x[0]) * len(y[0]) > _MOST_PRODUCTS:
             raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
         monomials, table = _products(x[0], y[0], square)
-        return monomials, coef.term_products(self._engine, x[1], y[1], table, len(monomials), square)
+        return monomials, coef.term_products(x[1], y[1], table, len(monomials), square)
 
 
 def _owned(data: IntervalArray) -> IntervalArray:
@@ -320,9 +319,9 @@ def terms(expr: Expr) -> list[Term]:
     return out
 
 
-def _sign(factor: Expr, engine: Arithmetic) -> int:
+def _sign(factor: Expr) -> int:
     """1 or -1 for a constant of one sign, else 0."""
-    value = coef.total(engine, Expander(ConstraintNetwork(), engine, (factor,)).expand(factor).constant)
+    value = coef.total(Expander(ConstraintNetwork(), (factor,)).expand(factor).constant)
     return int(bool(np.all(value.lo > 0.0))) - int(bool(np.all(value.hi < 0.0)))
 
 
@@ -341,7 +340,7 @@ def _isolated(row: Row, op: str) -> tuple[Expr, Expr, Expr] | None:
     return None
 
 
-def split(row: Row, engine: Arithmetic) -> list[Row] | None:
+def split(row: Row) -> list[Row] | None:
     """The rows that say the same without the first extremum, absolute value or square root; None where there is none.
 
     For `c f + r <= 0` with a constant c of one sign:
@@ -356,7 +355,7 @@ def split(row: Row, engine: Arithmetic) -> list[Row] | None:
         if found is None:
             continue
         factor, node, rest = found
-        sign = _sign(factor, engine)
+        sign = _sign(factor)
         if (op, sign) in (("max", 1), ("min", -1)):
             return [replace(row, expr=rest + factor * arg) for arg in node.args]
         if (op, sign) == ("abs", 1):
@@ -372,7 +371,7 @@ def split(row: Row, engine: Arithmetic) -> list[Row] | None:
 _MOST = 512  # rows made of one
 
 
-def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
+def rewritten(row: Row) -> list[Row]:
     """The rows that are made of one row; the row itself where they would be more than `_MOST`.
 
     A sum of n absolute values stands for 2^n rows.
@@ -382,7 +381,7 @@ def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
         if len(todo) + len(done) > _MOST:
             return [row]
         first, *todo = todo
-        found = split(first, engine)
+        found = split(first)
         if found is None:
             done.append(first)
         else:
@@ -424,10 +423,10 @@ class PolynomialForms:
     Rows that are not expanded at `deadline` (of time.monotonic()) have none.
     """
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, deadline: float = math.inf) -> None:
-        self._network, self._engine, self._deadline = network, engine, deadline
+    def __init__(self, network: ConstraintNetwork, deadline: float = math.inf) -> None:
+        self._network, self._deadline = network, deadline
         self._first = one_sided_rows(network)
-        self._parts = [rewritten(row, engine) for row in self._first]
+        self._parts = [rewritten(row) for row in self._first]
         self._expander: Expander | None = None
 
     def __getstate__(self) -> dict[str, object]:
@@ -441,7 +440,7 @@ class PolynomialForms:
         """
         if self._expander is None:
             roots = tuple(row.expr for row in self._first)
-            self._expander = Expander(self._network, self._engine, roots, self._deadline)
+            self._expander = Expander(self._network, roots, self._deadline)
         expanded, leftover = list[Expanded](), list[tuple[int, str]]()
         monomials, size = set[Monomial](), 0
         for part, own in ((part, sets[k] if sets else {}) for k, parts in enumerate(self._parts) for part in parts):
@@ -461,12 +460,11 @@ class PolynomialForms:
 
 def polynomial_form(
     network: ConstraintNetwork,
-    engine: Arithmetic,
     sets: Sequence[ReadingSets] | None = None,
     deadline: float = math.inf,
 ) -> PolynomialSystem:
     """`PolynomialForms` for one collection of reading sets."""
-    return PolynomialForms(network, engine, deadline).on(sets)
+    return PolynomialForms(network, deadline).on(sets)
 
 
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:

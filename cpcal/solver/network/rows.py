@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import one_sided_rows
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 _GOLDEN = 0.6180339887498949  # multiples of it, without their whole parts, are spread evenly
-_ENGINE = get_arithmetic("float64")  # at a point its bounds are as good as equal; NaN where nothing is defined
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,8 @@ class Extremes:
 
         For a reading that several elements share, their sum.
         """
-        slots = self.tape.forward(_ENGINE, IntervalArray.point(point[None]), self.centers)
-        g = _middle(self.tape.gradients(_ENGINE, self.tape.derivatives(_ENGINE, slots[0])))
+        slots = self.tape.forward(IntervalArray.point(point[None]), self.centers)
+        g = _middle(self.tape.gradients(self.tape.derivatives(slots[0])))
         total, paths = np.zeros(self.tape.program.first), self.tape.reach
         np.add.at(total, paths.leaf, g[paths.entry])
         smallest, largest = dict(self.centers), dict(self.centers)
@@ -72,8 +71,8 @@ class Extremes:
         """The same with derivatives."""
         tape = self.tape
         readings = self.at(point)[self._asked] if tape.readings else self.centers
-        slots = tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
-        jacobian = _middle(tape.jacobian(_ENGINE, tape.derivatives(_ENGINE, slots[0])))
+        slots = tape.forward(IntervalArray.point(point[None]), readings)
+        jacobian = _middle(tape.jacobian(tape.derivatives(slots[0])))
         # a derivative that is not defined, as that of a norm at zero, counts as zero
         return RowValues(_middle(tape.values(slots)[0]), np.where(np.isfinite(jacobian), jacobian, 0.0))
 
@@ -81,7 +80,7 @@ class Extremes:
         """Derivatives (B, K, n) at points (B, n), each as `linearize` has it."""
         if self.tape.readings:
             return np.stack([self.linearize(point).jacobian for point in points])
-        return self.tape.point_jacobians(_ENGINE, points)
+        return self.tape.point_jacobians(points)
 
 
 def exclusive(tape: Tape) -> bool:
@@ -207,8 +206,7 @@ def rows_tape(network: ConstraintNetwork) -> Tape:
 class DecisiveReadings:
     """For each one-sided row of a network, on any box, the part of every reading set that can matter."""
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
-        self._engine = engine
+    def __init__(self, network: ConstraintNetwork) -> None:
         self.tape = rows_tape(network)
         self._data = {leaf.digest: leaf.data for leaf in self.tape.readings}
 
@@ -219,10 +217,10 @@ class DecisiveReadings:
     def on(self, box: Box) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points."""
         tape = self.tape
-        slots = tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
-        if not tape.continuous(self._engine, slots):  # monotone on either side of a pole is not monotone
+        slots = tape.forward(IntervalArray(box.lo[None], box.hi[None]))
+        if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
             return [{} for _ in tape.roots]
-        g = tape.gradients(self._engine, tape.derivatives(self._engine, slots[0]))
+        g = tape.gradients(tape.derivatives(slots[0]))
         return [self._sets(tape.rows(root), g) for root in tape.roots]
 
     def _sets(self, rows: slice, g: IntervalArray) -> ReadingSets:

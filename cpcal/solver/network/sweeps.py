@@ -19,11 +19,10 @@ from cpcal.solver.interval.operations import (
     MUL,
     SQR,
     SUB,
+    continuous,
     first_argument,
     partials,
-    quality,
     second_argument,
-    slopes,
     value,
 )
 
@@ -147,10 +146,10 @@ def contract_all(p: Program, leaves: Arrays, boxes: Arrays) -> None:
 
 
 @compiled
-def qualities(p: Program, x: Arrays, out: Places) -> None:
-    """The quality of every operation (P,) on all points that the slots enclose."""
+def continuity(p: Program, x: Arrays, out: Bools) -> None:
+    """Which operations (P,) are continuous at all points that the slots enclose."""
     for k in range(len(p.code)):
-        out[k] = quality(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1]))
+        out[k] = continuous(p.code[k], p.par[k], at(x, p.arg[k, 0]), at(x, p.arg[k, 1]))
 
 
 @compiled
@@ -159,15 +158,6 @@ def all_partials(p: Program, x: Arrays, out: Floats) -> None:
     for k in range(len(p.code)):
         z, a, b = at(x, p.first + k), at(x, p.arg[k, 0]), at(x, p.arg[k, 1])
         (out[k, 0], out[k, 1]), (out[k, 2], out[k, 3]) = partials(p.code[k], p.par[k], z, a, b)
-
-
-@compiled
-def all_slopes(p: Program, center: Arrays, x: Arrays, out: Floats) -> None:
-    """Slopes of every operation from the slots at a centre to those anywhere: `out` (P, 4)."""
-    for k in range(len(p.code)):
-        z, a, b = p.first + k, p.arg[k, 0], p.arg[k, 1]
-        c, u = (at(center, z), at(center, a), at(center, b)), (at(x, z), at(x, a), at(x, b))
-        (out[k, 0], out[k, 1]), (out[k, 2], out[k, 3]) = slopes(p.code[k], p.par[k], c, u)
 
 
 @compiled
@@ -259,12 +249,12 @@ def add_moves(p: Program, reach: Reach, g: Arrays, moves: Arrays, out: Arrays) -
 
 
 @compiled
-def row_qualities(p: Program, reach: Reach, operations: Places, out: Places) -> None:
-    """For every root the least quality of the operations that depend on variables or readings."""
+def row_continuity(p: Program, reach: Reach, operations: Bools, out: Bools) -> None:
+    """For every root whether all operations that depend on variables or readings are continuous."""
     for r in range(len(p.roots)):
         for k in reach.order[reach.start[r] : reach.start[r + 1]]:
             if k >= p.first:
-                out[r] = min(out[r], operations[k - p.first])
+                out[r] = out[r] and operations[k - p.first]
 
 
 @compiled

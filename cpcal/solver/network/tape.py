@@ -9,25 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from cpcal.common.values import Bools, Floats
-from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.interval.arithmetic import in_arithmetic
-from cpcal.solver.interval.kernels import Arrays
-from cpcal.solver.interval.operations import ADD, CODES, CONTINUOUS, DEFINED
+from cpcal.solver.interval import IntervalArray
+from cpcal.solver.interval.kernels import Arrays, check_rounding
+from cpcal.solver.interval.operations import ADD, CODES
 from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import SELECTS, Expr, topological
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.sweeps import Places, Program, Reach, near, needed, reached
-
-
-def sweeps_of(engine: Arithmetic) -> Any:
-    """The functions of `sweeps`, and of the table of operations, by name, in an engine's arithmetic."""
-    return in_arithmetic(engine.name, sweeps)
-
+from cpcal.solver.network.sweeps import Places, Program, Reach
 
 # For readings, by the digest of their leaf: values or smaller sets.
 ReadingSets = Mapping[bytes, IntervalArray]
@@ -37,6 +29,7 @@ class Tape:
     """Immutable. `size` n is the number of a box's components, `count` K that of all roots' elements."""
 
     def __init__(self, network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
+        check_rounding()
         self.roots = tuple(roots)
         writer = _Writer(network, self.roots)
         self.readings = writer.readings
@@ -45,7 +38,7 @@ class Tape:
         self._slots = {root.digest: writer.slots[root.digest] for root in self.roots}
         flat = np.concatenate([np.zeros(0, np.int32), *(self._slots[root.digest].ravel() for root in self.roots)])
         program = Program(*writer.table(), flat, len(network.names), writer.given, writer.first)
-        used = needed(program)
+        used = sweeps.needed(program)
         if not used.all():  # elements that no root takes: where they are defined restricts nothing
             number = np.concatenate([np.arange(writer.first), writer.first + np.cumsum(used) - 1]).astype(np.int32)
             code, arg, par = program.code[used], number[program.arg[used]], program.par[used]
@@ -74,13 +67,13 @@ class Tape:
                 lo[where], hi[where] = values.lo, values.hi
         return IntervalArray(lo, hi)
 
-    def forward(self, engine: Arithmetic, boxes: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:
+    def forward(self, boxes: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:
         """Bounds (B, M) of every slot over boxes (B, n); `readings` may replace sets by other values."""
         first = self.program.first
         lo, hi = np.empty((2, boxes.shape[0], first + len(self.program.code)))
         leaves = self.leaves(readings)
         lo[:, self.size : first], hi[:, self.size : first] = leaves.lo, leaves.hi
-        sweeps_of(engine).forward_all(self.program, _own(boxes), (lo, hi))
+        sweeps.forward_all(self.program, _own(boxes), (lo, hi))
         return IntervalArray(lo, hi)
 
     def near(self, point: Floats, readings: ReadingSets | None = None) -> Floats:
@@ -89,7 +82,7 @@ class Tape:
         For proposals: nothing here is a bound.
         """
         slots = np.concatenate([point, self.leaves(readings).mid, np.empty(len(self.program.code))])
-        near(self.program, slots)
+        sweeps.near(self.program, slots)
         return np.asarray(slots[self.program.roots])
 
     def value(self, slots: IntervalArray, root: Expr) -> IntervalArray:
@@ -100,35 +93,26 @@ class Tape:
         """Bounds (B, K) of all roots' elements."""
         return slots[:, self.program.roots]
 
-    def contract(self, engine: Arithmetic, boxes: IntervalArray) -> IntervalArray:
+    def contract(self, boxes: IntervalArray) -> IntervalArray:
         """hc4 for `root <= 0`: what is left of boxes (B, n); NaN where nothing is."""
         left = _own(boxes)
-        sweeps_of(engine).contract_all(self.program, _both(self._leaves), left)
+        sweeps.contract_all(self.program, _both(self._leaves), left)
         return IntervalArray(*left)
 
-    def continuous(self, engine: Arithmetic, slots: IntervalArray) -> bool:
+    def continuous(self, slots: IntervalArray) -> bool:
         """Whether every operation is defined and continuous at all points that the slots (B, M) enclose."""
-        return self._quality(engine, slots) == CONTINUOUS
+        return all(self._continuity(slots[k]).all() for k in range(slots.shape[0]))
 
-    def defined(self, engine: Arithmetic, slots: IntervalArray) -> bool:
-        """Whether every operation is defined at all points that the slots (B, M) enclose."""
-        return self._quality(engine, slots) >= DEFINED
-
-    def _quality(self, engine: Arithmetic, slots: IntervalArray) -> int:
-        out = [self.qualities(engine, slots[k]) for k in range(slots.shape[0])]
-        return int(np.min(out, initial=CONTINUOUS))
-
-    def qualities(self, engine: Arithmetic, slots: IntervalArray) -> Places:
-        """The quality of every operation (P,) over slots (M,)."""
-        out = np.empty(len(self.program.code), np.int32)
-        sweeps_of(engine).qualities(self.program, _both(slots), out)
+    def _continuity(self, slots: IntervalArray) -> Bools:
+        out = np.empty(len(self.program.code), np.bool_)
+        sweeps.continuity(self.program, _both(slots), out)
         return out
 
-    def continuous_rows(self, engine: Arithmetic, slots: IntervalArray) -> Bools:
+    def continuous_rows(self, slots: IntervalArray) -> Bools:
         """Which of the roots' elements (K,) are continuous at all points that the slots (M,) enclose."""
-        out = np.full(self.count, CONTINUOUS, np.int32)
-        sweeps_of(engine).row_qualities(self.program, self.reach, self.qualities(engine, slots), out)
-        return np.asarray(out == CONTINUOUS)
+        out = np.ones(self.count, np.bool_)
+        sweeps.row_continuity(self.program, self.reach, self._continuity(slots), out)
+        return out
 
     @cached_property
     def reach(self) -> Reach:
@@ -136,53 +120,47 @@ class Tape:
         first = self.program.first
         start, room = np.zeros(self.count + 1, np.int32), 4 * (first + len(self.program.code))
         order = np.empty(room, np.int32)
-        count = reached(self.program, start, order)
+        count = sweeps.reached(self.program, start, order)
         if count > room:
             order = np.empty(count, np.int32)
-            reached(self.program, start, order)
+            sweeps.reached(self.program, start, order)
         order = order[:count].copy()
         entry = np.flatnonzero(order < first).astype(np.int32)
         row = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(start))[entry]
         return Reach(start, order, entry, row, order[entry])
 
-    def derivatives(self, engine: Arithmetic, slots: IntervalArray) -> Floats:
+    def derivatives(self, slots: IntervalArray) -> Floats:
         """Bounds of every operation's partial derivatives over slots (M,), for `gradients`: shape (P, 4)."""
         out = np.empty((len(self.program.code), 4))
-        sweeps_of(engine).all_partials(self.program, _both(slots), out)
+        sweeps.all_partials(self.program, _both(slots), out)
         return out
 
-    def slopes(self, engine: Arithmetic, center: IntervalArray, slots: IntervalArray) -> Floats:
-        """Bounds of every operation's slopes from the slots (M,) at a centre to those anywhere: shape (P, 4)."""
-        out = np.empty((len(self.program.code), 4))
-        sweeps_of(engine).all_slopes(self.program, _both(center), _both(slots), out)
-        return out
-
-    def gradients(self, engine: Arithmetic, factors: Floats) -> IntervalArray:
-        """Derivatives (or slopes) of all roots' elements along `reach.order`: those at `reach.entry` mean something."""
+    def gradients(self, factors: Floats) -> IntervalArray:
+        """Derivatives of all roots' elements along `reach.order`: those at `reach.entry` mean something."""
         out = np.zeros(len(self.reach.order)), np.zeros(len(self.reach.order))
-        sweeps_of(engine).gradients(self.program, self.reach, factors, out)
+        sweeps.gradients(self.program, self.reach, factors, out)
         return IntervalArray(*out)
 
-    def moved(self, engine: Arithmetic, factors: Floats, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
+    def moved(self, factors: Floats, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
         """`start` (K,) plus the derivatives by all readings times their `moves` (constants and readings)."""
-        g, out = self.gradients(engine, factors), (start.lo.copy(), start.hi.copy())
-        sweeps_of(engine).add_moves(self.program, self.reach, _both(g), _both(moves), out)
+        g, out = self.gradients(factors), (start.lo.copy(), start.hi.copy())
+        sweeps.add_moves(self.program, self.reach, _both(g), _both(moves), out)
         return IntervalArray(*out)
 
-    def jacobian(self, engine: Arithmetic, factors: Floats) -> IntervalArray:
-        """Derivatives (or slopes) of all roots' elements by the box's components: (K, n)."""
-        g, paths = self.gradients(engine, factors), self.reach
+    def jacobian(self, factors: Floats) -> IntervalArray:
+        """Derivatives of all roots' elements by the box's components: (K, n)."""
+        g, paths = self.gradients(factors), self.reach
         lo, hi = np.zeros((2, self.count, self.size))
         of_box = paths.leaf < self.size
         row, column, entry = paths.row[of_box], paths.leaf[of_box], paths.entry[of_box]
         lo[row, column], hi[row, column] = g.lo[entry], g.hi[entry]
         return IntervalArray(lo, hi)
 
-    def point_jacobians(self, engine: Arithmetic, points: Floats) -> Floats:
+    def point_jacobians(self, points: Floats) -> Floats:
         """About the derivatives of all roots' elements by the box's components (B, K, n), at points (B, n)."""
         out = np.zeros((len(points), self.count, self.size))
         own = np.array(points, np.float64, order="C")
-        sweeps_of(engine).point_jacobians(self.program, self.reach, _both(self._leaves), own, out)
+        sweeps.point_jacobians(self.program, self.reach, _both(self._leaves), own, out)
         return out
 
 

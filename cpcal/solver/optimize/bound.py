@@ -21,7 +21,7 @@ from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, Verdict, shrunk
 from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.execution.stopping import Stopped, asked
-from cpcal.solver.interval import Arithmetic, Box, Interval
+from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.local import Incumbent, Known
@@ -262,7 +262,6 @@ def minimize(
     objective: str,
     contractors: Contractor | Sequence[Named],
     *,
-    engine: Arithmetic,
     limits: Limits,
     domain: Box | None = None,
     start: Floats | None = None,
@@ -294,7 +293,7 @@ def minimize(
     domain = network.domain if domain is None else domain
     strategy = strategy or LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
-    prepared = prepared or Prepared(network, objective, engine)
+    prepared = prepared or Prepared(network, objective)
     incumbent = Incumbent(prepared, limits, clock.deadline, domain=domain, best=best)
     process = Bounding(incumbent, Contracting(named, prover, clock.deadline), strategy, enclose, place)
     root = Piece(domain, Branch(domain, fresh=True))

@@ -279,7 +279,6 @@ class LocalSearch:
     ) -> None:
         self._deadline, self._domain = deadline, network.domain if domain is None else domain
         self._objective, self._equations = objective, equations
-        self._whole = network.whole
         self._rows = Rows(equations.rest) if equations.count else rows
         size = sum(int(np.prod(c.body.shape)) for c in network.constraints)
         self.applies = max(size, len(network.names)) <= _LARGEST and not any(map(reads, network.constraints))
@@ -287,11 +286,9 @@ class LocalSearch:
     def proposals(self, start: Floats) -> Iterator[Floats]:
         """Points to prove, the best first: each with a larger margin than the one before."""
         scale = self._scale(start)
-        if not (self._equations.count or self._whole.any()):
+        if not self._equations.count:
             yield from self._vertices(start, scale)
         point = self._slsqp(start, scale)
-        if point is not None and self._whole.any():
-            point = self._slsqp(np.where(self._whole, np.round(point), point), scale, fixed=True)
         if point is None:
             return
         for margin in MARGINS:
@@ -339,7 +336,6 @@ class LocalSearch:
             return None
         low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
         high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
-        low, high = np.where(self._whole, 0.0, low), np.where(self._whole, 0.0, high)
         linprog: Any = _scipy().linprog  # typed for other arguments than these
         n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
         found = linprog(
@@ -359,11 +355,9 @@ class LocalSearch:
         usual = np.maximum(np.abs(start), 1.0)
         return np.where(np.isfinite(width) & (width < _WIDE) & (width > 0.0), width, usual)
 
-    def _slsqp(self, start: Floats, scale: Floats, *, fixed: bool = False) -> Floats | None:
-        """A local minimum in scaled components, or wherever it stops; `fixed`: whole numbers stay as they are."""
-        stay = self._whole & fixed
-        lo = np.where(stay, start, self._domain.lo) / scale
-        hi = np.where(stay, start, self._domain.hi) / scale
+    def _slsqp(self, start: Floats, scale: Floats) -> Floats | None:
+        """A local minimum in scaled components, or wherever it stops."""
+        lo, hi = self._domain.lo / scale, self._domain.hi / scale
         late = max(self._deadline, time.monotonic() + _GRACE)
         asked: list[Floats] = []  # the last point
         sizes: list[Floats] = []  # of rows and equations, where the search begins

@@ -27,7 +27,7 @@ from cpcal.solver.existence import (
     sides,
     upper_ends,
 )
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.expression import leaves
 from cpcal.solver.network.polynomial import one_sided
@@ -47,15 +47,14 @@ _NEAR = 1e-9  # relative to the point: a component so near to an end of its doma
 class Equations:
     """Those without readings. `rest` is the network of everything else; `enter` says which components they hold."""
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
+    def __init__(self, network: ConstraintNetwork) -> None:
         plain = network.without_constraints()
         plain.add([c for c in network.constraints if not reads(c)])
         self._domain, self._equalities = network.domain, Equalities(plain)
-        self._whole = network.whole
         self.count, self.rest = self._equalities.count, self._equalities.rest
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
-        self._network, self._engine = plain, engine
+        self._network = plain
         self._flat = [
             part for root in self._equalities.roots for part in ([root] if not root.shape else list(root.reshape(-1)))
         ]
@@ -88,16 +87,16 @@ class Equations:
         lo, hi = self._domain.lo, self._domain.hi
         near = _NEAR * np.maximum(np.abs(point), 1.0)
         low, high = point - lo <= near, hi - point <= near
-        return np.where(low, lo, np.where(high, hi, point)), ~(low | high | self._whole)
+        return np.where(low, lo, np.where(high, hi, point)), ~(low | high)
 
     def _open(self, point: Floats, free: Bools) -> Indices:
         """The equations that do not hold already, whatever the components are that are at no end: 0 times them, say."""
         tape = self._equalities.tape
         lo, hi = np.where(free, self._domain.lo, point), np.where(free, self._domain.hi, point)
         with np.errstate(all="ignore"):
-            slots = tape.forward(self._engine, IntervalArray(lo[None], hi[None]))
+            slots = tape.forward(IntervalArray(lo[None], hi[None]))
             values = tape.values(slots)
-            if not tape.defined(self._engine, slots):
+            if not tape.continuous(slots):
                 return np.arange(self.count)
         return np.flatnonzero((values.lo[0] != 0.0) | (values.hi[0] != 0.0))
 
@@ -106,7 +105,7 @@ class Equations:
         if key not in self._provers:
             alone = self._network.without_constraints()
             alone.add([self._flat[k] == 0.0 for k in key])
-            self._provers[key] = UniquenessProver(alone, self._engine)
+            self._provers[key] = UniquenessProver(alone)
         return self._provers[key]
 
     def _unknowns(self, point: Floats, rows: Indices, free: Bools) -> Indices | None:
@@ -146,14 +145,11 @@ class Witness:
 class WitnessProver:
     """Proves points of one network."""
 
-    def __init__(self, network: ConstraintNetwork, objective: int, engine: Arithmetic) -> None:
-        self.objective, self._engine = objective, engine
-        self._domain, self._whole = network.domain, network.whole
-        if self._whole.any():  # their rows hold with equality, which outward rounding in float64 does not see
-            self._engine = engine = get_arithmetic("arb")
+    def __init__(self, network: ConstraintNetwork, objective: int) -> None:
+        self.objective, self._domain = objective, network.domain
         self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
         self.reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
-        self.equations = Equations(network, engine)
+        self.equations = Equations(network)
         rest = list(self.equations.rest.constraints) if self.equations.count else []
         self._rest = _Rows(network, [c for c in rest if not reads(c)], objective)
 
@@ -169,7 +165,6 @@ class WitnessProver:
         The objective component of `point` is only where the search for it begins.
         """
         candidate = np.clip(point, self._domain.lo, self._domain.hi)
-        candidate = np.where(self._whole, np.round(candidate), candidate)
         if not np.isfinite(candidate).all():
             return None
         found = self._raised(self._plain, IntervalArray.point(candidate), candidate)
@@ -215,10 +210,10 @@ class WitnessProver:
         """The worst row on a tiny box around the point; and whether one fails that the objective does not enter."""
         values = IntervalArray(box.lo[None], box.hi[None])
         with np.errstate(all="ignore"):
-            plain, stuck = rows.worst(self._engine, values)
+            plain, stuck = rows.worst(values)
             if stuck or plain == np.inf:
                 return np.inf, stuck
-            return max(plain, excess_for_some(self.reading, self._engine, values, point)), False
+            return max(plain, excess_for_some(self.reading, values, point)), False
 
 
 class _Rows:
@@ -230,14 +225,14 @@ class _Rows:
             groups[_enters(network, objective, c)].append(c)
         self._tapes = [Tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups]
 
-    def worst(self, engine: Arithmetic, box: IntervalArray) -> tuple[float, bool]:
+    def worst(self, box: IntervalArray) -> tuple[float, bool]:
         """The worst row on a box (1, n), and whether it is one that no objective mends."""
         worst = -np.inf
         for tape, mended in zip(self._tapes, (False, True), strict=True):
             if tape is None:
                 continue
-            slots = tape.forward(engine, box)
-            if not tape.defined(engine, slots):
+            slots = tape.forward(box)
+            if not tape.continuous(slots):
                 return np.inf, True
             worst = max(worst, highest(tape.values(slots)))
             if worst > 0.0 and not mended:
@@ -255,8 +250,8 @@ class Prepared:
     Each part is made when it is first wanted: a search that begins with a proved point may never propose one.
     """
 
-    def __init__(self, network: ConstraintNetwork, objective: str, engine: Arithmetic) -> None:
-        self.network, self.engine = network, engine
+    def __init__(self, network: ConstraintNetwork, objective: str) -> None:
+        self.network = network
         self.name, self.objective = objective, network.names.index(objective)
 
     @cached_property
@@ -265,7 +260,7 @@ class Prepared:
 
     @cached_property
     def prover(self) -> WitnessProver:
-        return WitnessProver(self.network, self.objective, self.engine)
+        return WitnessProver(self.network, self.objective)
 
     @cached_property
     def minimax(self) -> bool:
@@ -293,7 +288,6 @@ class PointVerdicts:
 def verify_point(
     network: ConstraintNetwork,
     point: npt.ArrayLike,
-    engine: Arithmetic,
     reading: Sequence[ReadingConstraint] | None = None,
 ) -> PointVerdicts:
     """Verify a point (n,), one value for each component in the order of `names`.
@@ -312,15 +306,15 @@ def verify_point(
         for constraint in network.constraints:
             if reads(constraint):
                 one = next(set_up)
-                for_all = one.for_all(engine, box)
+                for_all = one.for_all(box)
                 for_some += ~_by_row(for_all, constraint, count, every=True)
-                good = for_all | (one.excesses(engine, box, x) <= 0.0)
+                good = for_all | (one.excesses(box, x) <= 0.0)
             else:
-                good = _holds(network, constraint, engine, box)
+                good = _holds(network, constraint, box)
             holds &= _by_row(good, constraint, count, every=True)
-        decisive = DecisiveReadings(network, engine)  # of each row `r <= 0` a lower bound over all readings
+        decisive = DecisiveReadings(network)  # of each row `r <= 0` a lower bound over all readings
         for row, sets in zip(one_sided_rows(network), decisive.on(Box(network.names, x, x)), strict=True):
-            values = decisive.tape.value(decisive.tape.forward(engine, box, sets), row.expr)
+            values = decisive.tape.value(decisive.tape.forward(box, sets), row.expr)
             body = network.constraints[row.constraint].body
             violated = np.zeros(math.prod(body.shape), dtype=bool)
             above = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0
@@ -330,12 +324,12 @@ def verify_point(
     return PointVerdicts(holds & (for_some <= 1), fails)
 
 
-def _holds(network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray) -> Bools:
+def _holds(network: ConstraintNetwork, constraint: Constraint, box: IntervalArray) -> Bools:
     """Elements of a constraint without readings that hold."""
     rows = one_sided(0, constraint)
     tape = Tape(network, [*(row.expr for row in rows), constraint.body])
-    slots = tape.forward(engine, box)
-    good = np.full(int(np.prod(constraint.body.shape)), tape.defined(engine, slots))
+    slots = tape.forward(box)
+    good = np.full(int(np.prod(constraint.body.shape)), tape.continuous(slots))
     for row in rows:
         where = slice(None) if row.elements is None else row.elements
         good[where] &= upper_ends(tape.value(slots, row.expr), good[where].size) <= 0.0

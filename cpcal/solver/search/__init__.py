@@ -13,7 +13,7 @@ from cpcal.solver.search.passes import (
     divided,
     light,
 )
-from cpcal.solver.search.paving import Paving, Solution, WholeNumbers, conclusion
+from cpcal.solver.search.paving import Paving, Solution, conclusion
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.search import (
     ORDERS,
@@ -49,7 +49,6 @@ __all__ = [
     "Smear",
     "Solution",
     "StepProver",
-    "WholeNumbers",
     "bisect",
     "breadth_first",
     "clusters",

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 
-from cpcal.common.values import Bools
 from cpcal.solver.accounts import RowUse
-from cpcal.solver.contract import Clock, Composable, Contraction, Verdict, narrowed
+from cpcal.solver.contract import Clock, Verdict
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box, Interval, IntervalArray
@@ -103,12 +100,8 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     A zero on a face lies in several boxes, so that clusters are tried as a whole before their boxes one by one. A box
     inside a region of uniqueness holds no solution but that one.
     """
-    points = list[Box]()
-    with suppress(KeyboardInterrupt):
-        points = list({box.lo.tobytes(): box for box in kept if prover.holds_at(box)}.values())
-    kept = [box for box in kept if box not in points]
     if not prover.applies:
-        return points, list(kept)
+        return [], list(kept)
     found: list[Unique] = []
     left = dict(enumerate(kept))
     labels = clusters(kept)
@@ -123,10 +116,8 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
                     left[k] = prover.narrowed(kept[k])
     except KeyboardInterrupt:
         pass
-    boxes = points
-    for k, proof in enumerate(found):
-        if not _covered(proof.box, found[:k]):  # else it is a solution that is known already
-            boxes.append(proof.box)
+    # what another one covers is a solution that is known already
+    boxes = [proof.box for k, proof in enumerate(found) if not _covered(proof.box, found[:k])]
     return boxes, [box for box in left.values() if not box.is_empty and not _covered(box, found)]
 
 
@@ -168,24 +159,3 @@ def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:
 
 # ------------------------------------------------------------------------------------------------------------------
 # Whole numbers: bounds of components that take nothing else are rounded inward.
-
-
-class WholeNumbers(Composable):
-    """A contractor that goes with every other one where a network has whole numbers."""
-
-    idempotent = True
-
-    def __init__(self, whole: Bools) -> None:
-        self._whole = whole
-
-    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        left = self.contract_batch(box.array[None])
-        return narrowed("whole numbers", box, box.intersect(box.with_bounds(left.lo[0], left.hi[0])))
-
-    def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
-        """All boxes (B, n) at once, NaN where one holds no whole number."""
-        lo = np.where(self._whole, np.ceil(boxes.lo), boxes.lo)
-        hi = np.where(self._whole, np.floor(boxes.hi), boxes.hi)
-        empty = ~(lo <= hi).all(axis=1)
-        lo[empty], hi[empty] = np.nan, np.nan
-        return IntervalArray(lo, hi)

@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
-from cpcal.solver.interval.arithmetic import check_rounding
+from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval.kernels import check_rounding
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 
@@ -477,10 +477,9 @@ def volume(boxes: Sequence[Box]) -> Interval:
     if not full:
         return Interval(0.0)
     lo, hi = np.stack([box.lo for box in full]), np.stack([box.hi for box in full])
-    engine = get_arithmetic("float64")
-    widths = engine.sub(IntervalArray.point(hi), IntervalArray.point(lo))
+    widths = IntervalArray.point(hi) - lo
     product = IntervalArray.point(np.ones(len(full)))
     for k in range(lo.shape[1]):
-        product = engine.mul(product, widths[:, k])
-    total = engine.sum(product, 0)
+        product = product * widths[:, k]
+    total = product.sum(0)
     return Interval(max(float(total.lo), 0.0), float(total.hi))

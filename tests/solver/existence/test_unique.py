@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.common.errors import ModelError
-from cpcal.solver.existence import Equalities, UniquenessProver, hansen_sengupta, krawczyk, prove_unique, square_of
-from cpcal.solver.existence.operators import inside
-from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
+from cpcal.solver.existence import Equalities, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
+from cpcal.solver.existence.operators import inside, newton_image
+from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 
-ENGINES = ["float64", "arb"]
 OPERATORS = {"hansen-sengupta": hansen_sengupta, "krawczyk": krawczyk}
 
 
@@ -52,13 +51,11 @@ def circle_and_parabola() -> ConstraintNetwork:
     return net
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("operator", OPERATORS)
-def test_classic_systems(engine: str, operator: str) -> None:
-    arithmetic = get_arithmetic(engine)
+def test_classic_systems(operator: str) -> None:
 
     def prove(net: ConstraintNetwork, near: list[float]) -> Box:
-        prover = UniquenessProver(net, arithmetic, OPERATORS[operator])
+        prover = UniquenessProver(net, OPERATORS[operator])
         found = prover.prove(Box(net.names, np.array(near), np.array(near)))
         assert found is not None
         assert found.box.subset(found.region)
@@ -76,8 +73,8 @@ def test_classic_systems(engine: str, operator: str) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), engine=st.sampled_from(ENGINES))
-def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int, engine: str) -> None:
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int) -> None:
     """Quadratic systems with a dyadic solution, so that its residual is exactly zero."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
@@ -88,7 +85,7 @@ def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int, engine: 
     net.add(a @ x + b @ sqr(x) == a @ solution + b @ solution**2)
     reach = 10.0 ** rng.uniform(-8, 0)
     near = Box(net.names, solution - reach * rng.random(n), solution + reach * rng.random(n))
-    found = UniquenessProver(net, get_arithmetic(engine)).prove(near)
+    found = UniquenessProver(net).prove(near)
     jacobian = a + 2.0 * b * solution
     regular = abs(np.linalg.det(jacobian)) > 1e-6
     if regular and reach * np.abs(np.linalg.inv(jacobian)).sum() * np.abs(b).sum() < 0.01:  # Newton converges
@@ -113,9 +110,7 @@ def test_a_region_holds_exactly_one_of_all_the_known_zeros(seed: int, operator: 
     net.add(mixing @ cubic == 0)
     middle = roots[np.arange(n), rng.integers(0, 3, n)] + rng.uniform(-1, 1, n) * 10.0 ** -rng.uniform(0, 9)
     reach = 10.0 ** -rng.uniform(0, 9) * rng.random(n)
-    found = UniquenessProver(net, get_arithmetic("float64"), OPERATORS[operator]).prove(
-        Box(net.names, middle - reach, middle + reach)
-    )
+    found = UniquenessProver(net, OPERATORS[operator]).prove(Box(net.names, middle - reach, middle + reach))
     if found is None or abs(np.linalg.det(mixing)) < 0.05:
         return
     for k in range(n):  # a double zero can be in no region
@@ -130,8 +125,7 @@ def refused(build: Callable[[ConstraintNetwork, Expr, Expr], object], at: tuple[
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
     build(net, x, y)
-    for engine in ENGINES:
-        assert prove_unique(net, at, get_arithmetic(engine)) is None
+    assert prove_unique(net, at) is None
 
 
 def test_what_is_not_proved() -> None:
@@ -142,7 +136,7 @@ def test_what_is_not_proved() -> None:
     refused(lambda net, x, y: net.add([3 * x == 1, y == 1, 3 * x <= 1]), (1 / 3, 1))  # and one not decided
     refused(lambda net, x, y: net.add([x == 3, y == 1]), (2, 1))  # outside of the domain
     refused(lambda net, x, y: net.add([x == 2.0 + 1e-9, y == 1]), (2, 1))  # and just outside
-    refused(lambda net, x, y: net.add([x + np.floor(x) == -0.5, y == 1]), (0, 1))  # a jump over zero
+    refused(lambda net, x, y: net.add([x + 1 / x == 0, y == 1]), (0, 1))  # a pole
     refused(lambda net, x, y: net.add([x + sqr(y) == 2, y + sqr(x) == 3, sqrt(x - 5) >= 0]), (1, 1))  # not defined
     refused(lambda net, x, y: net.add([x == net.reading(1.0, 0.1), y == 1]), (1, 1))  # many, one for each reading
     refused(lambda net, x, y: None, (1, 1))
@@ -153,11 +147,11 @@ def test_other_constraints_may_hold_for_some_readings_and_constants_may_be_enclo
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
     third = Interval(1) / 3
     net.add([x == third, sqr(y) == 1 + net.constant(third), y >= 0, norm(x - net.reading([3.0], [0.5])) <= 2.5])
-    box = prove_unique(net, (0.3, 1.1), get_arithmetic("float64"))
+    box = prove_unique(net, (0.3, 1.1))
     assert box is not None
     assert box["y"].lo == pytest.approx(np.sqrt(4 / 3))
     net.add(x + net.reading(0.0, 0.1) == 5)
-    assert prove_unique(net, (0.3, 1.1), get_arithmetic("float64")) is None
+    assert prove_unique(net, (0.3, 1.1)) is None
 
 
 def test_a_fixed_component_is_no_unknown_and_mixed_bounds_are_taken_apart() -> None:
@@ -165,7 +159,7 @@ def test_a_fixed_component_is_no_unknown_and_mixed_bounds_are_taken_apart() -> N
     x, fixed = net.variable("x", 2, (-2, 2)), net.variable("fixed", (), (0.5, 0.5))
     net.add((x + fixed).within(([1.0, -1.0], [1.0, 1.0])))  # an equation and an inequality
     net.add(x[1] * fixed == 0.125)
-    box = prove_unique(net, (0.4, 0.2, 0.5), get_arithmetic("float64"))
+    box = prove_unique(net, (0.4, 0.2, 0.5))
     assert box is not None
     assert (0.5, 0.25, 0.5) in box
 
@@ -177,20 +171,20 @@ def test_kinks_are_enclosed_by_slopes(operator: str) -> None:
         net = ConstraintNetwork()
         x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
         net.add([abs(x) + slope * x == y, y == 0])
-        prover = UniquenessProver(net, get_arithmetic("float64"), OPERATORS[operator])
+        prover = UniquenessProver(net, OPERATORS[operator])
         found = prover.prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
         assert (found is not None) == unique
 
 
 def test_a_point_or_a_box_will_do() -> None:
-    net, engine = circle_and_parabola(), get_arithmetic("float64")
-    from_point = prove_unique(net, (1.5, 1.3), engine)
-    from_box = prove_unique(net, Box(net.names, [1.4, 1.2], [1.6, 1.4]), engine)
+    net = circle_and_parabola()
+    from_point = prove_unique(net, (1.5, 1.3))
+    from_box = prove_unique(net, Box(net.names, [1.4, 1.2], [1.6, 1.4]))
     assert from_point is not None
     assert from_box is not None
     assert not from_point.intersect(from_box).is_empty
     with pytest.raises(ModelError, match="2 components"):
-        prove_unique(net, (1.0, 2.0, 3.0), engine)
+        prove_unique(net, (1.0, 2.0, 3.0))
 
 
 def test_a_box_is_inside_another_only_if_each_of_its_ends_is() -> None:
@@ -206,7 +200,7 @@ def test_a_box_is_inside_another_only_if_each_of_its_ends_is() -> None:
 @pytest.mark.parametrize("operator", OPERATORS)
 def test_no_zero_of_a_linearised_system_is_lost(operator: str) -> None:
     """F(c) + A (x - c) = 0 at an x of the box, for an A in J; some components are fixed."""
-    rng, engine = np.random.default_rng(5), get_arithmetic("float64")
+    rng = np.random.default_rng(5)
     narrowed = 0
     for _ in range(300):
         columns = np.sort(rng.choice(4, int(rng.integers(1, 4)), replace=False))
@@ -221,17 +215,17 @@ def test_no_zero_of_a_linearised_system_is_lost(operator: str) -> None:
         slopes = np.stack([matrix - spread, matrix + spread], axis=-1)
         box, found, stop = np.stack([center - half, center + half], axis=-1), np.full((4, 2), np.nan), np.zeros(1, int)
         square = (center, np.arange(len(columns)), columns)
-        if square_of(engine).newton_image(OPERATORS[operator].value, values, slopes, *square, stop, box, found) >= 0:
+        if newton_image(OPERATORS[operator].value, values, slopes, *square, stop, box, found) >= 0:
             narrowed += bool((np.ptp(found, axis=1) < np.ptp(box, axis=1))[columns].all())
             assert ((found[:, 0] <= x) & (x <= found[:, 1]))[columns].all()
     assert narrowed > 100
 
 
-@pytest.mark.parametrize("operation", [lambda x: x**1.5, np.floor, lambda x: 1 / x, lambda x: np.arctan2(x, x - 1)])
+@pytest.mark.parametrize("operation", [lambda x: x**1.5, lambda x: 1 / x, lambda x: np.arctan2(x, x - 1)])
 def test_nothing_is_linear_where_an_operation_is_not_continuous(operation: Callable[[Expr], Expr]) -> None:
     net = ConstraintNetwork()
     x = net.variable("x", (), (-2, 2))
     net.add(x + operation(x) == -0.1)
     box = Box(net.names, np.array([-0.2]), np.array([0.2]))
-    float64, at = get_arithmetic("float64"), np.array([0.005])
-    assert Equalities.of(net).image(krawczyk, float64, box, at, np.array([0])) is None
+    at = np.array([0.005])
+    assert Equalities.of(net).image(krawczyk, box, at, np.array([0])) is None

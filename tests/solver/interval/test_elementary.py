@@ -14,7 +14,6 @@ from flint import arb, ctx
 from cpcal.solver.compiled import plain
 from cpcal.solver.interval import functions as el
 from cpcal.solver.interval import functions as fn
-from cpcal.solver.interval.arb import precision
 
 UNIT = 2.0**-53
 PROVED = 2.0**-50.5  # leaves half of el.ERROR, and more, for the rounding of what `widened` does
@@ -84,13 +83,6 @@ CORES: dict[str, tuple[Callable[..., Any], float, float, Callable[[arb], arb], C
         lambda r: r.exp(),
         lambda r: series(el.EXP, lambda n: Fraction(1, factorial(n)), 0, r),
     ),
-    "expm1": (
-        el.expm1_core,
-        0.36,
-        0.0,
-        lambda r: r.expm1(),
-        lambda r: r**2 * series(el.EXP[:13], lambda n: Fraction(1, factorial(n)), 2, r),
-    ),
     "log": (
         el.log_core,
         0.22,
@@ -127,10 +119,10 @@ def test_the_relative_error_of_every_core_is_proved_over_its_range(name: str) ->
     """Rounding: the core's own source on tracked numbers. Truncation: the series. Both piece by piece, towards zero.
 
     The pieces are [a, 1.05 a] and their mirror images, down to 1e-30: below, every term but the first is less than
-    1e-59 of it (1e-29 for exp and expm1), and an underflow of those is covered by the ETA that `widened` adds.
+    1e-59 of it (1e-29 for exp), and an underflow of those is covered by the ETA that `widened` adds.
     """
     core, end, tail, function, truncation = CORES[name]
-    with precision(200):
+    with ctx.workprec(200):
         for sign in (1, -1):
             top = arb(end)
             while top > 1e-30:
@@ -150,7 +142,7 @@ def test_the_relative_error_of_every_core_is_proved_over_its_range(name: str) ->
 
 def test_constants_of_the_reductions() -> None:
     """Products with k are exact up to 2^20 (the exponents of log and exp are below 2^11); what is left out is small."""
-    with precision(300):
+    with ctx.workprec(300):
         assert abs(arb.const_log2() - el.LN2_HI - el.LN2_LO) < 2.0**-85
         assert abs(arb.pi() / 2 - el.PIO2_1 - el.PIO2_2 - el.PIO2_3) < 2.0**-122
         assert el.PI[0] < arb.pi() < el.PI[1]
@@ -163,18 +155,12 @@ def test_constants_of_the_reductions() -> None:
 # what is compared with arb: interval function, arb's, sampled exponents of arguments, domain
 UNARY: dict[str, tuple[Callable[..., Any], Callable[[arb], arb], tuple[float, float], tuple[float, float]]] = {
     "exp": (fn.exp, lambda x: x.exp(), (-20, 3), (-np.inf, np.inf)),
-    "expm1": (fn.expm1, lambda x: x.expm1(), (-20, 3), (-np.inf, np.inf)),
     "log": (fn.log, lambda x: x.log(), (-308, 308), (0, np.inf)),
-    "log1p": (fn.log1p, lambda x: x.log1p(), (-20, 300), (-1, np.inf)),
     "sin": (fn.sin, lambda x: x.sin(), (-20, 6.2), (-np.inf, np.inf)),
     "cos": (fn.cos, lambda x: x.cos(), (-20, 6.2), (-np.inf, np.inf)),
     "tan": (fn.tan, lambda x: x.tan(), (-20, 6.2), (-np.inf, np.inf)),
     "asin": (fn.asin, lambda x: x.asin(), (-20, 0), (-1, 1)),
-    "acos": (fn.acos, lambda x: x.acos(), (-20, 0), (-1, 1)),
     "atan": (fn.atan, lambda x: x.atan(), (-20, 300), (-np.inf, np.inf)),
-    "sinh": (fn.sinh, lambda x: x.sinh(), (-20, 2.8), (-np.inf, np.inf)),
-    "cosh": (fn.cosh, lambda x: x.cosh(), (-20, 2.8), (-np.inf, np.inf)),
-    "tanh": (fn.tanh, lambda x: x.tanh(), (-20, 3), (-np.inf, np.inf)),
 }
 
 
@@ -194,7 +180,7 @@ def test_three_thousand_arguments_are_enclosed_tightly(name: str) -> None:
     widest = 0.0
     for x in sample(rng, exponents, domain, 3_000):
         lo, hi = function((x, x))
-        with precision(180):
+        with ctx.workprec(180):
             value = exact(arb(float(x)))
             assert arb(lo) <= value.upper(), f"{name}({x!r})"
             assert value.lower() <= arb(hi), f"{name}({x!r})"
@@ -214,14 +200,14 @@ def test_intervals_hold_the_values_of_their_points(name: str) -> None:
         a, b = np.sort(rng.choice(sample(rng, (-3, min(exponents[1], 2)), domain, 30), 2))
         lo, hi = function((a, b))
         for x in rng.uniform(a, b, 3):
-            with precision(120):
+            with ctx.workprec(120):
                 value = exact(arb(float(x)))
                 assert arb(lo) <= value.upper()
                 assert value.lower() <= arb(hi)
 
 
 def test_outside_of_the_domain_nothing_is_left() -> None:
-    for function, lo, hi in ((fn.log, -2.0, -1.0), (fn.log1p, -9.0, -2.0), (fn.asin, 2.0, 3.0), (fn.acos, -3.0, -2.0)):
+    for function, lo, hi in ((fn.log, -2.0, -1.0), (fn.asin, 2.0, 3.0)):
         assert np.isnan(function((lo, hi))).all()
     assert fn.asin((0.0, 5.0))[1] >= np.pi / 2
     assert fn.log((-1.0, 1.0))[0] == -np.inf

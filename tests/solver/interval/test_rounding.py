@@ -1,83 +1,25 @@
-"""The pieces below the engines: directed rounding, arb's conversions and precision, interval arrays."""
+"""Directed rounding and interval arrays."""
 
 from __future__ import annotations
 
 import ctypes
 import math
 import platform
-import threading
 from collections.abc import Iterator
 from fractions import Fraction
 
-import flint
 import numpy as np
 import pytest
-from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.common.errors import InputError, RoundingError
+from cpcal.common.errors import RoundingError
 from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.interval.arb import float_above, float_below, precision
-from cpcal.solver.interval.arithmetic import check_rounding
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval.kernels import check_rounding
 
 MAX = 1.7976931348623157e308
-
-
-@settings(max_examples=150, deadline=None)
-@given(a=st.integers(-(2**110), 2**110), exponent=st.integers(-1200, 1100), wide=st.booleans())
-def test_floats_around_a_ball_are_the_nearest_enclosure(a: int, exponent: int, wide: bool) -> None:
-    exact = Fraction(a) * Fraction(2) ** exponent
-    with precision(128):
-        ball = arb(a) * arb(2) ** exponent
-        lo, hi = float_below(ball), float_above(ball)
-    assert lo <= exact <= hi
-    assert lo == hi or math.nextafter(lo, math.inf) == hi
-    assert lo == hi or lo < exact < hi
-
-
-def test_the_precision_is_restored_also_after_an_error() -> None:
-    before = flint.ctx.prec
-    with precision(77):
-        assert flint.ctx.prec == 77
-        with precision(200):
-            assert flint.ctx.prec == 200
-        assert flint.ctx.prec == 77
-    with pytest.raises(RuntimeError, match="within"), precision(300):
-        raise RuntimeError("within")
-    assert flint.ctx.prec == before
-
-
-def test_threads_do_not_disturb_each_others_precision() -> None:
-    before = flint.ctx.prec
-    x, y = IntervalArray.point(np.arange(1.0, 200.0)), IntervalArray.point(3.0)
-    expected = get_arithmetic("arb").div(x, y)
-    results: list[IntervalArray] = []
-
-    def work() -> None:
-        for bits in (20, 40):
-            results.append(get_arithmetic("arb").div(x, y))
-            with precision(bits):
-                pass
-
-    threads = [threading.Thread(target=work) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 12
-    for got in results:
-        np.testing.assert_array_equal(got.lo, expected.lo)
-        np.testing.assert_array_equal(got.hi, expected.hi)
-    assert flint.ctx.prec == before
-
-
-def test_engines_are_chosen_by_name() -> None:
-    assert [get_arithmetic(name).name for name in ("float64", "arb")] == ["float64", "arb"]
-    with pytest.raises(InputError, match="float64"):
-        get_arithmetic("decimal")
 
 
 BOUND = st.sampled_from([0.0, 5e-324, 1.0, -1.0, MAX, -MAX, math.inf, -math.inf]) | st.floats(allow_nan=False)
@@ -173,8 +115,7 @@ def test_intersect_hull_and_subset_of_arrays() -> None:
 @pytest.mark.skipif(not MODES, reason="the numbers of the modes are those of other processors")
 def test_a_plug_in_that_changes_it_ends_the_search(rounding: ctypes.CDLL) -> None:
     class Switching:
-        gives_weights = idempotent = False
-        monotone_tolerance = math.inf
+        gives_weights = False
 
         def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
             rounding.fesetround(MODES[1])

@@ -10,19 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.interval import Arithmetic, Interval, IntervalArray, get_arithmetic
-from cpcal.solver.interval.arithmetic import in_arithmetic
+from cpcal.solver.interval import Interval, IntervalArray, kernels
 
 MAX = 1.7976931348623157e308
 NASTY = [0.0, 5e-324, -5e-324, 1e-310, -1e-160, 1e-160, 1.0, -3.0, 1e16, 1e160, 1e300, -1e300, MAX, -MAX]
 FINITE = st.sampled_from(NASTY) | st.floats(allow_nan=False, allow_infinity=False)
 MODERATE = st.floats(-1e3, 1e3, allow_subnormal=False)
 Pair = tuple[float, float]
-
-
-@pytest.fixture(scope="module", params=["float64", "arb"])
-def engine(request: pytest.FixtureRequest) -> Arithmetic:
-    return get_arithmetic(request.param)
 
 
 def intervals(ends: st.SearchStrategy[float], shape: tuple[int, ...]) -> st.SearchStrategy[IntervalArray]:
@@ -45,11 +39,9 @@ def pair(x: IntervalArray, *index: int) -> Pair:
 @pytest.mark.parametrize("shape", [(1, 2), (2, 3), (9, 2), (67, 2)])
 @settings(max_examples=10, deadline=None)
 @given(data=st.data())
-def test_sum_contains_the_exact_sum_and_is_tight(
-    engine: Arithmetic, shape: tuple[int, int], data: st.DataObject
-) -> None:
+def test_sum_contains_the_exact_sum_and_is_tight(shape: tuple[int, int], data: st.DataObject) -> None:
     x = data.draw(intervals(data.draw(st.sampled_from([FINITE, MODERATE])), shape))
-    down, across = engine.sum(x, 0), engine.sum(IntervalArray(x.lo.T, x.hi.T), 1)
+    down, across = x.sum(0), IntervalArray(x.lo.T, x.hi.T).sum(1)
     for got in (down, across):
         assert got.shape == shape[1:]
         for j in range(shape[1]):
@@ -63,27 +55,27 @@ def test_sum_contains_the_exact_sum_and_is_tight(
                 assert Fraction(float(got.hi[j])) - high <= slack
 
 
-def test_sum_whose_pairwise_additions_all_lose(engine: Arithmetic) -> None:
+def test_sum_whose_pairwise_additions_all_lose() -> None:
     """Every addition to the running 1 loses nearly half a unit in the last place, in the same direction."""
     count = 128
     index = np.arange(1, count)
     level_size = count // 2 // np.gcd(index, count)  # so many terms meet before they are added to the 1
     terms = np.append(1.0, 2.0**-53 * (1.0 - 2.0**-20) / level_size)
     exact = sum(map(Fraction, terms.tolist()), Fraction(0))
-    up = engine.sum(IntervalArray.point(terms), 0)
-    down = engine.sum(IntervalArray.point(-terms), 0)
+    up = IntervalArray.point(terms).sum(0)
+    down = IntervalArray.point(-terms).sum(0)
     assert float(up.lo) <= exact <= float(up.hi)
     assert float(down.lo) <= -exact <= float(down.hi)
 
 
 @pytest.mark.parametrize("count", [2, 9, 30])
-def test_sum_with_infinite_and_empty_terms(engine: Arithmetic, count: int) -> None:
+def test_sum_with_infinite_and_empty_terms(count: int) -> None:
     lo, hi = np.ones((count, 4)), np.full((count, 4), 2.0)
     lo[-1, 0] = -np.inf
     hi[-1, 1] = np.inf
     lo[0, 2] = hi[0, 2] = np.nan
     lo[:2, 3], hi[:2, 3] = MAX, MAX
-    got = engine.sum(IntervalArray(lo, hi), 0)
+    got = IntervalArray(lo, hi).sum(0)
     assert got.lo[0] == -np.inf
     assert 2.0 * count <= got.hi[0] <= 2.0 * count + 1e-12
     assert count - 1e-12 <= got.lo[1] <= count
@@ -97,12 +89,12 @@ def test_sum_with_infinite_and_empty_terms(engine: Arithmetic, count: int) -> No
 @pytest.mark.parametrize(("m", "k", "n"), [(1, 1, 1), (2, 3, 2), (1, 6, 2), (3, 0, 2)])
 @settings(max_examples=20, deadline=None)
 @given(data=st.data())
-def test_dot_contains_the_exact_product(engine: Arithmetic, m: int, k: int, n: int, data: st.DataObject) -> None:
+def test_dot_contains_the_exact_product(m: int, k: int, n: int, data: st.DataObject) -> None:
     ends = data.draw(st.sampled_from([FINITE, MODERATE, st.floats(-1e-150, 1e-150)]))
     x, y = data.draw(intervals(ends, (m, k))), data.draw(intervals(ends, (k, n)))
     if data.draw(st.booleans()):
         x = IntervalArray.point(x.lo)
-    got = engine.dot(x, y)
+    got = x @ y
     assert got.shape == (m, n)
     for i in range(m):
         for j in range(n):
@@ -111,43 +103,32 @@ def test_dot_contains_the_exact_product(engine: Arithmetic, m: int, k: int, n: i
             assert got.hi[i, j] >= sum(high for _, high in products)
 
 
-def test_dot_of_huge_by_subnormal_numbers_that_cancel(engine: Arithmetic) -> None:
+def test_dot_of_huge_by_subnormal_numbers_that_cancel() -> None:
     rng = np.random.default_rng(2)
     for _ in range(20):
         a = rng.uniform(0.5, 1.7, size=(1, 24)) * 1e308 * np.tile([1.0, -1.0], 12)
         b = rng.integers(1, 2**40, size=(24, 1)) * 5e-324
-        got = engine.dot(IntervalArray.point(a), IntervalArray.point(b))
+        got = IntervalArray.point(a) @ IntervalArray.point(b)
         exact = sum(Fraction(u) * Fraction(v) for u, v in zip(a[0].tolist(), b[:, 0].tolist(), strict=True))
         assert got.lo[0, 0] <= exact <= got.hi[0, 0]
-
-
-def test_dot_of_intervals_is_at_most_half_again_as_wide(engine: Arithmetic) -> None:
-    rng = np.random.default_rng(1)
-    x = IntervalArray.around(rng.normal(size=(5, 9)), rng.uniform(0, 1, size=(5, 9)))
-    y = IntervalArray.around(rng.normal(size=(9, 4)), rng.uniform(0, 1, size=(9, 4)))
-    got, tight = engine.dot(x, y), get_arithmetic("arb").dot(x, y)
-    assert tight.subset(got).all()
-    assert ((got.hi - got.lo) <= 1.5 * (tight.hi - tight.lo)).all()
 
 
 def spread(value: float, other: float) -> Pair:
     return min(value, other), max(value, other)
 
 
-def factor(engine: Arithmetic, *operands: Pair) -> Pair:
-    low, high = in_arithmetic(engine.name).factor(*(tuple(map(np.float64, pair)) for pair in operands))
+def factor(*operands: Pair) -> Pair:
+    low, high = kernels.factor(*(tuple(map(np.float64, pair)) for pair in operands))
     return float(low), float(high)
 
 
 @settings(max_examples=200, deadline=None)
 @given(a=FINITE, b=FINITE, p=FINITE, q=FINITE, r=FINITE, point=st.booleans())
-def test_factor_never_loses_a_witness(
-    engine: Arithmetic, a: float, b: float, p: float, q: float, r: float, point: bool
-) -> None:
+def test_factor_never_loses_a_witness(a: float, b: float, p: float, q: float, r: float, point: bool) -> None:
     z = Interval(Fraction(a) * Fraction(b))
     z = z if point else z | Interval(r)
     x = spread(a, p)
-    low, high = factor(engine, (z.lo, z.hi), (b, b) if point else spread(b, q), x)
+    low, high = factor((z.lo, z.hi), (b, b) if point else spread(b, q), x)
     assert x[0] <= low <= a <= high <= x[1]
 
 
@@ -175,33 +156,21 @@ def test_factor_never_loses_a_witness(
         ((1, 2), (-1, 2), None, None),
     ],
 )
-def test_factor_of_one(
-    engine: Arithmetic, z: Pair | None, y: Pair | None, x: Pair | None, expected: Pair | None
-) -> None:
+def test_factor_of_one(z: Pair | None, y: Pair | None, x: Pair | None, expected: Pair | None) -> None:
     empty = (math.nan, math.nan)
-    got = factor(engine, *(pair or empty for pair in (z, y, x)))
+    got = factor(*(pair or empty for pair in (z, y, x)))
     np.testing.assert_allclose(got, expected or empty, rtol=1e-15, atol=1e-320)
 
 
-@settings(max_examples=200, deadline=None)
-@given(data=st.data())
-def test_both_engines_agree_on_factors(data: st.DataObject) -> None:
-    operands = [pair(x, 0) for x in (data.draw(intervals(MODERATE, (1,))) for _ in range(3))]
-    fast, tight = (factor(get_arithmetic(name), *operands) for name in ("float64", "arb"))
-    assert math.isnan(tight[0]) or fast[0] <= tight[0] <= tight[1] <= fast[1]
-    if not math.isnan(tight[0]):
-        np.testing.assert_allclose(fast, tight, rtol=1e-15, atol=1e-320)
-
-
-def test_dot_of_points_is_tight(engine: Arithmetic) -> None:
+def test_dot_of_points_is_tight() -> None:
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(6, 30)), rng.normal(size=(30, 7))
-    got = engine.dot(IntervalArray.point(a), IntervalArray.point(b))
+    got = IntervalArray.point(a) @ IntervalArray.point(b)
     assert (got.hi - got.lo <= 40 * 2.0**-52 * (np.abs(a) @ np.abs(b))).all()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 8, 9, 33])
-def test_sum_of_zeros_is_zero(engine: Arithmetic, count: int) -> None:
-    got = engine.sum(IntervalArray.point(np.zeros((count, 2))), 0)
+def test_sum_of_zeros_is_zero(count: int) -> None:
+    got = IntervalArray.point(np.zeros((count, 2))).sum(0)
     assert not got.lo.any()
     assert not got.hi.any()

@@ -10,7 +10,7 @@ import pytest
 
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
-from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
 from cpcal.solver.network.network import component_names
@@ -138,7 +138,7 @@ def test_indexing_has_the_shapes_and_values_of_numpy(net: ConstraintNetwork, ind
     expected = values[index]  # type: ignore[index]
     assert x[index].shape == expected.shape
     tape = Tape(net, [x[index]])
-    slots = tape.forward(get_arithmetic("float64"), IntervalArray.point(values.reshape(1, 12)))
+    slots = tape.forward(IntervalArray.point(values.reshape(1, 12)))
     found = tape.value(slots, x[index])
     np.testing.assert_array_equal(found.lo[0], expected)
 
@@ -156,7 +156,7 @@ def test_matmul_is_numpys(net: ConstraintNetwork, left: tuple[int, ...], right: 
     for root in (x @ y, a @ y, x @ b):
         assert root.shape == (a @ b).shape
         tape = Tape(net, [root])
-        found = tape.value(tape.forward(get_arithmetic("float64"), values), root)
+        found = tape.value(tape.forward(values), root)
         np.testing.assert_allclose(found.lo[0], a @ b, rtol=1e-12, atol=1e-12)
         assert (found.lo[0] <= a @ b + 1e-12).all()
 

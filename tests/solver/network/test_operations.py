@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cpcal
 from contractors import HC4
 from cpcal.common.values import Floats
-from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
+from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.operations import CODES
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.rows import Extremes
@@ -48,9 +48,7 @@ FORMULAS: dict[str, Pair] = {
     "matmul left": (lambda x, y: x @ y[:, :, None][0], lambda x, y: x @ y[:, :, None][0]),
     "norm": (lambda x, y: norm(y - x), lambda x, y: np.linalg.norm(y - x, axis=-1)),
     "exp": (lambda x, y: cpcal.exp(x), lambda x, y: np.exp(x)),
-    "expm1": (lambda x, y: np.expm1(y), lambda x, y: np.expm1(y)),
     "log": (lambda x, y: cpcal.log(y), lambda x, y: np.log(y)),
-    "log1p": (lambda x, y: np.log1p(x), lambda x, y: np.log1p(x)),
     "sin": (lambda x, y: np.sin(y), lambda x, y: np.sin(y)),
     "cos": (lambda x, y: cpcal.cos(x), lambda x, y: np.cos(x)),
     "tan": (lambda x, y: cpcal.tan(x), lambda x, y: np.tan(x)),
@@ -66,9 +64,6 @@ FORMULAS: dict[str, Pair] = {
         lambda x, y: np.where((x > 0) | ((x == 0) & (y[0] > 0)), x ** y[0], np.nan),
     ),
     "atan2": (lambda x, y: cpcal.atan2(x, y), lambda x, y: np.arctan2(x, y)),
-    "floor": (lambda x, y: np.floor(y), lambda x, y: np.floor(y)),
-    "ceil": (lambda x, y: cpcal.ceil(y), lambda x, y: np.ceil(y)),
-    "sign": (lambda x, y: cpcal.sign(x), lambda x, y: np.sign(x)),
     "hypot": (lambda x, y: np.hypot(x, y), lambda x, y: np.hypot(x, y)),
     "concatenate": (
         lambda x, y: np.concatenate([x, np.stack([x[0], y[1, 2]])]),  # type: ignore[return-value, list-item]
@@ -112,18 +107,16 @@ def exact_value(name: str, point: Floats) -> Floats | None:
     return result if np.isfinite(result).all() else None
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", FORMULAS)
 @settings(max_examples=4, deadline=None)
 @given(seed=SEEDS)
-def test_forward_contains_values_and_backward_loses_none(name: str, engine: str, seed: int) -> None:
+def test_forward_contains_values_and_backward_loses_none(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    arithmetic = get_arithmetic(engine)
     net, x, y = variables()
     root = FORMULAS[name][0](x, y)
     boxes, points = random_boxes(rng, 4)
     tape = Tape(net, [root])
-    found = tape.value(tape.forward(arithmetic, boxes), root)
+    found = tape.value(tape.forward(boxes), root)
     for k, point in enumerate(points):
         value = exact_value(name, point)
         if value is None:
@@ -131,29 +124,29 @@ def test_forward_contains_values_and_backward_loses_none(name: str, engine: str,
         slack = 1e-17 * np.abs(value)  # of the long double reference
         assert (found.lo[k] <= value + slack).all()
         assert (value - slack <= found.hi[k]).all()
-        narrowed = _backward(net, root, arithmetic, boxes[k : k + 1], value, rng)
+        narrowed = _backward(net, root, boxes[k : k + 1], value, rng)
         assert (narrowed.lo[0] <= point).all()
         assert (point <= narrowed.hi[0]).all()
 
 
 def _backward(
-    net: ConstraintNetwork, root: Expr, engine: Arithmetic, box: IntervalArray, value: Floats, rng: np.random.Generator
+    net: ConstraintNetwork, root: Expr, box: IntervalArray, value: Floats, rng: np.random.Generator
 ) -> IntervalArray:
     """What is left of a box where the root lies in a small interval around `value`."""
     room = 1e-12 + np.abs(value) * rng.choice([1e-15, 1e-3])
     low, high = np.asarray(value - room, np.float64), np.asarray(value + room, np.float64)
-    return Tape(net, [root - high, low - root]).contract(engine, box)
+    return Tape(net, [root - high, low - root]).contract(box)
 
 
 @pytest.mark.parametrize("name", FORMULAS)
 def test_a_batch_of_boxes_gives_what_single_boxes_give(name: str) -> None:
     rng = np.random.default_rng(3)
     net, x, y = variables()
-    tape, engine = Tape(net, [FORMULAS[name][0](x, y) - 1.0]), get_arithmetic("float64")
+    tape = Tape(net, [FORMULAS[name][0](x, y) - 1.0])
     boxes, _ = random_boxes(rng, 6)
-    together = tape.contract(engine, boxes)
+    together = tape.contract(boxes)
     for k in range(6):
-        alone = tape.contract(engine, boxes[k : k + 1])
+        alone = tape.contract(boxes[k : k + 1])
         np.testing.assert_array_equal(alone.lo[0], together.lo[k])
         np.testing.assert_array_equal(alone.hi[0], together.hi[k])
 
@@ -190,12 +183,12 @@ def test_readings_are_narrowed_box_by_box_in_a_batch() -> None:
     x = net.variable("x", 3, (-3, 3))
     s = net.reading(np.zeros((4, 3)), 0.5)
     root = (s[:, [1, 2, 0]] * x).sum(-1) - 1
-    tape, engine = Tape(net, [root, -root]), get_arithmetic("float64")
+    tape = Tape(net, [root, -root])
     lo, hi = (
         np.array([[1.0, 1, 1], [-3, -3, -3], [0, 0, 0.1]]),
         np.array([[3.0, 3, 3], [3, 3, 3], [0.1, 0.1, 0.1]]),
     )
-    narrowed = tape.contract(engine, IntervalArray(lo, hi))
+    narrowed = tape.contract(IntervalArray(lo, hi))
     assert np.isnan(narrowed.lo[:, 0]).tolist() == [False, False, True]
 
 
@@ -203,21 +196,21 @@ def test_an_undefined_element_means_that_there_is_no_solution() -> None:
     net = ConstraintNetwork()
     x = net.variable("x", 2)
     root = sqrt(x).sum(0)
-    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    tape = Tape(net, [root])
     box = IntervalArray.point(np.array([[1.0, -1.0]]))
-    assert not tape.defined(engine, tape.forward(engine, box))
-    assert np.isnan(Tape(net, [sqrt(x)[0] - 2.0, root - 9.0]).contract(engine, box).lo).all()
+    assert not tape.continuous(tape.forward(box))
+    assert np.isnan(Tape(net, [sqrt(x)[0] - 2.0, root - 9.0]).contract(box).lo).all()
     alone = Tape(net, [sqrt(x)[0] - 2.0])  # which does not hold the other element
-    assert alone.defined(engine, alone.forward(engine, box))
-    assert not np.isnan(alone.contract(engine, box).lo).any()
+    assert alone.continuous(alone.forward(box))
+    assert not np.isnan(alone.contract(box).lo).any()
 
 
 def test_derivative_of_abs_at_zero_is_an_interval() -> None:
     net = ConstraintNetwork()
     x = net.variable("x")
-    tape, engine = Tape(net, [abs(x)]), get_arithmetic("float64")
-    slots = tape.forward(engine, IntervalArray.point(np.zeros((1, 1))))
-    slope = tape.jacobian(engine, tape.derivatives(engine, slots[0]))
+    tape = Tape(net, [abs(x)])
+    slots = tape.forward(IntervalArray.point(np.zeros((1, 1))))
+    slope = tape.jacobian(tape.derivatives(slots[0]))
     assert (slope.lo.item(), slope.hi.item()) == (-1.0, 1.0)
 
 
@@ -227,15 +220,15 @@ def test_derivative_of_abs_at_zero_is_an_interval() -> None:
 def test_interval_derivatives_enclose_slopes_between_points_of_the_box(name: str, seed: int) -> None:
     """The mean value theorem, also across the kinks of abs, min and max."""
     rng = np.random.default_rng(seed)
-    positive = name in ("sqrt", "power -1", "power -2", "div", "log", "log1p", "pow", "pow of both", "atan2")
+    positive = name in ("sqrt", "power -1", "power -2", "div", "log", "pow", "pow of both", "atan2")
     lo = rng.uniform(0.5, 2.0, 9) if positive else rng.uniform(-3, 3, 9)
     hi = lo + rng.uniform(0, 2, 9) * rng.integers(0, 2, 9)
     hi = np.minimum(hi, 3.0) if name in ("asin", "acos") else hi
     net, x, y = variables()
     root = FORMULAS[name][0](x, y)
-    tape, engine = Tape(net, [root]), get_arithmetic("float64")
-    slots = tape.forward(engine, IntervalArray(lo[None], hi[None]))
-    matrix = tape.jacobian(engine, tape.derivatives(engine, slots[0]))
+    tape = Tape(net, [root])
+    slots = tape.forward(IntervalArray(lo[None], hi[None]))
+    matrix = tape.jacobian(tape.derivatives(slots[0]))
     a, b = rng.uniform(lo, hi), rng.choice([0, 1], 9)
     b = np.where(b == 0, lo, hi)
     difference = np.asarray(exact_value(name, b) - exact_value(name, a), np.float64)

@@ -10,7 +10,6 @@ import pytest
 from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
-from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, status_of
 from cpcal.solver.optimize.local import Incumbent, Known, fit, fit_of_many
@@ -89,13 +88,12 @@ def checked(states: Iterator[Bracket | Minimum], optimum: float) -> Minimum:
     raise AssertionError("no Minimum at the end")
 
 
-@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
 @pytest.mark.parametrize("make", PROBLEMS)
-def test_known_optima(make: Callable[[], Problem], arithmetic: str) -> None:
+def test_known_optima(make: Callable[[], Problem]) -> None:
     net, objective, optimum = make()
-    contractor = Lifted(net, objective=objective, arithmetic=arithmetic)
-    engine, limits = get_arithmetic(arithmetic), Limits(nodes=400)
-    found = checked(minimize(net, objective, contractor, engine=engine, limits=limits), optimum)
+    contractor = Lifted(net, objective=objective)
+    limits = Limits(nodes=400)
+    found = checked(minimize(net, objective, contractor, limits=limits), optimum)
     assert found.verdict is Verdict.PROVED
     assert found.hi - found.lo <= 1.01e-6 * abs(found.hi)
     assert found.witness is not None
@@ -112,7 +110,7 @@ def test_known_optima(make: Callable[[], Problem], arithmetic: str) -> None:
 def test_brackets_are_valid_when_a_limit_stops_the_search(make: Callable[[], Problem], nodes: int) -> None:
     net, objective, optimum = make()
     limits = Limits(nodes=nodes, gap=0.0, gap_absolute=0.0)
-    states = minimize(net, objective, HC4(net), engine=get_arithmetic("float64"), limits=limits)
+    states = minimize(net, objective, HC4(net), limits=limits)
     found = checked(states, optimum)
     assert found.nodes == nodes
     assert found.verdict is Verdict.UNKNOWN
@@ -219,7 +217,7 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
 ) -> None:
     net = Network()
     net.variable("e", (), (0, 10))
-    prepared = Prepared(net, "e", get_arithmetic("float64"))
+    prepared = Prepared(net, "e")
     incumbent = Incumbent(prepared, Limits(gap=1e-6))
     incumbent.witness = Witness(np.array([1.0]), 1.0)
     prepared.rows.second_order = lambda point: floor  # type: ignore[method-assign]
@@ -235,7 +233,7 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
 def test_what_another_search_has_learned_replaces_the_incumbent_only_where_it_is_better() -> None:
     net = Network()
     net.variable("e", (), (0, 10))
-    incumbent = Incumbent(Prepared(net, "e", get_arithmetic("float64")), Limits())
+    incumbent = Incumbent(Prepared(net, "e"), Limits())
     for value, kept in ((2.0, 2.0), (3.0, 2.0), (1.0, 1.0), (1.0, 1.0)):
         incumbent.learn(Known(Witness(np.array([value]), value), 1), Known(None, 0))
         assert incumbent.hi == kept

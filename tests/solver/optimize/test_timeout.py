@@ -16,7 +16,7 @@ from cpcal.questions import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
 from cpcal.solver.optimize.witness import Witness, WitnessProver
@@ -63,7 +63,7 @@ def test_a_box_that_is_kept_may_hold_the_planted_point_and_is_not_infeasible(wid
     net.add(sqr(x - 0.3).sum() <= eps)
     domain = net.domain.replace("eps", hi=1e-6)
     assert [0.3, 0.3, 1e-6] in domain
-    prover = WitnessProver(net, 2, get_arithmetic("float64"))
+    prover = WitnessProver(net, 2)
     coarse = LargestFirst(width, skip=("eps",))
     found = ask(domain, Contracting([("nothing", Repeat(Then()))]), coarse, prover, 60.0)
     assert found.answer is TimeoutAnswer.TIMEOUT

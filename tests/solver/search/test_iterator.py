@@ -41,8 +41,6 @@ def ring() -> ConstraintNetwork:
 class Nothing:
     """Contracts nothing."""
 
-    idempotent = True
-
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         return Contraction(box)
 
@@ -108,8 +106,6 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
             if where == "strategy":
                 self._count()
             return super().split(box)
-
-        idempotent = True
 
         def _count(self) -> None:
             self.calls += 1

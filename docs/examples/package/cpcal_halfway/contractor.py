@@ -15,10 +15,8 @@ from cpcal.solver.network import ConstraintNetwork
 class Bisected(Composable):
     """Keeps the contract of `cpcal.solver.contract`: a box in, a smaller box out, no solution lost, no state kept."""
 
-    monotone_tolerance = np.inf  # halves of a part are no parts of the halves
-
-    def __init__(self, network: ConstraintNetwork, arithmetic: str) -> None:
-        self._inner = HC4(network, arithmetic=arithmetic)
+    def __init__(self, network: ConstraintNetwork) -> None:
+        self._inner = HC4(network)
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         left = box
@@ -32,6 +30,6 @@ class Bisected(Composable):
         return Contraction(left, () if moved is None else (moved,))
 
 
-def bisected(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Bisected:
+def bisected(network: ConstraintNetwork, *, objective: str | None = None) -> Bisected:
     """What the entry point names: called with the network, and with these options."""
-    return Bisected(network, arithmetic)
+    return Bisected(network)

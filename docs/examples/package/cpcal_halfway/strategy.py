@@ -9,7 +9,7 @@ from cpcal.solver.network import ConstraintNetwork
 class FirstWide:
     """`split` returns pieces that cover the box, or () when it is fine enough to be kept."""
 
-    def __init__(self, network: ConstraintNetwork, width: float, *, arithmetic: str = "float64") -> None:
+    def __init__(self, network: ConstraintNetwork, width: float) -> None:
         self._width = width
 
     def split(self, box: Box) -> tuple[Box, ...]:
