@@ -271,7 +271,7 @@ def result(folder: Path, **changes: Any) -> None:
 
 @run
 def a_leg_with_rows_of_many_terms(folder: Path) -> None:
-    _leg(folder, 64, "linear", 7, 400)
+    _leg(folder, 64, "gain", 1, 4000)
 
 
 @run

@@ -41,7 +41,6 @@ from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
-INTERVALS = np.array([0.2, 0.2, 0.1, 0.1, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])
 PLATE = 0.01  # mm
 _INSIDE = 1.0 - 1e-9  # errors end short of the box, for the projection itself is rounded
 _BORDER = 10.0  # pixels
@@ -115,8 +114,8 @@ def calibrated() -> CameraSet:
 
 def shown(rng: np.random.Generator, pose: Pose, cameras: CameraSet, targets: TargetSet) -> tuple[Indices, Floats]:
     """Numbers of dots, and centres (m, 2) of their images, of a camera and a plate drawn from their sets."""
-    t = rng.uniform(-1.0, 1.0, cameras.size)
-    t = t / max(1.0, float(np.linalg.norm(t))) if cameras.ball else t
+    t = rng.uniform(-1.0, 1.0, cameras.spread.shape[1])
+    t /= max(1.0, float(np.linalg.norm(t)))
     camera = cameras.camera.with_numbers(cameras.camera.numbers + cameras.spread @ t)
     off = targets.half_widths * rng.uniform(-1.0, 1.0, targets.half_widths.shape)
     flat = replace(targets.target, dots=targets.target.dots + off[:, :2])
@@ -164,9 +163,8 @@ def main() -> None:
     print(f"boxes of +-{asked.half_width} px, {asked.outliers} outliers; half-widths in um and urad")
     print(f"{'':<18} {'inside':>7} {'s':>6}", " ".join(f"{name:>7}" for name in COLUMNS))
     if asked.uncertain:
-        plates = {"": TargetSet.of(DELTALAB_TARGET), ", plate": TargetSet.within(DELTALAB_TARGET, PLATE)}
-        intervals = CameraSet.intervals(DELTALAB_CAMERA, INTERVALS)
-        cameras = {"exact": CameraSet(DELTALAB_CAMERA), "intervals": intervals, "ellipsoid": calibrated()}
+        plates = {"": TargetSet.within(DELTALAB_TARGET), ", plate": TargetSet.within(DELTALAB_TARGET, PLATE)}
+        cameras = {"exact": CameraSet(DELTALAB_CAMERA), "ellipsoid": calibrated()}
         for (name, camera), (with_, plate) in ((c, p) for c in cameras.items() for p in plates.items()):
             rng = np.random.default_rng(asked.seed)
             times = range(asked.trials)

@@ -21,7 +21,6 @@ from .polynomial import (
     Remainder,
     applied,
     constant,
-    cross,
     dyadics,
     inner,
     minus,
@@ -29,7 +28,6 @@ from .polynomial import (
     rotation_rows,
     shortened,
     signed,
-    transposed,
     unknown,
 )
 from .readers import Refused, array, decimals, shown, text
@@ -249,10 +247,9 @@ def _collected(parts: Parts) -> dict[tuple[int, int], int]:
 
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
-EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
+EXTRA = {"plain": (), "gain": ("s",), "lateral": ("h",)}
 _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
-_FINE = 40  # bits behind the point: of the length that the slopes of `linear` are taken at
 POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
@@ -339,8 +336,6 @@ def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], int]:
             signs = [ENDS[leg.signs[j]][part] for leg in legs]
             both = zip(signs, widths[j::7], strict=True)
             columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in both])
-    if legs[0].model == "linear":
-        columns += [[width >> 1 for width in widths[j::7]] for j in range(3, 6 if reads else 3)]
     return columns, unit
 
 
@@ -392,7 +387,7 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     docs/certificate-format.md, "The claims", for every name here.
     """
     given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
-    p = max(given.power, radii.power + below.bit_length(), x.at.power, _FINE)
+    p = max(given.power, radii.power + below.bit_length(), x.at.power)
     one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.at.over(p)
     q0, q1, q2, q3, *place, read = given.over(p)
     r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
@@ -401,11 +396,11 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     if eps < 0 or read - rl + offset < eps:
         return False
     # n = |q|^2, c = n R(q) b, w = P - a
-    n, turn, linear = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3)), model == "linear"
+    n, turn = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3))
     c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
     w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
     x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
-    gain, off, slack = one + extra[0] if model in ("gain", "linear") else one, eps << p, 0
+    gain, off, slack = one + extra[0] if model == "gain" else one, eps << p, 0
     if factor is None:
         d1, d2, d3, s1, s2, s3, e = (
             -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
@@ -423,18 +418,6 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
             moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
             slopes.append((n * wi + ci << 2 * p, moved, ri))
             swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
-        if linear:
-            along, about, trace = extra[1:4], extra[4:], turn[0][0] + turn[1][1] + turn[2][2]
-            heavy = sum(map(abs, about))
-            change += inner(map(abs, along), (r1, r2, r3)) + 2 * swing * heavy + (one << p - _FINE)
-            reference += inner(along, place) + (2 * q0 * inner(about, (q1, q2, q3)) << p) // n
-            y = reference >> 2 * p - _FINE << 2 * p - _FINE
-            slopes = [
-                (g - n * v * y, far + n * abs(v) * change, r) for (g, far, r), v in zip(slopes, along, strict=True)
-            ]
-            least = n * heavy * ((change << p + 1) + swing * (6 * abs(y) + 2 * change))
-            torque = (trace * v - t for v, t in zip(about, applied(transposed(turn), about), strict=True))
-            swings = [(g - (v * y << p - 1), far + least, t) for (g, far, t), v in zip(swings, torque, strict=True)]
         if reference < change:
             return False
         slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
@@ -454,24 +437,11 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
     slack *= over
     most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
-    x.spend((1 + linear) * POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+    x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
     high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
-    if linear:
-        high, low = (
-            kappa * (length + inner(extra[1:4], [v + sign * d for v, d in zip(place, (d1, d2, d3), strict=True)]))
-            + (_turned((q0, q1, q2, q3), (sign * s1, sign * s2, sign * s3), extra[4:], p) << p)
-            for sign, length in ((1, high), (-1, low))
-        )
-        most, least, off, kappa = kappa * most, kappa * least, kappa * off, 1
     if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:
         return False
     return low <= off or kappa * (low - off) ** 2 <= least
-
-
-def _turned(q: Sequence[int], s: Sequence[int], about: Sequence[int], p: int) -> int:
-    """kappa (R32 - R23, R13 - R31, R21 - R12) / 2 times three numbers, of degree 5."""
-    vector = [(v << p) + c * q[0] + t for v, c, t in zip(q[1:], s, cross(s, q[1:]), strict=True)]
-    return int(2 * ((q[0] << p) - inner(s, q[1:])) * inner(about, vector))
 
 
 def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
@@ -504,8 +474,7 @@ class LegFormula(NamedTuple):
 def leg_formula(model: str, reads: bool, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u, and in y if it `reads` sets."""
     n = 8 + len(EXTRA[model])
-    own = (2 * READINGS + 3 * (model == "linear")) * reads
-    program = Program([False] * 9 + [True] * 2 * n + [False] * own)
+    program = Program([False] * 9 + [True] * 2 * n + [False] * 2 * READINGS * reads)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
     x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)]
@@ -514,8 +483,7 @@ def leg_formula(model: str, reads: bool, names: tuple[str, ...]) -> LegFormula:
     if reads:
         at = [next(given) for _ in reading]
         reading = [end + next(given).moved(1 << FIELD * j) for j, end in enumerate(at)]
-    widest = list(given)
-    found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading, widest)
+    found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading)
     parts = [found.part(name) for name in names]
     program.highest = max(part.degree for part in parts)
     places = [part.places() for part in parts]
@@ -531,16 +499,14 @@ class _Constraint(NamedTuple):
     at_least: Traced
     at_most: Traced
     length: Traced
-    upper: Traced | None = None  # where these rows are not those of the bounds squared
-    lower: Traced | None = None
 
     def part(self, name: str) -> Traced:
         """A row, or one of the fields."""
         body, factor, low, high = self[:4]
         if name == "upper":
-            return body - factor * (high * high) if self.upper is None else self.upper
+            return body - factor * (high * high)
         if name == "lower":
-            return factor * (low * low) - body if self.lower is None else self.lower
+            return factor * (low * low) - body
         if name == "sign":
             return high.times(-1)
         found: Traced = body.times(-1) if name == "body" else getattr(self, name)
@@ -553,7 +519,6 @@ def _constraint(
     m: tuple[Quaternion, Quaternion, Traced, Traced],
     x: Sequence[Traced],
     y: Sequence[Traced],
-    widest: Sequence[Traced],
 ) -> _Constraint:
     """See docs/certificate-format.md, "A leg as constraints", for every name here."""
     position, quaternion, reading, shortest = m
@@ -568,27 +533,11 @@ def _constraint(
     if model == "lateral":
         square = square - x[7]
     body = kappa * square + along.times(2)
-    read, factor, wide, upper, lower = reading + y[6], kappa, eps, None, None
+    read = reading + y[6]
     length = read + offset
-    if model in ("gain", "linear"):
+    if model == "gain":
         length = length + x[7] * read
-    if model == "linear":
-        of_position = inner(x[8:11], p)
-        scalar = quaternion[0] - inner(s, quaternion[1:])
-        moved = cross(s, quaternion[1:])
-        vector = [v + c * quaternion[0] + m for v, c, m in zip(quaternion[1:], s, moved, strict=True)]
-        of_rotation = (scalar * inner(x[11:14], vector)).times(2)
-        length = length + of_position
-        if widest:  # divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
-            low, high, of_square = length - eps, length + eps, of_rotation * of_rotation
-            parts = norm * kappa, (norm * along).times(2), (norm * of_rotation).times(2)
-            upper = parts[0] * (square - high * high) + parts[1] - parts[2] * high - of_square
-            less = one - inner(widest, widest)
-            parts = parts[0] * less.unit, parts[1] * less.unit, parts[2] * less.unit  # in the degree of what is added
-            lower = parts[0] * (low * low - square) - parts[1] + parts[2] * low + less * of_square
-        length = kappa * length + of_rotation
-        body, wide, factor = kappa * body, kappa * eps, one
-    return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, upper, lower)
+    return _Constraint(body, kappa, length - eps, length + eps, eps - offset - shortest)
 
 
 # campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------

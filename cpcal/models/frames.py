@@ -32,8 +32,7 @@ from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.prover import Contracted, Descent, System, write_steps
 
 Tell = Callable[[str], None]
-_ROTATIONS = frozenset((*R_X, *R_F))
-_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
+_ROTATIONS = (*R_X, *R_F)
 _SPREAD, _UNCERTAIN = 9, 24  # images whose poses are bounded: where the robot's poses are exact, and where not
 _FEWEST = 3
 _BOXES = 64
@@ -192,33 +191,21 @@ class Prover:
         file = f"{name}.cert.jsonl" if found.steps or stage != "image" else None
         left = None if found.left is None else Box(found.left.lo[:SIZE], found.left.hi[:SIZE])
         files = {**before.files, **({} if file is None else {file: (header, found)})}
-        programs, timed = before.programs + found.programs, before.timed or found.ended == "time"
-        return Proof(eps, left, file, before.poses, before.sets, files, found.last, programs, timed)
+        programs, timed = before.programs + found.programs, before.timed or found.timed
+        last = tuple((side, k) for side, k, *_ in found.steps[-1].get("rows", ())) if found.steps else ()
+        return Proof(eps, left, file, before.poses, before.sets, files, last, programs, timed)
 
     def _stage(
         self, stage: str, eps: float, images: Sequence[int], sets: Mapping[int, Any], frames: Box, end: float,
         boxes: int,
     ) -> Contracted:  # fmt: skip
-        frames = Box(frames.lo[:SIZE], frames.hi[:SIZE])
         rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
-        turns, lifted = _ROTATIONS, _lifted
-        asked, derived = (
-            (*R_X, *R_F, *((*T_X, *E_) if stage == "links" else E_), *F_),
-            (*T_F, *(() if stage == "links" else T_X)),
-        )
-        if stage == "image":
-            turns, lifted, asked, derived = frozenset(range(9)), _all, tuple(range(12)), ()
-        elif stage == "frames":
-            lifted = _all
-        places = sorted(turns)
-
-        def narrow(radius: Floats) -> bool:
-            return bool(radius[places].max() < _NARROW)
-
-        system = System(rows, lifted, asked, tuple(derived))
-        return Descent(
-            system, narrow, _GAIN[stage], splits=places, most_boxes=boxes, end=end, tell=self._told(stage)
-        ).over(rows.root)
+        system = {
+            "image": lambda: System(rows, _all, range(12), range(9)),
+            "links": lambda: System(rows, _lifted, (*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
+            "frames": lambda: System(rows, _all, (*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
+        }[stage]()
+        return Descent(system, _GAIN[stage], boxes, end=end, tell=self._told(stage)).over(rows.root)
 
     def _told(self, stage: str) -> Callable[[Box | None], None]:
         def say(box: Box | None) -> None:

@@ -16,20 +16,17 @@ from cpcal.calibration import calibrate_frames
 from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import nearest
-from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
 from cpcal.robot import (
     Pose,
     inverse,
-    normalised,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
-    quaternion_product,
     rotation_matrix,
 )
 from cpcal.solver.linear import Dense, LinearStatus
 from cpcal.solver.optimize.least_squares import Blocks, Fit, least_squares
-from cpcal.vision.camera import Camera
 
 # ------------------------------------------------------------------------------------------------------------------
 # Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
@@ -50,21 +47,7 @@ class ReadFrames(Value):
     readings: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "readings", frozen_array(self.readings))
-
-
-def pixels_of(camera: Camera, x: Floats) -> Floats:
-    """(N, 2) of points (N, 3) in the camera frame, by a pinhole; infinite where a point is not in front of it."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
-    return np.where(x[:, 2:] > 0.0, seen, np.inf)
-
-
-def slopes_of(camera: Camera, x: Floats, by: Floats) -> Floats:
-    """(2 N, K) of these pixels, first all along u and then all along v, from derivatives (N, 3, K) of the points."""
-    depth = x[:, 2]
-    rows = [camera.focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
-    return np.concatenate(rows)
+        fill(self, readings=frozen_array(self.readings))
 
 
 class PixelModel:
@@ -81,7 +64,10 @@ class PixelModel:
 
     def __call__(self, at: ReadFrames) -> Floats:
         """(2 N,) px; infinite where a point is not in front of the camera."""
-        return (pixels_of(self.study.camera, self.in_camera(at)) - self._rays).T.ravel()
+        camera, x = self.study.camera, self.in_camera(at)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
+        return (np.where(x[:, 2:] > 0.0, seen, np.inf) - self._rays).T.ravel()
 
     def in_camera(self, at: ReadFrames) -> Floats:
         """x_ij (N, 3), mm."""
@@ -112,7 +98,9 @@ class PixelModel:
             half = 0.5 * at.readings[:, 3:]
             turning = (np.eye(3) + cross_matrix(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
             by[-1] = by[-1] @ turning[self.study.image]
-        slope = slopes_of(self.study.camera, x, np.concatenate(by, axis=2))
+        camera, every, depth = self.study.camera, np.concatenate(by, axis=2), x[:, 2:]
+        rows = [camera.focal[a] * (every[:, a] - x[:, a, None] / depth * every[:, 2]) / depth for a in (0, 1)]
+        slope = np.concatenate(rows)
         return slope[:, :PARAMETERS], slope[:, PARAMETERS:]
 
     def jacobian(self, at: ReadFrames) -> Floats:
@@ -235,8 +223,8 @@ class ClassicalAnswer(Value):
     remarks: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("readings", "residuals", "covariance"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        arrays = ("readings", "residuals", "covariance")
+        fill(self, **{name: frozen_array(getattr(self, name)) for name in arrays})
 
     @property
     def largest(self) -> float:
@@ -333,25 +321,27 @@ def estimated_half_widths(study: HandEyeStudy) -> tuple[float, float]:
 def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose, float]:
     """Images whose points determine a pose, the target's pose in the camera frame in each, and the deviation of the
     pixels that these leave, px per axis: no robot error enters."""
-    kept, poses, square, free = [], [], 0.0, 0
-    for k in range(len(study.images)):
-        mine = np.flatnonzero(study.image == k)
-        if len(mine) < _LEAST_POINTS:
+    kept, fits, free, exact = [], list[Fit[ReadFrames]](), 0, study.exactly()
+    for k, count in enumerate(np.bincount(study.image, minlength=len(study.images)).tolist()):
+        if count < _LEAST_POINTS:
             continue
         try:
-            fit = _pose(study.camera, study.points[mine], study.rays[mine])
+            fits.append(_pose(exact.part(np.array([k]))))
         except np.linalg.LinAlgError:
             continue
         kept.append(k)
-        poses.append([*fit.at.position, *normalised(fit.at.quaternion)])
-        square, free = square + fit.cost, free + 2 * len(mine) - 6
-    stacked = np.array(poses).reshape(-1, 7)
-    return kept, Pose(stacked[:, :3], stacked[:, 3:]), float(np.sqrt(square / max(free, 1)))
+        free += 2 * count - 6
+    frames = [fit.at.frames for fit in fits]
+    turns = np.array([one.e_rotation for one in frames]).reshape(-1, 3, 3)
+    seen = Pose(np.array([one.e_translation for one in frames]).reshape(-1, 3), quaternion_from_matrix(turns))
+    return kept, seen, float(np.sqrt(sum(fit.cost for fit in fits) / max(free, 1)))
 
 
-def _pose(camera: Camera, points: Floats, rays: Floats) -> Fit[Pose]:
-    """Of one image: by the direct linear transform (of a plane z = 0 without its third column), then least squares."""
-    middle, directions = points.mean(axis=0), (rays - camera.center) / camera.focal
+def _pose(study: HandEyeStudy) -> Fit[ReadFrames]:
+    """Of the only image of a study, as its E where H and F do nothing: by the direct linear transform (of a plane z = 0
+    without its third column), then least squares."""
+    points = study.points
+    middle, directions = points.mean(axis=0), (study.rays - study.camera.center) / study.camera.focal
     size, plane = float(np.abs(points - middle).max()), not points[:, 2].any()
     p = np.column_stack([(points - middle)[:, : 2 if plane else 3] / size, np.ones(len(points))])
     width = p.shape[1]
@@ -371,25 +361,14 @@ def _pose(camera: Camera, points: Floats, rays: Floats) -> Fit[Pose]:
     left, _, right = np.linalg.svd(axes)
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
 
-    def placed(at: Pose) -> tuple[Floats, Floats]:
-        arm = points @ at.rotation.T
-        return arm, arm + at.position
-
-    def residual(at: Pose) -> Floats:
-        return (pixels_of(camera, placed(at)[1]) - rays).T.ravel()
-
-    def jacobian(at: Pose) -> Floats:
-        arm, x = placed(at)
-        by = np.concatenate([np.broadcast_to(np.eye(3), (len(x), 3, 3)), -cross_matrix(arm)], axis=2)
-        return slopes_of(camera, x, by)
-
-    def moved(at: Pose, step: Floats) -> Pose:
-        return Pose(
-            at.position + step[:3], quaternion_product(quaternion_from_rotation_vector(step[3:]), at.quaternion)
-        )
-
-    start = Pose(h[:, -1] * size / scale - turn @ middle, quaternion_from_matrix(turn))
-    return least_squares(residual, jacobian, start, tolerance=1e-12, moved=moved)
+    origin = Pose(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
+    model = PixelModel(replace(study, setup="eye-to-hand", poses=origin))
+    shift = h[:, -1] * size / scale - turn @ middle
+    start = model.stated(HandEyeFrames(turn, shift, np.eye(3), np.zeros(3)))
+    return least_squares(
+        model, lambda at: model.blocks(at)[0][:, :6], start, tolerance=1e-12,
+        moved=lambda at, step: model.moved(at, np.append(step, np.zeros(6))),
+    )  # fmt: skip
 
 
 def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -156,31 +157,13 @@ def _gain(measured: Measured, x: Parameters) -> Expr:
     return measured.length * x["s"]
 
 
-def _linear(measured: Measured, x: Parameters) -> Expr:
-    position = sum((measured.position[:, i] * x[f"c{axis}"] for i, axis in enumerate("xyz")), as_expr(0.0))
-    rotation = sum((turn * x[f"t{axis}"] for turn, axis in zip(_turns(measured), "xyz", strict=True)), as_expr(0.0))
-    return _gain(measured, x) + position + rotation
-
-
-def _turns(measured: Measured) -> list[Expr]:
-    """sin(angle) times the axis of the rotation: (R e_j)_k - (R e_k)_j over 2, which is linear in R."""
-    columns = [measured.rotate(column) for column in np.eye(3)]
-    return [0.5 * (columns[j][:, k] - columns[k][:, j]) for j, k in ((1, 2), (2, 0), (0, 1))]
-
-
 def _lateral(measured: Measured, x: Parameters) -> Expr:
     return x["h"]
 
 
-_GAIN = Parameter("s", "mm/mm", 0.05)
-
 PLAIN = LegModel("plain", "L + l: the distance of the joint centres is what the sensor reads, and an offset")
-GAIN = LegModel("gain", "L (1 + s) + l: the sensor of the leg has a gain error s", (_GAIN,), _gain)
-LINEAR = LegModel(
-    "linear",
-    "L (1 + s) + l + c.P + t.r: of first order in all that is measured, with r = sin(angle) times the axis of R",
-    (_GAIN, *(Parameter(f"c{i}", "mm/mm", 0.05) for i in "xyz"), *(Parameter(f"t{i}", "mm", 20.0) for i in "xyz")),
-    _linear,
+GAIN = LegModel(
+    "gain", "L (1 + s) + l: the sensor of the leg has a gain error s", (Parameter("s", "mm/mm", 0.05),), _gain
 )
 LATERAL = LegModel(
     "lateral",
@@ -189,7 +172,7 @@ LATERAL = LegModel(
     square=_lateral,
 )
 
-BUILT_IN = (PLAIN, GAIN, LINEAR, LATERAL)
+BUILT_IN = (PLAIN, GAIN, LATERAL)
 
 
 def built_in(model: LegModel) -> bool:
@@ -558,27 +541,20 @@ def fit_model(
     if weight is None and free.sum() == 7:
         return start
     of = ModelResiduals(campaign, leg, model) if known is None else known
-    reach = np.append(np.full(7, np.inf), model.half_widths)[free]
-
-    def full(x: Floats) -> Floats:
-        out = start.copy()
-        out[free] = x
-        return out
+    reach, scale = np.append(np.full(7, np.inf), model.half_widths), 1.0 if weight is None else weight[:, None]
 
     def values(x: Floats) -> Floats:
-        return of.values(full(x)) if weight is None else weight * of.values(full(x))
+        return of.values(x) if weight is None else weight * of.values(x)
 
-    def jacobian(x: Floats) -> Floats:
-        slopes = of.jacobian(full(x))[:, free]
-        return slopes if weight is None else weight[:, None] * slopes
+    def slopes(columns: Floats, x: Floats) -> Floats:
+        return columns * of.jacobian(x)
 
-    found = minimised(values, jacobian, start[free], tolerance=_TOLERANCE)
-    if found.settled and bool(np.all(np.abs(found.at) <= reach)):
-        return full(found.at)
-    from scipy import optimize  # here: it takes half a second to load
-
-    scale, bounds = np.where(np.isfinite(reach), reach, 1.0), (-reach, reach)
-    return full(optimize.least_squares(values, start[free], jac=jacobian, bounds=bounds, x_scale=scale).x)
+    while True:  # an extra parameter that leaves its half-width stays at its end
+        found = minimised(values, partial(slopes, scale * free), start, tolerance=_TOLERANCE)
+        beyond = np.abs(found.at) > reach
+        if not beyond.any():
+            return found.at
+        start, free = np.clip(found.at, -reach, reach), free & ~beyond
 
 
 def reading_range(campaign: Campaign, leg: int, model: LegModel, x: Floats, factor: float = 1.0) -> IntervalArray:

@@ -38,7 +38,7 @@ from cpcal.checker.rule import Box
 from cpcal.checker.sight import POSE_SET_FORMAT, Part, Rows, Sight, digest_of, joined, rows_of, sight_of
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.files import write_file
-from cpcal.common.values import ByValue, Floats, Indices, Value, fill, frozen_array
+from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
 from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
@@ -114,17 +114,15 @@ class PixelBoxes:
 
 @dataclass(frozen=True, eq=False)
 class CameraSet(Value):
-    """Cameras whose numbers fx, fy, cx, cy, k1, k2, p1, p2, k3 are those of `camera` plus `spread @ t`.
+    """Cameras whose numbers fx, fy, cx, cy, k1, k2, p1, p2, k3 are those of `camera` plus `spread @ t`, |t| <= 1.
 
     spread  (9, k), in each number's unit; k = 0: this camera alone
-    ball    whether t is in the unit ball; else in the unit cube
 
     Raises InputError for another lens model, or a spread that is none.
     """
 
     camera: Camera
     spread: Floats = field(default_factory=lambda: np.zeros((_COUNT, 0)))
-    ball: bool = False
 
     def __post_init__(self) -> None:
         fill(self, spread=frozen_array(self.spread))
@@ -137,22 +135,8 @@ class CameraSet(Value):
             problems.append(Problem("camera spread", what, f"give (9, k), of {', '.join(CAMERA_NUMBERS)}"))
         if problems:
             raise InputError(problems)
-        if not (self.camera.focal > self.reach[:2]).all():
+        if not (self.camera.focal > np.linalg.norm(self.spread[:2], axis=1)).all():
             raise unusable("camera spread", "allows a focal length of zero", "give a narrower set")
-
-    @classmethod
-    def of(cls, camera: Camera | CameraSet) -> CameraSet:
-        """An exact camera, or the set that is given."""
-        return camera if isinstance(camera, CameraSet) else cls(camera)
-
-    @classmethod
-    def intervals(cls, camera: Camera, half_widths: npt.ArrayLike) -> CameraSet:
-        """Each number by itself within (9,) half-widths >= 0. Raises InputError."""
-        widths = np.asarray(half_widths, dtype=np.float64)
-        if widths.shape != (_COUNT,) or not (np.isfinite(widths) & (widths >= 0.0)).all():
-            remedy = f"give nine numbers >= 0, of {', '.join(CAMERA_NUMBERS)}"
-            raise unusable("camera half-widths", f"are {widths.tolist()}", remedy)
-        return cls(camera, np.diag(widths)[:, widths > 0.0])
 
     @classmethod
     def ellipsoid(cls, camera: Camera, covariance: Floats, factor: float) -> CameraSet:
@@ -169,17 +153,7 @@ class CameraSet(Value):
         safe = np.where(scale > 0.0, scale, 1.0)
         values, vectors = np.linalg.eigh(matrix / np.outer(safe, safe))
         held = values > 1e-12 * values[-1]
-        return cls(camera, factor * safe[:, None] * vectors[:, held] * np.sqrt(values[held]), ball=True)
-
-    @property
-    def size(self) -> int:
-        """How many unknowns t there are."""
-        return int(self.spread.shape[1])
-
-    @property
-    def reach(self) -> Floats:
-        """(9,) how far each number may be off, in float64."""
-        return np.asarray(np.linalg.norm(self.spread, 2 if self.ball else 1, axis=1))
+        return cls(camera, factor * safe[:, None] * vectors[:, held] * np.sqrt(values[held]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,48 +182,10 @@ class TargetSet(Value):
         fill(self, half_widths=widths)
 
     @classmethod
-    def of(cls, target: Target | TargetSet) -> TargetSet:
-        """An exact target, or the set that is given."""
-        return target if isinstance(target, TargetSet) else cls.within(target, 0.0)
-
-    @classmethod
-    def within(cls, target: Target, half_widths: npt.ArrayLike, scale: float = 0.0) -> TargetSet:
-        """One half-width, or one for each coordinate (3,), for all dots; or (n, 3). Raises InputError."""
+    def within(cls, target: Target, half_widths: npt.ArrayLike = 0.0, scale: float = 0.0) -> TargetSet:
+        """One half-width, or one for each coordinate (3,), for all dots. Raises InputError."""
         widths = np.asarray(half_widths, dtype=np.float64)
-        alike = widths.ndim == 0 or widths.shape == (3,)
-        each = np.tile(widths * np.ones(3), (len(target.dots), 1)) if alike else widths
-        return cls(target, each, float(scale))
-
-
-_IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-
-
-@dataclass(frozen=True, eq=False)
-class Frames(ByValue):
-    """Exact motions between which the pose stands, of the floats that they are (quaternions divided by |q|^2).
-
-    camera  the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
-    target  the target frame seen in the mobile frame: `x_mobile = P + R x_target`, mm
-
-    Raises InputError when one of them is not one motion.
-    """
-
-    camera: Pose = _IDENTITY
-    target: Pose = _IDENTITY
-
-    def __post_init__(self) -> None:
-        problems = []
-        for name in ("camera", "target"):
-            pose: Pose = getattr(self, name)
-            one = Pose(frozen_array(pose.position), frozen_array(pose.quaternion))
-            fill(self, **{name: one})
-            numbers = np.concatenate([one.position.ravel(), one.quaternion.ravel()])
-            if one.position.shape != (3,) or one.quaternion.shape != (4,) or not np.isfinite(numbers).all():
-                problems.append(Problem(f"frames {name}", "is not one motion", "give (3,) mm and a quaternion (4,)"))
-            elif not one.quaternion.any():
-                problems.append(Problem(f"frames {name}", "has the quaternion zero", "give a unit quaternion"))
-        if problems:
-            raise InputError(problems)
+        return cls(target, np.tile(widths * np.ones(3), (len(target.dots), 1)), float(scale))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -265,7 +201,7 @@ _SMALLEST = 20
 
 
 def _sight(
-    boxes: PixelBoxes, targets: TargetSet, cameras: CameraSet, frames: Frames, name: str, sources: Mapping[str, bytes]
+    boxes: PixelBoxes, targets: TargetSet, cameras: CameraSet, name: str, sources: Mapping[str, bytes]
 ) -> tuple[dict[str, Any], Sight]:
     """All that is assumed, as a claim states it and as the checker reads it. `sources`: the bytes of the files that the
     numbers came from, by name. Raises InputError."""
@@ -284,7 +220,7 @@ def _sight(
         "camera": {
             "numbers": _hex(cameras.camera.numbers),
             "spread": _hex(cameras.spread),
-            "ball": bool(cameras.ball),
+            "ball": True,
             "field": _hex(radius),
         },
         "target": {
@@ -293,7 +229,7 @@ def _sight(
             "half_widths": _hex(targets.half_widths[boxes.numbers]),
             "scale": _hex(targets.scale),
         },
-        "frames": {"camera": _motion(frames.camera), "target": _motion(frames.target)},
+        "frames": {"camera": _motion(_IDENTITY), "target": _motion(_IDENTITY)},
     }
     for _ in range(_SMALLEST):
         sight = sight_of(inputs)
@@ -337,6 +273,9 @@ def _hex(values: npt.ArrayLike) -> Any:
     return [_hex(part) for part in array] if array.ndim else float(array).hex()
 
 
+_IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
 def _motion(pose: Pose) -> Any:
     return _hex(np.concatenate([pose.position, pose.quaternion]))
 
@@ -348,7 +287,6 @@ _FIRST = 24  # dots of a first certificate
 _IN_GROUP, _LEAST_GROUP = 16, 5  # dots of one of several
 _ROUNDS = 4
 _FAMILIES = 2  # wrong dots for which families of weights are looked for
-_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
 _FIRST_GAIN, _GAIN = 0.5, 0.02  # share of some width that a pass must take away
 _FIRST_LOSS, _LOSS = 0.02, 0.001  # share of what is left of a width, given away for shorter numbers
 
@@ -439,13 +377,10 @@ class _Search:
         def lifted(i: int, j: int) -> bool:
             return (i < 9 and j < 9) or i == j
 
-        def narrow(radius: Floats) -> bool:
-            return bool(radius[:9].max() < _NARROW)
-
-        system = System(rows, lifted, range(12), wrong=header["outliers"], owner=rows.dot_of)
+        system = System(rows, lifted, range(12), range(9), wrong=header["outliers"], owner=rows.dot_of)
         first = not header["after"]
         gain, loss = (_FIRST_GAIN, _FIRST_LOSS) if first else (_GAIN, _LOSS)
-        found = Descent(system, narrow, gain, loss=loss).over(rows.root)
+        found = Descent(system, gain, loss=loss).over(rows.root)
         if found.steps or first:
             stem = "" if self.stem is None else self.stem.name
             said = {"format": FORMAT, "pose_set": self.digest, **header, "turn": [number(v) for v in header["turn"]]}
@@ -493,7 +428,7 @@ class PoseSet:
     REFUTED  there is none: pose and radii are None
     UNKNOWN  nothing bounded was proved, for the `reason` told
 
-    pose      of the mobile frame in the base frame of `frames`: of the target in the camera frame if none were given
+    pose      of the target in the camera frame
     outliers  how many dots may lie outside their boxes
     refuted   numbers of dots that are outside for every pose of the set: outliers for sure
     seconds   that it took
@@ -503,7 +438,6 @@ class PoseSet:
     pose: Pose | None
     position_radius: Floats | None
     rotation_radius: Floats | None
-    frames: Frames
     outliers: int = 0
     refuted: tuple[int, ...] = ()
     reason: str = ""
@@ -541,15 +475,13 @@ def enclose_pose(
     target: Target | TargetSet,
     camera: Camera | CameraSet,
     *,
-    frames: Frames | None = None,
     outliers: int = 0,
     certificate: str | os.PathLike[str] | None = None,
     sources: Mapping[str, bytes] | None = None,
 ) -> PoseSet:
     """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.
 
-    `target` and `camera` are exact, or the sets that they are known to be in. `frames` are exact motions: then the
-    poses are those of the mobile frame in the base frame, which is where the box's axes are. `certificate` is a path
+    `target` and `camera` are exact, or the sets that they are known to be in. `certificate` is a path
     without its ends: PATH.pose.json states all of this with the box, and PATH.1.cert.jsonl and so on prove it.
     `sources` are the bytes of the files that pixels, camera and target came from, by name, whose SHA-256 the claim
     states.
@@ -557,11 +489,12 @@ def enclose_pose(
     Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.
     """
     begin = time.perf_counter()
-    frames, targets = frames or Frames(), TargetSet.of(target)
+    targets = target if isinstance(target, TargetSet) else TargetSet.within(target)
+    cameras = camera if isinstance(camera, CameraSet) else CameraSet(camera)
     _check(boxes, targets.target, outliers)
     stem = None if certificate is None else Path(certificate)
     named = "" if stem is None else stem.name
-    inputs, sight = _sight(boxes, targets, CameraSet.of(camera), frames, named, sources or {})
+    inputs, sight = _sight(boxes, targets, cameras, named, sources or {})
     search = _Search(sight, digest_of(inputs), outliers, stem)
 
     def answer(
@@ -569,7 +502,7 @@ def enclose_pose(
     ) -> PoseSet:
         numbers = tuple(sorted(int(boxes.numbers[k]) for k in wrong))
         place, turn = (None, None) if radii is None else (frozen_array(radii[:3]), frozen_array(radii[3:]))
-        return PoseSet(verdict, pose, place, turn, frames, outliers, numbers, why, time.perf_counter() - begin)
+        return PoseSet(verdict, pose, place, turn, outliers, numbers, why, time.perf_counter() - begin)
 
     try:
         found = search.ended()
@@ -627,23 +560,21 @@ def campaign_of(
     run: Sequence[str] | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Campaign:
-    """The campaign of N pose sets of the mobile frame in the base frame, and leg readings (N, n) mm.
+    """The campaign of N pose sets, and leg readings (N, n) mm: the mobile frame is the target's, the base frame the
+    camera's.
 
     Row k states |P - P_k| <= p and |2 s| <= r with half-widths of its own, which hold the pose set of image k: what is
     certified of the campaign is true of every robot whose poses show the dots in their pixel boxes and whose leg
-    readings are off by at most `length_radius` (broadcast to (N, n) mm). The frames were exact: what is not known of
-    them (hand-eye calibration) is not in the sets. What the campaign's certificates and pages check begins at these
-    boxes, not at the pixels; its `provenance` says so.
+    readings are off by at most `length_radius` (broadcast to (N, n) mm). What the campaign's certificates and pages
+    check begins at these boxes, not at the pixels; its `provenance` says so.
 
-    Raises InputError for sets that are not proved, for frames that differ, and for what makes no campaign.
+    Raises InputError for sets that are not proved, and for what makes no campaign.
     """
     problems = [
         Problem(f"pose set {k}", one.status, "leave the image out, or give wider pixel boxes")
         for k, one in enumerate(sets)
         if one.pose is None
     ]
-    if any(one.frames != sets[0].frames for one in sets):
-        problems.append(Problem("pose sets", "have different frames", "enclose all with the same Frames"))
     if problems:
         raise InputError(problems)
     poses = [one.pose for one in sets if one.pose is not None]

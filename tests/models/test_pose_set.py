@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 import cpcal
-from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
+from benchmarks.pose_sets import drawn_pose, pixels_and_slopes, trial
+from cpcal.calibration.frames import redefined
 from cpcal.common.errors import InputError
-from cpcal.files import load_campaign, save_campaign
-from cpcal.models.sight import Frames, PixelBoxes, PoseSet, TargetSet, campaign_of, enclose_pose
+from cpcal.models.sight import PixelBoxes, PoseSet, campaign_of, enclose_pose
 from cpcal.robot import (
     Pose,
     compose,
@@ -117,12 +115,6 @@ def test_where_nothing_bounded_is_known_it_says_so() -> None:
         assert NOMINAL not in found
 
 
-def test_boxes_of_forty_pixels_bound_a_pose() -> None:
-    found = enclose_pose(PixelBoxes.around(ALL, shown(), 40.0), DELTALAB_TARGET, DELTALAB_CAMERA)
-    assert NOMINAL in found
-    assert radii(found)[3:].max() < 3.0
-
-
 @pytest.mark.parametrize("count", [3, 8])
 def test_few_dots_and_other_lenses(count: int) -> None:
     rng = np.random.default_rng(count)
@@ -138,35 +130,6 @@ def test_few_dots_and_other_lenses(count: int) -> None:
         found = enclose_pose(PixelBoxes.around(chosen, pixels, 0.04), DELTALAB_TARGET, camera)
         assert found.verdict is Verdict.PROVED
         assert pose in found
-
-
-def test_poses_of_the_mobile_frame_in_the_base_frame() -> None:
-    truth = simulate_study(seed=1, runs=1, validation_runs=1, random_poses=1).truth
-    assert truth is not None
-    mobile = Pose(np.array([3.0, -4.0, 430.0]), quaternion_from_rotation_vector([0.1, 0.2, -0.05]))
-    seen = compose(compose(truth.camera, mobile), truth.target)
-    rng = np.random.default_rng(3)
-    boxes = PixelBoxes.around(ALL, shown(seen) + rng.uniform(-0.05, 0.05, (len(ALL), 2)), 0.05)
-    there = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, frames=Frames(truth.camera, truth.target))
-    here = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA)
-    assert mobile in there
-    assert seen in here
-    assert seen not in there
-    assert here.pose is not None
-    back = compose(compose(inverse(truth.camera), here.pose), inverse(truth.target))
-    assert np.abs(back.position - there.pose.position).max() < 0.02  # the middles of two boxes around one set
-    assert radii(there)[:3].max() < 0.05
-    assert radii(there)[3:].max() < 1e-3
-    scaled = enclose_pose(
-        boxes,
-        TargetSet.within(DELTALAB_TARGET, 0.0, scale=1e-3),
-        DELTALAB_CAMERA,
-        frames=Frames(truth.camera, truth.target),
-    )
-    farther = Pose(1.000999 * seen.position, seen.quaternion)
-    assert compose(compose(inverse(truth.camera), farther), inverse(truth.target)) in scaled
-    assert (radii(scaled)[:3] - radii(there)[:3]).max() < 1.1e-3 * np.linalg.norm(seen.position)
-    assert (radii(scaled)[3:] == radii(there)[3:]).all()
 
 
 def test_measured_centres_are_freed_of_their_bias() -> None:
@@ -200,21 +163,6 @@ def test_bad_input_is_refused() -> None:
         enclose_pose(outside, DELTALAB_TARGET, DELTALAB_CAMERA)
     with pytest.raises(InputError, match="outliers"):
         enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=-1)
-    for camera in (
-        Pose(np.zeros(3), np.zeros(4)),
-        Pose(np.zeros((2, 3)), np.array([1.0, 0.0, 0.0, 0.0])),
-        Pose(np.array([0.0, np.nan, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])),
-    ):
-        with pytest.raises(InputError, match="frames camera"):
-            Frames(camera)
-
-
-def test_the_benchmark_prints_a_table(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sys.argv", ["pose_sets", "--trials", "2", "--half-width", "0.1", "--outliers", "1"])
-    main()
-    told = capsys.readouterr().out.splitlines()
-    assert [line.split()[:2] for line in told[2:4]] == [["uniform", "1/1"], ["adversarial", "1/1"]]
-    assert told[4].startswith("3 sigma")
 
 
 # all dots but q: the true pose stays inside, outliers are named only when they are ones, and the set stays useful -----
@@ -233,29 +181,17 @@ def enclosed(pixels: np.ndarray, outliers: int) -> PoseSet:
     return enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=outliers)
 
 
-@pytest.mark.parametrize("count", [1, 3])
-def test_gross_outliers_are_found_and_cost_nothing(count: int) -> None:
+@pytest.mark.parametrize(("count", "allowed", "cost"), [(1, 1, 1.3), (1, 2, 6.0), (3, 3, 1.3)])
+def test_gross_outliers_are_found_and_cost_little(count: int, allowed: int, cost: float) -> None:
     pixels, rng = noisy(count), np.random.default_rng(10 + count)
     wrong = np.sort(rng.choice(len(DOTS), count, replace=False))
     clean = enclosed(pixels, 0)
     pixels[wrong] += rng.choice([-1.0, 1.0], (count, 2)) * rng.uniform(10.0, 40.0, (count, 2))
-    found = enclosed(pixels, count)
+    found = enclosed(pixels, allowed)
     assert found.verdict is Verdict.PROVED
     assert NOMINAL in found
     assert found.refuted == tuple(DOTS[wrong])
-    assert (radii(found) < 1.3 * radii(clean)).all()
-    assert "but at most" in found.status
-
-
-def test_fewer_outliers_than_allowed() -> None:
-    pixels = noisy(4)
-    clean = enclosed(pixels, 0)
-    pixels[25] -= 25.0
-    found = enclosed(pixels, 2)
-    assert NOMINAL in found
-    assert found.refuted == (50,)
-    assert (radii(clean) <= radii(found)).all()
-    assert (radii(found) < 6.0 * radii(clean)).all()
+    assert (radii(found) < cost * radii(clean)).all()
 
 
 def test_more_outliers_than_allowed_refute() -> None:
@@ -322,54 +258,31 @@ TRUTH = STUDY.truth
 assert TRUTH is not None
 POSES = TRUTH.mobile_in_base(STUDY.calibration)
 TRUE = [Pose(POSES.position[k], POSES.quaternion[k]) for k in range(0, 64, 6)]
-ROWS = len(TRUE)
 
 
-def pose_set(pose: Pose, seed: int, frames: Frames, spoiled: float = 0.0) -> PoseSet:
-    assert TRUTH is not None
-    seen = compose(compose(TRUTH.camera, pose), TRUTH.target)
-    pixels = DELTALAB_CAMERA.project(transformed(seen, DELTALAB_TARGET.points))
+def pose_set(pose: Pose, seed: int, spoiled: float = 0.0) -> PoseSet:
+    pixels = shown(pose)
     inside = np.flatnonzero(((pixels > 1.0) & (pixels < [1022.0, 766.0])).all(axis=1))
     pixels = pixels[inside] + np.random.default_rng(seed).uniform(-0.05, 0.05, (len(inside), 2))
     pixels[3] += spoiled
-    return enclose_pose(PixelBoxes.around(inside, pixels, 0.05), DELTALAB_TARGET, DELTALAB_CAMERA, frames=frames)
+    return enclose_pose(PixelBoxes.around(inside, pixels, 0.05), DELTALAB_TARGET, DELTALAB_CAMERA)
 
 
-def test_a_campaign_of_pose_sets_holds_the_truth(tmp_path: Path) -> None:
-    """From pixels to a certificate: all parameters with which the model holds are enclosed, the true ones too."""
+def test_a_campaign_of_pose_sets_holds_the_truth() -> None:
+    """From pixels to a bracket: all parameters with which the model holds are enclosed, the true ones too."""
     assert TRUTH is not None
-    frames = Frames(TRUTH.camera, TRUTH.target)
-    sets = [pose_set(pose, k, frames) for k, pose in enumerate(TRUE)]
+    seen = [compose(compose(TRUTH.camera, pose), TRUTH.target) for pose in TRUE]
+    sets = [pose_set(pose, k) for k, pose in enumerate(seen)]
     lengths = np.array([inverse_kinematics(TRUTH.robot, pose) for pose in TRUE])
-    campaign = campaign_of(sets, lengths, STUDY.robot, length_radius=0.03, run=["a"] * ROWS)
-    save_campaign(campaign, tmp_path / "campaign")
-    again = load_campaign(tmp_path / "campaign")
-    assert again == campaign
-    for k, pose in enumerate(TRUE):
-        row = PoseSet(
-            sets[k].verdict,
-            Pose(again.position[k], again.quaternion[k]),
-            again.position_radius[k],
-            again.rotation_radius[k],
-            frames,
-        )
-        assert pose in row
-    assert campaign.position_radius.min() > 0.0
-    assert campaign.position_radius.max() < 0.1
-    assert (campaign.length_radius == 0.03).all()
-    assert len(np.unique(campaign.rotation_radius)) == 3 * ROWS  # each row has its own
+    base, mobile = inverse(TRUTH.camera), inverse(TRUTH.target)
+    robot = redefined(STUDY.robot, base, TRUTH.target)
+    campaign = campaign_of(sets, lengths, robot, length_radius=0.03, run=["a"] * len(TRUE))
+    assert all(pose in one for pose, one in zip(seen, sets, strict=True))
+    assert 0.0 < campaign.position_radius.min() < campaign.position_radius.max() < 0.1
     [leg] = cpcal.certify(campaign, delta=10.0, legs=[2]).legs
     assert leg.bracket.hi == 0.0
-    assert TRUTH.robot.parameters[1] in leg.bracket.enclosure
+    joints = transformed(TRUTH.camera, TRUTH.robot.base)[1], transformed(mobile, TRUTH.robot.mobile)[1]
+    assert np.concatenate([*joints, TRUTH.robot.offset[1:2]]) in leg.bracket.enclosure
     assert leg.bracket.enclosure.width.max() < 4.0
-
-
-def test_what_is_not_proved_makes_no_campaign() -> None:
-    assert TRUTH is not None
-    frames = Frames(TRUTH.camera, TRUTH.target)
-    good, bad = pose_set(TRUE[0], 0, frames), pose_set(TRUE[1], 1, frames, spoiled=10.0)
     with pytest.raises(InputError, match="pose set 1"):
-        campaign_of([good, bad], np.zeros((2, 6)), STUDY.robot)
-    other = pose_set(TRUE[1], 1, Frames())
-    with pytest.raises(InputError, match="different frames"):
-        campaign_of([good, other], np.zeros((2, 6)), STUDY.robot)
+        campaign_of([sets[0], pose_set(seen[1], 1, spoiled=10.0)], lengths[:2], robot)

@@ -47,7 +47,7 @@ def robust(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One where one dot may be wrong, and none is found to be."""
     folder = tmp_path_factory.mktemp("robust")
     rng = np.random.default_rng(8)
-    cameras, targets = CameraSet(DELTALAB_CAMERA), TargetSet.of(FEW)
+    cameras, targets = CameraSet(DELTALAB_CAMERA), TargetSet.within(FEW)
     pose = drawn_pose(rng)
     numbers, centers = shown(rng, pose, cameras, targets)
     boxes = PixelBoxes.around(numbers, centers + rng.uniform(-0.04, 0.04, centers.shape), 0.05, of_images=True)

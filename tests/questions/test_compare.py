@@ -78,12 +78,10 @@ def test_the_truth_is_in_the_enclosure_of_the_gain_model(found_uncertain, uncert
 @pytest.mark.parametrize("kind", ["found", "found_uncertain"])
 def test_nested_models_never_have_a_larger_eps(request, kind):
     comparison = request.getfixturevalue(kind)
-    for model, result in comparison.items():
+    for result in comparison.values():
         for leg in result.legs:
             assert leg.bracket.lo <= leg.bracket.hi
             assert leg.bracket.lo <= leg_of(comparison, "plain", leg.leg).bracket.hi
-            if model == "linear":
-                assert leg.bracket.lo <= leg_of(comparison, "gain", leg.leg).bracket.hi
 
 
 def test_all_models_are_asked_about_the_same_box(found):
@@ -105,7 +103,7 @@ def test_where_the_plain_model_is_right_others_bring_almost_nothing():
     assert abs(gain.enclosure["s"].mid) < 2e-3
 
 
-@pytest.mark.parametrize("name", ["plain", "lateral", "linear"])
+@pytest.mark.parametrize("name", ["plain", "lateral"])
 def test_a_certificate_of_another_model_is_refused(found, folder, tmp_path, name):
     lines = (folder / "run" / "gain" / "leg1.cert.jsonl").read_text(encoding="utf-8").splitlines()
     header = json.loads(lines[0])
@@ -116,7 +114,7 @@ def test_a_certificate_of_another_model_is_refused(found, folder, tmp_path, name
     shutil.copyfile(folder / "run" / "gain" / "campaign.json", tmp_path / "campaign.json")
     outcome = CliRunner().invoke(app, ["verify", str(forged)])
     assert outcome.exit_code == 1
-    # eight unknowns are two too many or one too few; an h in the place of s fails at the claims, by the point
+    # eight unknowns are one too many; an h in the place of s fails at the claims, by the point
     assert f"REFUSED, line {2 if name == 'lateral' else 1}: " in outcome.output
 
 

@@ -42,7 +42,7 @@ def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
     assert "satisfies all 64 equations within the stated reading uncertainty" in found.verified.sentence("It")
 
 
-@pytest.mark.parametrize("model", ["plain", "gain", "linear", "lateral"])
+@pytest.mark.parametrize("model", ["plain", "gain", "lateral"])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_the_certificate_says_the_same(factor: float, model: str, tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL), tmp_path)

@@ -80,7 +80,7 @@ def comparison(tmp_path_factory):
 
     found = {
         "plain": result("plain", 0.75045, 0.75046, certified=True),
-        "linear": result("linear", 0.5, 0.5000001),
+        "lateral": result("lateral", 0.5, 0.5000001),
         "Supercalifragilistic" * 8: result("Supercalifragilistic" * 8, 0.1, math.inf),
         "gain": result("gain", 0.0, 0.0, certified=True),
     }

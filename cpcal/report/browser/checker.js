@@ -186,7 +186,7 @@ function within01(key, signs) {  // every u, and every y of sign 0, to an even p
 }
 
 // ---- the problem --------------------------------------------------------------------------------------------------
-const MODELS = {plain: 8, gain: 9, linear: 15, lateral: 9};
+const MODELS = {plain: 8, gain: 9, lateral: 9};
 
 class Leg {
   constructor(campaign, header) {
@@ -209,7 +209,7 @@ class Leg {
     const {campaign: {rows, legs}, number} = this, v = rows[k], at = j => floatNumber(v[j]), cut = (from, to) => Array.from(v.subarray(from, to), floatNumber);
     return {P: cut(0, 3), q: cut(3, 7), L: at(6 + number), rho: [...cut(7 + legs, 10 + legs), ...cut(10 + legs, 13 + legs).map(half), at(12 + legs + number)]};
   }
-  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials; upper and lower: the rows of `linear`
+  // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials
   parts(k, x, m) {
     const {P, q, L} = this.row(k), [w0, x0, y0, z0] = q.map(constant), [a1, a2, a3, s1, s2, s3, e] = m;
     const w = minus(w0, total([times(s1, x0), times(s2, y0), times(s3, z0)]));
@@ -230,21 +230,8 @@ class Leg {
     const body = plus(times(kappa, square), twice(total(z.map((v, i) => times(v, Ab[i])))));
     const read = plus(constant(L), e), eps = x[this.n - 1];
     let length = plus(read, x[6]);
-    if (this.model === "gain" || this.model === "linear") length = plus(length, times(x[7], read));
-    if (this.model !== "linear") return {kappa, factor: kappa, body, least: minus(length, eps), most: plus(length, eps), root: true};
-    length = plus(length, total(place.map((v, i) => times(x[8 + i], v))));
-    const skew = [minus(A[2][1], A[1][2]), minus(A[0][2], A[2][0]), minus(A[1][0], A[0][1])];
-    const turn = scaled(total(skew.map((v, i) => times(x[11 + i], v))), D(1, -1));
-    const along = plus(times(kappa, length), turn), eased = times(kappa, eps);
-    const found = {kappa, factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
-    const rho = this.rho(k);
-    if (rho.every(v => v.m === 0n)) return found;
-    // rows divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
-    const norm = constant(q.reduce((sum, v) => add(sum, mul(v, v)), ZERO)), widest = rho.slice(3, 6).reduce((sum, v) => add(sum, mul(v, v)), ZERO);
-    const over = end => plus(times(kappa, times(end, end)), twice(times(end, turn))), of = times(turn, turn);
-    found.upper = () => minus(times(norm, minus(body, over(plus(length, eps)))), of);
-    found.lower = () => plus(times(norm, minus(over(minus(length, eps)), body)), scaled(of, sub(ONE, widest)));
-    return found;
+    if (this.model === "gain") length = plus(length, times(x[7], read));
+    return {kappa, factor: kappa, body, least: minus(length, eps), most: plus(length, eps), root: true};
   }
   lengthRow(k, x, scale = ONE) {  // eps - l - (L - lambda)
     const {L, rho} = this.row(k);
@@ -489,48 +476,31 @@ function holdsForAll(problem, k, x, signs, value, scale) {
     const twice = whole(2), first = mul(sub(mul(w0, w0), dot(v, v)), b[i]);
     return add(add(first, mul(twice, mul(dot(v, b), v[i]))), mul(twice, mul(w0, cross(v, b)[i])));
   });
-  const linear = problem.model === "linear", gain = linear || problem.model === "gain" ? add(ONE, at[7]) : ONE;
-  const along = linear ? at.slice(8, 11) : [ZERO, ZERO, ZERO], about = linear ? at.slice(11, 14) : [ZERO, ZERO, ZERO], heavy = sum(sizes(about));
+  const gain = problem.model === "gain" ? add(ONE, at[7]) : ONE;
   const S = sum(s), most = mul(n, sum(sizes(b))), shift = sum(p);
-  let change = total_([mul(size(gain), rho[6]), eps, dot(sizes(along), p), mul(whole(2), mul(S, heavy))]), y = add(mul(gain, L), at[6]);
-  if (linear) {
-    change = add(change, D(1, -40));
-    y = floored(add(mul(n, add(y, dot(along, P))), mul(whole(2), mul(w0, dot(about, v)))), n, 40);
-  }
-  if (cmp(y, change) < 0) return false;
-  const trace = sub(mul(whole(4), mul(w0, w0)), n), back = [0, 1, 2].map(i => {  // |q|^2 R(q)' t
-    const first = mul(sub(mul(w0, w0), dot(v, v)), about[i]);
-    return add(add(first, mul(whole(2), mul(dot(v, about), v[i]))), mul(whole(-2), mul(w0, cross(v, about)[i])));
-  });
+  if (cmp(add(mul(gain, L), at[6]), add(mul(size(gain), rho[6]), eps)) < 0) return false;
   const turn = cross(c, w), bent = mul(mul(S, most), add(mul(whole(5), mul(S, add(sum(sizes(w)), shift))), mul(whole(3), shift)));
   const reading = [], give = [];
   for (const i of [0, 1, 2]) {
-    const [j, l] = [(i + 1) % 3, (i + 2) % 3], g = sub(add(mul(n, w[i]), c[i]), mul(mul(n, along[i]), y));
-    const moved = total_([mul(n, p[i]), mul(whole(2), add(mul(s[j], size(c[l])), mul(s[l], size(c[j])))), mul(whole(3), mul(mul(S, S), most)), mul(n, mul(size(along[i]), change))]);
+    const [j, l] = [(i + 1) % 3, (i + 2) % 3], g = add(mul(n, w[i]), c[i]), t = turn[i];
+    const moved = total_([mul(n, p[i]), mul(whole(2), add(mul(s[j], size(c[l])), mul(s[l], size(c[j])))), mul(whole(3), mul(mul(S, S), most))]);
     reading[i] = g.m > 0n ? p[i] : neg(p[i]);
     give.push(mul(mul(whole(4), p[i]), over(moved, g)));
-    const torque = half(mul(y, sub(mul(trace, about[i]), back[i]))), t = sub(turn[i], torque);
     const swung = total_([
       mul(size(c[i]), add(mul(s[j], size(w[j])), mul(s[l], size(w[l])))), mul(size(w[i]), add(mul(s[j], size(c[j])), mul(s[l], size(c[l])))),
-      mul(whole(2), mul(s[i], size(add(mul(c[j], w[j]), mul(c[l], w[l]))))), mul(p[j], size(c[l])), mul(p[l], size(c[j])), bent,
-      mul(mul(n, heavy), add(mul(whole(2), change), mul(S, add(mul(whole(6), size(y)), mul(whole(2), change)))))]);
+      mul(whole(2), mul(s[i], size(add(mul(c[j], w[j]), mul(c[l], w[l]))))), mul(p[j], size(c[l])), mul(p[l], size(c[j])), bent]);
     reading[3 + i] = t.m > 0n ? s[i] : neg(s[i]);
     give.push(mul(mul(whole(8), s[i]), over(swung, t)));
   }
   reading[6] = gain.m > 0n ? neg(rho[6]) : rho[6];
   const [high, low] = [1, -1].map(sign => parts(reading.map(v => constant(mul(D(sign), v))))), slack = mul(add(ONE, dot(s, s)), sum(give));
-  const rest = linear ? mul(slack, high.kappa) : slack, other = linear ? mul(slack, low.kappa) : slack, bottom = sub(low.body, other);
-  if (high.most.m < 0n || cmp(add(high.body, rest), mul(high.factor, mul(high.most, high.most))) > 0 || bottom.m < 0n) return false;
+  const bottom = sub(low.body, slack);
+  if (high.most.m < 0n || cmp(add(high.body, slack), mul(high.factor, mul(high.most, high.most))) > 0 || bottom.m < 0n) return false;
   return low.least.m <= 0n || cmp(mul(low.factor, mul(low.least, low.least)), bottom) <= 0;
 }
 const size = a => a.m < 0n ? neg(a) : a, dot = (a, b) => a.map((v, i) => mul(v, b[i])).reduce(add), total_ = parts => parts.reduce(add);
 const cross = (a, b) => [0, 1, 2].map(i => sub(mul(a[(i + 1) % 3], b[(i + 2) % 3]), mul(a[(i + 2) % 3], b[(i + 1) % 3])));
 const over = (most, slope) => { const left = sub(most, size(slope)); return left.m > 0n ? left : ZERO; };
-function floored(a, b, bits) {  // a / b for b > 0, down to a multiple of 2^-bits
-  const shift = BigInt(a.e - b.e + bits), [above, below] = shift < 0n ? [a.m, b.m << -shift] : [a.m << shift, b.m];
-  const found = above / below;
-  return D(above % below < 0n ? found - 1n : found, -bits);
-}
 function checkEnds(problem, {epsilon, point}) {  // eps hi is that of the point
   if (!epsilon || epsilon.hi === null) return;
   need(cmp(epsilon.hi, epsilon.lo) >= 0, "eps hi is below eps lo", "proof");

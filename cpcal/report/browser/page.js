@@ -3,7 +3,7 @@
 // compares each number shown with what they claim; the page then says so beside the numbers. It asks no network.
 
 const PARAMETERS = ["a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l"];
-const EXTRA = {plain: [], gain: ["s"], linear: ["s", "cx", "cy", "cz", "tx", "ty", "tz"], lateral: ["h"]};
+const EXTRA = {plain: [], gain: ["s"], lateral: ["h"]};
 
 // ---- in the worker ---------------------------------------------------------------------------------------------------
 function sha256(bytes) {

@@ -99,7 +99,6 @@ def _given(legs: Sequence[LegConstraint]) -> Floats:
         widths[:, 3:6] *= 0.5
         ends = np.array([[ENDS[sign] for sign in leg.signs] for leg in legs])
         parts += [ends[:, :, 0] * widths, ends[:, :, 1] * widths]
-        parts += [widths[:, 3:6]] if legs[0].model == "linear" else []
     return np.concatenate(parts, axis=1)
 
 
@@ -416,7 +415,7 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     if mine:
         of = _Readings(problem, [float(v) for v in x.box.lo], [numbers[n] for n in mine])
         root = np.sqrt(np.maximum(of.square(of.w, of.c), 0.0))
-        slopes = np.column_stack([*of.slopes(root), -of.gain * root]) * of.radii
+        slopes = np.column_stack([*of.slopes(), -of.gain * root]) * of.radii
         for n, row in zip(mine, np.sign(slopes).astype(int).tolist(), strict=True):
             found[n] = "".join("0+-"[sign] for sign in row)
     return found
@@ -430,35 +429,27 @@ class _Readings:
         legs = [problem.constraint(k, x, "") for k in numbers]
         given = np.array([leg.m.given for leg in legs], np.float64)
         self.radii = np.array([leg.m.radii for leg in legs], np.float64)
-        q, self.place, self.read = given[:, :4].T, given[:, 4:7], given[:, 7]
-        self.turn = np.moveaxis(np.array(rotation_rows([*q])) / (q * q).sum(axis=0), 2, 0)
+        q, place, self.read = given[:, :4].T, given[:, 4:7], given[:, 7]
+        turn = np.moveaxis(np.array(rotation_rows([*q])) / (q * q).sum(axis=0), 2, 0)
         a, b, (self.offset, *extra) = np.array(point[:3]), np.array(point[3:6]), point[6:-1]
-        self.c, self.w = self.turn @ b, self.place - a
-        self.gain = 1.0 + (extra[0] if problem.model in ("gain", "linear") else 0.0)
+        self.c, self.w = turn @ b, place - a
+        self.gain = 1.0 + (extra[0] if problem.model == "gain" else 0.0)
         self.height = extra[0] if problem.model == "lateral" else 0.0
-        linear = extra if problem.model == "linear" else [0.0] * 7
-        self.along, self.about = np.array(linear[1:4]), np.array(linear[4:])
-        trace = np.trace(self.turn, axis1=1, axis2=2)[:, None]
-        self.torque = 0.5 * (trace * self.about - self.about @ self.turn)
         self.size = np.abs(b).sum()
-        own = np.abs(self.place).sum(axis=1) + np.abs(self.read) + np.abs(point[:-1]).sum() + self.radii.sum(axis=1)
-        self.rounding = _ROUNDINGS * _UNIT * own * (1.0 + np.abs(self.along).max() + np.abs(self.about).max())
+        own = np.abs(place).sum(axis=1) + np.abs(self.read) + np.abs(point[:-1]).sum() + self.radii.sum(axis=1)
+        self.rounding = _ROUNDINGS * _UNIT * own
 
     def square(self, w: Floats, c: Floats) -> Floats:
         """(N,) ||v||^2 - h"""
         return np.asarray(((w + c) ** 2).sum(axis=1) - self.height)
 
-    def slopes(self, length: Floats) -> tuple[Floats, Floats]:
-        """Half the slopes (N, 3) of the square, less those of the length, by d and s, where its root is a length."""
-        beside = length[:, None]
-        return self.w + self.c - beside * self.along, np.cross(self.c, self.w) - beside * self.torque
+    def slopes(self) -> tuple[Floats, Floats]:
+        """Half the slopes (N, 3) of the square by d and s."""
+        return self.w + self.c, np.cross(self.c, self.w)
 
-    def length(self, sign: float, d: Floats, s: Floats, e: Floats) -> Floats:
-        """(N,) L + e + l + t at sign times a reading."""
-        found = self.gain * (self.read + sign * e) + self.offset + (self.place + sign * d) @ self.along
-        columns = [_rotated(sign * s, self.turn[:, :, k]) for k in range(3)]
-        skew = np.stack([columns[k - 2][:, k - 1] - columns[k - 1][:, k - 2] for k in range(3)], axis=1)
-        return np.asarray(found + 0.5 * skew @ self.about)
+    def length(self, e: Floats) -> Floats:
+        """(N,) L + e + l + t."""
+        return np.asarray(self.gain * (self.read + e) + self.offset)
 
 
 def _across(p: Floats, q: Floats) -> Floats:
@@ -485,15 +476,12 @@ class AllReadings:
         """If it is at most `eps`, the point with that eps holds for all readings of sets `factor` times as wide."""
         of = self._of
         r, t, rl = factor * of.radii[:, :3], 0.5 * factor * of.radii[:, 3:6], factor * of.radii[:, 6]
-        shift, swing, heavy = r.sum(axis=1), t.sum(axis=1), np.abs(of.about).sum()
-        change = abs(of.gain) * rl + eps + r @ np.abs(of.along) + 2.0 * swing * heavy
-        nothing = np.zeros_like(r)
-        middle = of.length(0.0, nothing, nothing, rl)
-        d, s = of.slopes(middle)
+        shift, swing = r.sum(axis=1), t.sum(axis=1)
+        change = abs(of.gain) * rl + eps
+        d, s = of.slopes()
         c, w = np.abs(of.c), np.abs(of.w)
-        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * of.size)[:, None] + np.outer(change, np.abs(of.along))
+        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * of.size)[:, None]
         bent = swing * of.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
-        bent += heavy * (2.0 * change + swing * (6.0 * np.abs(middle) + 2.0 * change))
         both = of.c * of.w
         turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
         turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + _across(r, c) + bent[:, None]
@@ -503,8 +491,9 @@ class AllReadings:
         most, least = (
             of.square(of.w + sign * end[0], _rotated(sign * end[1], of.c)) + sign * slack for sign in (1.0, -1.0)
         )
-        high, low = of.length(1.0, *end), of.length(-1.0, *end)
-        good = (middle > change + of.rounding) & (least > 0.0) & (of.read - rl + of.offset > eps + of.rounding)
+        high, low = of.length(end[2]), of.length(-end[2])
+        good = (of.length(0.0 * rl) > change + of.rounding) & (least > 0.0)
+        good &= of.read - rl + of.offset > eps + of.rounding
         if not good.all():
             return math.inf
         roots = np.sqrt(most), np.sqrt(least)

@@ -15,17 +15,16 @@ from fractions import Fraction as F
 from functools import cached_property, partial
 from operator import itemgetter, le
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker import Refused
-from cpcal.checker.polynomial import Spend
 from cpcal.checker.rule import Box as ExactBox
-from cpcal.checker.rule import Problem, Row, Rule, Weights
+from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.common.files import replacing
-from cpcal.common.values import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.certificate.exact_network import Statement, exact_box, free, limits, number
 from cpcal.solver.certificate.float_rows import FloatRule, Parts, Product, Square, rows_of
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
@@ -33,6 +32,9 @@ from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import round_down, round_up
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.search import Proof
+
+if TYPE_CHECKING:
+    from cpcal.checker import frames, sight
 
 T = TypeVar("T")
 Claims = dict[str, Any]  # line of a certificate
@@ -275,174 +277,136 @@ def _within_limits(tried: Callable[[], T]) -> T | None:
 # Programs without columns take a millisecond and do for narrow boxes; those with columns contract boxes of all
 # rotations.
 
-Terms = dict[tuple[int, ...], int]
 _MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
 _WORTH = 0.02  # of a half-width: what a bound must gain to be kept, or twice the loss
-_TANGENTS = (-1.0, -0.5, 0.5, 1.0)
+_CORNERS = [(p, q) for p in (1.0, -1.0) for q in (1.0, -1.0)]
+_TANGENTS = [(p, p) for p in (1.0, 2.0, -2.0, -1.0)]  # (1 + p u)^2, the square of the distance from -1 / p
 _FEW_BITS = (14, 24, 40)
+_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns are tried
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
 _PASSES = 80
 _NOISE = 2e-15  # of rounding, as a share of the sum of a row's terms
 
 
-class TaggedRows(Protocol):
-    """Rows by side and number, each at most zero at every solution: polynomials with whole coefficients."""
-
-    @property
-    def unknowns(self) -> tuple[str, ...]: ...
-    @property
-    def tags(self) -> Sequence[tuple[str, int]]: ...
-    def row(self, side: str, k: int, /) -> Terms: ...
-    def problem(self, spend: Spend, /) -> Problem: ...
-
-
 class System:
     """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
 
-    `lifted` says which products may be columns; `asked`: the unknowns that are bounded; `derived`: those that are once,
-    at the end, and that say nothing of the others. So many of what rows are of may be `wrong`, as `owner` says by side
-    and number.
+    rows     by side and number, each at most zero at every solution: polynomials with whole coefficients
+    lifted   which products may be columns
+    asked    the unknowns that are bounded; `derived`: those that are once, at the end, and say nothing of the others
+    turns    the unknowns that are entries of rotations
+    wrong    so many of what rows are of may be wrong, as `owner` says by side and number
     """
 
     def __init__(
-        self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int], derived: Sequence[int] = (),
-        *, wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
+        self, rows: frames.Rows | sight.Rows, lifted: Callable[[int, int], bool], asked: Sequence[int],
+        turns: Sequence[int], derived: Sequence[int] = (), *,
+        wrong: int = 0, owner: Callable[[str, int], int | None] = lambda side, k: None,
     ) -> None:  # fmt: skip
-        self.problem, self.asked, self.derived, self.wrong = rows.problem(free), asked, derived, wrong
-        self.tags: list[tuple[str, int]] = list(rows.tags)
+        self.problem, self.asked, self.turns, self.derived = rows.problem(free), asked, list(turns), derived
+        self.tags, self.wrong = list(rows.tags), wrong
         self.owner = [owner(*tag) for tag in self.tags]
-        names = rows.unknowns
-        place: dict[tuple[int, int], int] = {}
-        self.constant = np.zeros(len(self.tags))
-        self.linear = np.zeros((len(self.tags), len(names)))
+        size = len(rows.unknowns)
+        place: dict[tuple[int, ...], int] = {m: k for k, m in enumerate([(), *((i,) for i in range(size))])}
         entries: list[tuple[int, int, float]] = []
         for n, tag in enumerate(self.tags):
             terms = rows.row(*tag)
-            shift = max((c.bit_length() for c in terms.values()), default=0)
-            for m, c in terms.items():
-                cut = max(c.bit_length() - 64, 0)
-                value = math.ldexp(c >> cut, cut - shift)
-                if not m:
-                    self.constant[n] = value
-                elif len(m) == 1:
-                    self.linear[n, m[0]] = value
-                else:
-                    i, j = sorted(m)
-                    entries.append((n, place.setdefault((i, j), len(place)), value))
-        self.pairs = np.array(list(place), dtype=np.intp).reshape(-1, 2)
-        self.products = np.zeros((len(self.tags), len(place)))
-        for n, p, value in entries:
-            self.products[n, p] = value
+            unit = 1 << max((c.bit_length() for c in terms.values()), default=0)
+            entries += [(n, place.setdefault(tuple(sorted(m)), len(place)), c / unit) for m, c in terms.items()]
+        table = np.zeros((len(self.tags), len(place)))
+        of, at, values = zip(*entries, strict=True)
+        table[of, at] = values
+        self.constant, self.linear, self.products = table[:, 0], table[:, 1 : size + 1], table[:, size + 1 :]
+        self.pairs = np.array(list(place)[size + 1 :], dtype=np.intp).reshape(-1, 2)
         own = np.isin(self.pairs, list(derived)).any(axis=1)
         self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
         self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
         self.square = self.pairs[:, 0] == self.pairs[:, 1]
 
     def centred(self, center: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
-        """Constants, linear and products in u, where x = center + radius u."""
+        """Constants, linear and products in u, where x = center + radius u; constants less about what float64 may get
+        wrong of them, which is all that matters in a tiny box."""
         i, j = self.pairs.T
-        constant = self.constant + self.linear @ center + self.products @ (center[i] * center[j])
         spread = np.zeros((len(self.pairs), len(center)))
         np.add.at(spread, (np.arange(len(i)), i), center[j])
         np.add.at(spread, (np.arange(len(i)), j), center[i])
-        return constant, (self.linear + self.products @ spread) * radius, self.products * (radius[i] * radius[j])
-
-    def rounding(self, center: Floats) -> Floats:
-        """(M,) about what float64 may get wrong of the constants: all that matters of them in a tiny box."""
-        i, j = self.pairs.T
-        size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center)
-        return np.asarray(_NOISE * (size + np.abs(self.products) @ np.abs(center[i] * center[j])))
+        both = center[i] * center[j]
+        constant = self.constant + self.linear @ center + self.products @ both
+        size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center) + np.abs(self.products) @ np.abs(both)
+        linear = (self.linear + self.products @ spread) * radius
+        return constant - _NOISE * size, linear, self.products * (radius[i] * radius[j])
 
 
 class _Programs:
-    """The linear programs of a system on one box."""
+    """The linear programs of a system on one box, with some of its rows, and columns for some products."""
 
-    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools, rows: Bools) -> None:
-        self.system, self.count = system, 0
-        self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
-        constant, linear, products = system.centred(self.center, self.radius)
-        constant = constant - system.rounding(self.center)
+    def __init__(self, system: System, center: Floats, radius: Floats, columns: Bools, rows: Bools) -> None:
+        constant, linear, products = system.centred(center, radius)
         products[~rows], linear[~rows] = 0.0, 0.0
-        chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
+        chosen = np.flatnonzero(columns & products.any(axis=0))
         beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
         beside[:, chosen] = 0.0
         given_away = beside.sum(axis=1)
-        matrix = np.concatenate([linear, products[:, chosen]], axis=1)
-        rhs = given_away - constant
+        matrix, rhs = np.concatenate([linear, products[:, chosen]], axis=1), given_away - constant
         scale = np.abs(matrix).max(axis=1)
         kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
         self._numbers, self._scale = kept.tolist(), scale[kept]
         self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
-        size = linear.shape[1]
-        self._bounds, above, sides = _bound_products(chosen, system)
-        lower = -np.ones(size + len(chosen))
+        size, self._width = len(center), matrix.shape[1]
+        # (1 + p u_i) (1 + q u_j) >= 0 ties the column of a product to its factors
+        pairs = enumerate(system.pairs[chosen].tolist(), start=size)
+        bounds = [(k, i, j, *pq) for k, (i, j) in pairs for pq in (_TANGENTS if i == j else _CORNERS)]
+        above = np.zeros((len(bounds), self._width))
+        for row, (k, i, j, p, q) in zip(above, bounds, strict=True):
+            row[i] -= p
+            row[j] -= q
+            row[k] = -p * q
+        self._bounds = bounds
+        lower = -np.ones(self._width)
         lower[size:][system.square[chosen]] = 0.0
         self._engine = Dense()
         self._engine.load(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
-            np.concatenate([sides, rhs[kept] / self._scale]),
+            np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale]),
             lower,
-            np.ones(size + len(chosen)),
+            np.ones(self._width),
         )
-        self._width = size + len(chosen)
 
     def minimize(self, i: int, sign: float) -> LinearSolution:
-        objective = np.zeros(self._width)
-        objective[i] = sign
-        self.count += 1
-        return self._engine.minimize(objective)
+        return self._engine.minimize(sign * (np.arange(self._width) == i))
 
     def weights(self, solution: LinearSolution, value: float) -> Proposed:
-        of_row, beside = solution.rows >= len(self._bounds), solution.rows < len(self._bounds)
-        kept = solution.rows[of_row] - len(self._bounds)
-        bounds = [self._bounds[k] for k in solution.rows[beside].tolist()]
-        square = np.array([i == j for i, j, *_ in bounds], np.bool_)
-        multipliers = solution.multipliers[beside]
+        first, multipliers = len(self._bounds), solution.multipliers
+        of_row = solution.rows >= first
+        kept = solution.rows[of_row] - first
+        used = [
+            (*self._bounds[k][1:], w)
+            for k, w in zip(solution.rows[~of_row].tolist(), multipliers[~of_row].tolist(), strict=True)
+        ]
+        products, squares = ([one for one in used if (one[0] == one[1]) is square] for square in (False, True))
         return Proposed(
             [self._numbers[k] for k in kept.tolist()],
-            [(i, j, p, q) for i, j, p, q, _ in bounds if i != j],
-            [(i, t) for i, j, _, _, t in bounds if i == j],
-            (solution.multipliers[of_row] / self._scale[kept], multipliers[~square], multipliers[square]),
+            [(i, j, int(p), int(q)) for i, j, p, q, _ in products],
+            [(i, -1.0 / p) for i, _, p, *_ in squares],
+            (
+                multipliers[of_row] / self._scale[kept],
+                np.array([w for *_, w in products]),
+                np.array([p * q * w for *_, p, q, w in squares]),
+            ),
             value,
         )
 
 
-def _bound_products(
-    chosen: Indices, system: System
-) -> tuple[list[tuple[int, int, int, int, float]], Floats, list[float]]:
-    """Rows (K, columns) and right sides that tie the columns of the chosen products to their factors."""
-    size, kinds = system.linear.shape[1], list[tuple[int, int, int, int, float]]()
-    matrix, sides = [np.zeros((0, size + len(chosen)))], list[float]()
-    for column, pair in enumerate(chosen.tolist(), start=size):
-        i, j = system.pairs[pair].tolist()
-        if i == j:
-            kinds += [(i, i, 0, 0, t) for t in _TANGENTS]
-            rows = [{i: 2.0 * t, column: -1.0} for t in _TANGENTS]
-            sides += [t * t for t in _TANGENTS]
-        else:
-            kinds += [(i, j, p, q, 0.0) for p in (1, -1) for q in (1, -1)]
-            rows = [{i: -p, j: -q, column: -p * q} for *_, p, q, _ in kinds[-4:]]
-            sides += [1.0] * len(rows)
-        block = np.zeros((len(rows), size + len(chosen)))
-        for k, row in enumerate(rows):
-            block[k, list(row)] = list(row.values())
-        matrix.append(block)
-    return kinds, np.concatenate(matrix), sides
-
-
 @dataclass
 class Contracted:
-    """What is left of a box, None for nothing, and the steps of the certificate that prove it.
+    """What is left of a box, None for nothing, and the steps of the certificate that prove it; `timed`: time ended the
+    search."""
 
-    `last`: sides and numbers of the rows of the last step; `open`: whether time or patience ended the search.
-    """
-
-    left: ExactBox | None
+    left: ExactBox | None = None
     steps: list[dict[str, Any]] = field(default_factory=list)
     programs: int = 0
-    last: tuple[tuple[str, int], ...] = ()
-    ended: str = ""
+    timed: bool = False
 
 
 def write_steps(
@@ -458,21 +422,18 @@ def write_steps(
 @dataclass
 class Descent:
     """Contracts until nothing is left or a pass gains less than a share `gain` of the widths, in their geometric mean;
-    then halves the widest of the unknowns `splits`, in at most so many boxes.
+    then halves the widest entry of a rotation, in at most so many `boxes`.
 
-    narrow   of half-widths: whether programs without columns are worth a try
-    loss     share of what is left of a width, given away for shorter numbers
+    loss  share of what is left of a width, given away for shorter numbers
     """
 
     system: System
-    narrow: Callable[[Floats], bool]
     gain: float
-    splits: Sequence[int] = ()
-    most_boxes: int = 1
+    boxes: int = 1
     loss: float = 0.02
     end: float = math.inf
     tell: Callable[[ExactBox | None], None] = lambda box: None
-    found: Contracted = field(init=False, default_factory=lambda: Contracted(None))
+    found: Contracted = field(init=False, default_factory=Contracted)
 
     def over(self, root: ExactBox) -> Contracted:
         """What is left of a box."""
@@ -483,13 +444,13 @@ class Descent:
             box = self._passes(name, whole)
             if box is None:
                 continue
-            if not self.splits or fresh + 1 > 2 * self.most_boxes - 2 or time.monotonic() > self.end:
+            if fresh + 1 > 2 * self.boxes - 2 or time.monotonic() > self.end:
                 if system.derived and steps:
                     box, _ = self._once_over(name, box, system.lifted, system.derived)
                 left += [] if box is None else [box]
                 continue
-            widths = {k: box.hi[k] - box.lo[k] for k in self.splits}
-            i = max(self.splits, key=widths.__getitem__)
+            widths = {k: box.hi[k] - box.lo[k] for k in system.turns}
+            i = max(system.turns, key=widths.__getitem__)
             cut = F(round_down((box.lo[i] + box.hi[i]) / 2))
             steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
             waiting += [(fresh, box.replaced(i, hi=cut)), (fresh + 1, box.replaced(i, lo=cut))]
@@ -503,7 +464,7 @@ class Descent:
         """What passes leave of a box, until one gains too little."""
         for _ in range(_PASSES):
             if time.monotonic() > self.end:
-                self.found.ended = "time"
+                self.found.timed = True
                 break
             left = self._best(name, box)
             self.tell(left)
@@ -515,7 +476,7 @@ class Descent:
     def _best(self, name: int, box: ExactBox) -> ExactBox | None:
         """Without columns of products where that is worth a try, and with them where it gained too little."""
         system = self.system
-        if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
+        if max(box.hi[k] - box.lo[k] for k in system.turns) < 2.0 * _NARROW:
             left, given_away = self._once_over(name, box, np.zeros_like(system.lifted), system.asked)
             if left is None or given_away < _NEGLIGIBLE or np.median(_shares(box, left, system.asked)) <= _PAYS:
                 return left
@@ -529,120 +490,112 @@ class Descent:
 
         And what the programs gave away of products, at most, in half-widths.
         """
-        system = self.system
-        lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        rows = np.ones_like(system.main) if asked is system.derived else system.main
-        known: dict[frozenset[int], _Programs] = {}
+        step = _Pass(self.system, box, columns, asked is self.system.derived)
+        left = step.left(asked, self.loss)
+        self.found.programs += step.programs
+        record = _record(step.rows, name, None, step.exclusion, step.bounds, families=self.system.wrong > 0)
+        self.found.steps += [] if record is None else [record]
+        return left, step.known[frozenset()].given_away
 
-        def programs(without: frozenset[int]) -> _Programs:
-            if without not in known:
-                right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
-                known[without] = _Programs(system, lo, hi, columns, rows & right)
-            return known[without]
 
-        every, prover = programs(frozenset()), _Prover(system, box)
-        lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
+class _Pass:
+    """Bounds on one box, proposed by programs and proved by the rule.
 
-        def family(i: int, sign: float, without: frozenset[int], wrong: int) -> list[Proposed] | None:
-            """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
-            own = programs(without)
-            solution = own.minimize(i, sign)
-            if solution.status is LinearStatus.INFEASIBLE:
-                value = math.inf
-            elif solution.status is LinearStatus.OPTIMAL:
-                u = solution.point[: len(lo)]
-                np.minimum(lowest, u, out=lowest)
-                np.maximum(highest, u, out=highest)
-                value = sign * float(u[i])
-            worth = min(_WORTH, 2.0 * self.loss)
-            if solution.status not in (LinearStatus.OPTIMAL, LinearStatus.INFEASIBLE) or value < worth - 1.0:
-                return None
-            found = [own.weights(solution, value)]
-            owners = {system.owner[n] for n in found[0].rows} if wrong else set()
-            for owner in sorted(k for k in owners if k is not None):
-                more = family(i, sign, without | {owner}, wrong - 1)
-                if more is None:
-                    return None
-                found += more
-            return found
+    A bound has a family of proofs: one without anybody's rows, and where some may be wrong others without those of
+    every one that the first rests on, so that some proof holds whichever are wrong.
+    """
 
-        proposed: list[tuple[int, str, list[Proposed]]] = []
-        ends = {(i, sign): -1.0 for i in asked for sign in (1.0, -1.0)}
-        for i, sign in ends:
-            met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
-            one = None if every.radius[i] == 0.0 or met else family(i, sign, frozenset(), system.wrong)
-            if one is None:
+    def __init__(self, system: System, box: ExactBox, columns: Bools, every: bool) -> None:
+        self._system, self._box, self._columns = system, box, columns
+        lo, hi = np.array(box.lo, np.float64), np.array(box.hi, np.float64)
+        self._center, self._radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
+        self._main = system.main | every
+        self._lowest, self._highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)  # of all vertices
+        self.rows: list[Row] = [(*tag, "") for tag in system.tags]
+        self._rule = Rule(system.problem, box, self.rows, free)
+        self.known = {frozenset[int](): _Programs(system, self._center, self._radius, columns, self._main)}
+        self.programs = 0
+        self.bounds, self.exclusion = list[Bound](), list[Weights]()
+
+    def left(self, asked: Sequence[int], loss: float) -> ExactBox | None:
+        """What is left of the box, None for nothing; bounds that gain little, or twice the `loss`, are left out."""
+        worth, proposed = min(_WORTH, 2.0 * loss), list[tuple[int, str, list[Proposed]]]()
+        ends = {(i, side): -1.0 for i in asked for side in ("lo", "hi")}
+        for i, side in ends:
+            met = self._lowest[i] < -1.0 + _MET if side == "lo" else self._highest[i] > 1.0 - _MET
+            idle = self._radius[i] == 0.0 or met
+            family = None if idle else self._family(i, side, frozenset(), self._system.wrong, worth)
+            if family is None:
                 continue
-            ends[i, sign] = min(part.value for part in one)
-            if ends[i, sign] < math.inf:
-                proposed.append((i, "lo" if sign > 0.0 else "hi", one))
-            elif prover.exclude(one):
-                break
-            else:
-                ends[i, sign] = -1.0
-        else:
-            for i, side, one in proposed:
-                width = -ends[i, 1.0] - ends[i, -1.0]
-                prover.bound(i, side, one, self.loss * max(width, 1e-9) * float(every.radius[i]))
-        self.found.programs += sum(one.count for one in known.values())
-        step = prover.step(name)
-        if step is not None:
-            self.found.steps.append(step)
-            self.found.last = tuple((side, k) for side, k, *_ in step["rows"])
-        return prover.left, every.given_away
+            value = min(part.value for part in family)
+            if value < math.inf:
+                ends[i, side] = value
+                proposed.append((i, side, family))
+            elif (excluding := self._proved(i, side, family, 0.0)) is not None:
+                self.exclusion = [weights for _, weights in excluding]
+                return None
+        lo, hi = list(self._box.lo), list(self._box.hi)
+        for i, side, family in proposed:
+            given_away = loss * max(-ends[i, "lo"] - ends[i, "hi"], 1e-9) * float(self._radius[i])
+            found = self._proved(i, side, family, given_away)
+            if found is None:
+                continue
+            weakest = (min if side == "lo" else max)(bound for bound, _ in found if bound is not None)
+            kept, own = F(brief(weakest, side == "lo", given_away)), lo if side == "lo" else hi
+            if kept > own[i] if side == "lo" else kept < own[i]:
+                self.bounds.append((i, side, kept, [weights for _, weights in found]))
+                own[i] = kept
+        return ExactBox(tuple(lo), tuple(hi)) if all(map(le, lo, hi)) else None
 
-
-class _Prover:
-    """Exact bounds on one box; `left` is what they leave, None for nothing."""
-
-    def __init__(self, system: System, box: ExactBox) -> None:
-        self._system, self._lo, self._hi = system, list(box.lo), list(box.hi)
-        self._rows = [(*tag, "") for tag in system.tags]
-        self._rule = Rule(system.problem, box, self._rows, free)
-        self._bounds: list[Bound] = []
-        self._exclusion: list[Weights] = []
-
-    @property
-    def left(self) -> ExactBox | None:
-        if self._exclusion or not all(map(le, self._lo, self._hi)):
+    def _family(self, i: int, side: str, without: frozenset[int], wrong: int, worth: float) -> list[Proposed] | None:
+        """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
+        system, sign = self._system, 1.0 if side == "lo" else -1.0
+        if without not in self.known:
+            right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
+            self.known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
+        solution = self.known[without].minimize(i, sign)
+        self.programs += 1
+        value = math.inf
+        if solution.status is LinearStatus.OPTIMAL:
+            u = solution.point[: len(self._radius)]
+            np.minimum(self._lowest, u, out=self._lowest)
+            np.maximum(self._highest, u, out=self._highest)
+            value = sign * float(u[i])
+        elif solution.status is not LinearStatus.INFEASIBLE:
             return None
-        return ExactBox(tuple(self._lo), tuple(self._hi))
+        if value < worth - 1.0:
+            return None
+        found = [self.known[without].weights(solution, value)]
+        owners = {system.owner[n] for n in found[0].rows} if wrong else set()
+        for owner in sorted(k for k in owners if k is not None):
+            more = self._family(i, side, without | {owner}, wrong - 1, worth)
+            if more is None:
+                return None
+            found += more
+        return found
 
-    def exclude(self, family: Sequence[Proposed]) -> bool:
-        """Whether the box is proved to hold nothing."""
-        found = [_excluding(self._rule, one, _FEW_BITS) for one in family]
-        self._exclusion = [] if None in found else [weights for weights in found if weights is not None]
-        return bool(self._exclusion)
-
-    def bound(self, i: int, side: str, family: Sequence[Proposed], loss: float) -> None:
-        """Keep the weakest bound of a family, if it is proved to be better than what there is."""
+    def _proved(
+        self, i: int, side: str, family: Sequence[Proposed], loss: float
+    ) -> list[tuple[F | None, Weights]] | None:
+        """What each of a family proves at least, and by what: None for an exclusion, which proves any bound; and None
+        where one proves nothing."""
         center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
-        proved, sets = list[F](), list[Weights]()
+        out: list[tuple[F | None, Weights]] = []
         for one in family:
-            if one.value == math.inf:  # what excludes proves any bound
+            if one.value == math.inf:
                 excluding = _excluding(self._rule, one, _FEW_BITS)
                 if excluding is None:
-                    return
-                sets.append(excluding)
+                    return None
+                out.append((None, excluding))
                 continue
-            value, best = center + radius * (one.value if side == "lo" else -one.value), list[tuple[F, Weights]]()
+            value = center + radius * (one.value if side == "lo" else -one.value)
+            found: list[tuple[F, Weights]] = []
             for weights in map(one.exact, _FEW_BITS):
-                best.append((self._rule.bound(i, side, weights), weights))
-                if abs(float(best[-1][0]) - value) <= loss:
+                found.append((self._rule.bound(i, side, weights), weights))
+                if abs(float(found[-1][0]) - value) <= loss:
                     break
-            bound, weights = (max if side == "lo" else min)(best, key=itemgetter(0))
-            proved.append(bound)
-            sets.append(weights)
-        weakest = min(proved) if side == "lo" else max(proved)
-        kept, ends = F(brief(weakest, side == "lo", loss)), self._lo if side == "lo" else self._hi
-        if kept > ends[i] if side == "lo" else kept < ends[i]:
-            self._bounds.append((i, side, kept, sets))
-            ends[i] = kept
-
-    def step(self, name: int) -> dict[str, Any] | None:
-        """As a certificate holds it; None where nothing is proved."""
-        bounds = () if self._exclusion else self._bounds
-        return _record(self._rows, name, None, self._exclusion, bounds, families=self._system.wrong > 0)
+            out.append((max if side == "lo" else min)(found, key=itemgetter(0)))
+        return out
 
 
 def _shares(before: ExactBox, after: ExactBox, asked: Sequence[int]) -> Floats:

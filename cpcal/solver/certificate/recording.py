@@ -44,7 +44,7 @@ from cpcal.solver.search import Event, EventKind
 # its work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
 
 _LEGS = 6  # of a run, for whose legs a check has its budget
-_WORK_A_BYTE = 100  # of the steps; 18 to 60 were seen, the most with the leg model "linear" and uncertain readings
+_WORK_A_BYTE = 100  # of the steps; 18 to 60 were seen, the most with uncertain readings
 _NEAR = 2  # an estimate within this factor of the limit is not trusted
 
 

@@ -15,7 +15,7 @@ from cpcal.solver.certificate.exact_network import free
 
 Vector = list[F]
 SIDES = ("upper", "lower")
-REACH = {"plain": (), "gain": (0.5,), "lateral": (900.0,), "linear": (0.5, 0.5, 0.5, 0.5, 20.0, 20.0, 20.0)}
+REACH = {"plain": (), "gain": (0.5,), "lateral": (900.0,)}
 
 
 class Exact(NamedTuple):
@@ -64,31 +64,18 @@ def parts(m: Exact, model: str, x: Vector, reading: Vector) -> tuple[F, F]:
     square, length = sum((c * c for c in v), F(0)), m.length + e + x[6]
     if model == "lateral":
         square -= x[7]
-    if model in ("gain", "linear"):
+    if model == "gain":
         length += x[7] * (m.length + e)
-    if model == "linear":
-        length += sum((x[8 + i] * (m.position[i] + d[i]) for i in range(3)), F(0))
-        length += sum((x[11 + i] * 2 * q[0] * q[1 + i] / norm for i in range(3)), F(0))
     return square, length
 
 
 def left_side(m: Exact, model: str, side: str, x: Vector, reading: Vector) -> F:
-    """|q|^2 (1 + s.s) (||v||^2 - h - (L + e + l + t + eps)^2), or its counterpart; in `linear` times |q|^2 once more,
-    where what the rotation adds to t has the least and the most square that the reading set allows; or, without one,
-    times |q|^2 (1 + s.s)."""
+    """|q|^2 (1 + s.s) (||v||^2 - h - (L + e + l + t + eps)^2), or its counterpart."""
     square, length = parts(m, model, x, reading)
     norm = sum((c * c for c in m.quaternion), F(0))
     kappa = norm * (1 + sum((c * c for c in reading[3:6]), F(0)))
     end = length + x[-1] if side == "upper" else length - x[-1]
-    sign = 1 if side == "upper" else -1
-    row = sign * (square - end**2)
-    if model != "linear":
-        return kappa * row
-    if not any(m.radii):
-        return kappa * kappa * row
-    turn = length - parts(m, model, [*x[:11], F(0), F(0), F(0), x[-1]], reading)[1]
-    share = F(1) if side == "upper" else 1 - sum((r * r for r in m.radii[3:6]), F(0))
-    return norm * kappa * (row + sign * turn**2) - sign * kappa**2 * turn**2 * share
+    return (1 if side == "upper" else -1) * kappa * (square - end**2)
 
 
 def value(p: Polynomial, u: Vector, readings: Sequence[F] = (F(0),) * READINGS) -> F:
