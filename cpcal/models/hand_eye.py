@@ -148,6 +148,28 @@ class HandEyeFrames(Value):
         fill(self, **{one.name: frozen_array(getattr(self, one.name)) for one in fields(self)})
 
 
+def study_of_board(
+    hand: Pose, seen: Pose, board: Floats, *, setup: Setup, camera: Camera, images: tuple[str, ...]
+) -> HandEyeStudy:
+    """The exact pixels of the points (k, 3) mm of a board, at n poses of it in the camera frame and of the hand in the
+    base frame. Raises InputError with a point behind the camera."""
+    points = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
+    behind = np.flatnonzero((points[..., 2] <= 0.0).any(axis=1))
+    if len(behind):
+        what = f"put the target behind the camera in sample {behind[0] + 1}"
+        raise unusable("poses", what, "give the target in the camera frame, z along the line of sight")
+    return HandEyeStudy(
+        setup=setup,
+        camera=camera,
+        images=images,
+        poses=hand,
+        image=np.repeat(np.arange(len(images)), len(board)),
+        names=tuple(f"p{k + 1}" for _ in images for k in range(len(board))),
+        pixels=camera.project(points).reshape(-1, 2),
+        points=np.tile(board, (len(images), 1)),
+    )
+
+
 # ------------------------------------------------------------------------------------------------------------------
 # Simulated hand-eye studies, with their truth.
 
@@ -199,20 +221,11 @@ def simulate_hand_eye(
         poses.position + random.uniform(-position_error, position_error, (images, 3)),
         normalised(quaternion_product(turned, poses.quaternion)),
     )
-    x = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
-    pixels = camera.project(x) + random.uniform(-pixel_error, pixel_error, (images, len(board), 2))
-    count = len(board)
-    study = HandEyeStudy(
-        setup=setup,
-        camera=camera,
-        images=tuple(f"image{k + 1:03d}" for k in range(images)),
-        poses=stated,
-        image=np.repeat(np.arange(images), count),
-        names=tuple(f"p{k + 1}" for _ in range(images) for k in range(count)),
-        pixels=pixels.reshape(-1, 2),
-        points=np.tile(board, (images, 1)),
-        provenance={"generator": f"{SIMULATION}, hand-eye", "seed": str(seed)},
-    )
+    names = tuple(f"image{k + 1:03d}" for k in range(images))
+    study = study_of_board(stated, seen, board, setup=setup, camera=camera, images=names)
+    off = random.uniform(-pixel_error, pixel_error, (images, len(board), 2)).reshape(-1, 2)
+    made = {"generator": f"{SIMULATION}, hand-eye", "seed": str(seed)}
+    study = replace(study, pixels=study.pixels + off, provenance=made)
     return SimulatedHandEye(study, HandEyeFrames(e.rotation, e.position, f.rotation, f.position))
 
 
@@ -261,7 +274,39 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     assert setup is not None  # what keeps these from being read is a problem, and was raised
     assert camera is not None
-    return _study(folder, setup, camera, provenance, poses, points, problems)
+    where, number = str(folder / POINTS_NAME), {name: k for k, name in enumerate(poses.image)}
+    for name in sorted(set(points.image) - set(number)):
+        problems.add(Problem(where, f"the image {shown(name)} has no pose", f"add it to {POSES_NAME}"))
+    for name in sorted(set(number) - set(points.image)):
+        what = f"the image {shown(name)} has no points"
+        problems.add(Problem(str(folder / POSES_NAME), what, f"add them to {POINTS_NAME}, or take it out"))
+    numbers = _numbers(points, [*POINT_COLUMNS[2:], "du"])
+    for k in np.flatnonzero(np.isnan(camera.normalised(numbers[:, :2])).any(axis=1)).tolist():
+        what = f"the camera shows nothing at the pixel of {points.image[k]} {points.point[k]}"
+        problems.add(Problem(where, what, "check the pixel, and the distortion in the camera file"))
+    problems.raise_any(_SEE)
+    places = [number[name] for name in points.image]
+    wide = _numbers(poses, [*POSE_COLUMNS[1:], *POSE_WIDTHS])
+    return _study(setup, camera, provenance, (poses.image, wide), places, (points.point, numbers))
+
+
+def _numbers(table: Table, columns: Sequence[str]) -> Floats:
+    """Columns of a table, 0 where it has none."""
+    absent = np.zeros(len(table.image))
+    return np.nan_to_num(np.stack([table.values.get(name, absent) for name in columns], axis=1))
+
+
+def _study(
+    setup: Setup, camera: Camera, provenance: Mapping[str, str], poses: tuple[Sequence[str], Floats],
+    image: Sequence[int], points: tuple[Sequence[str], Floats],
+) -> HandEyeStudy:  # fmt: skip
+    """Of tables with names: (n, 13) positions, quaternions and half-widths, (N, 6) pixels, points and half-widths."""
+    (images, hand), (names, seen) = poses, points
+    return HandEyeStudy(
+        setup=setup, camera=camera, images=tuple(images), poses=Pose(hand[:, :3], hand[:, 3:7]),
+        image=np.array(image, dtype=np.intp), names=tuple(names), pixels=seen[:, :2], points=seen[:, 2:5],
+        half_width=seen[:, 5], pose_half_width=hand[:, 7:], provenance=provenance,
+    )  # fmt: skip
 
 
 def load_hand_poses(
@@ -320,45 +365,6 @@ def _camera_file(reader: TomlReader, path: KeyPath, value: object) -> str:
 
 def _table(path: Path, required: list[str], optional: list[str], problems: Problems) -> Table:
     return read_table(path, 0, problems, _ABSENT, required=lambda _: required, optional=lambda _: optional)
-
-
-def _study(
-    folder: Path,
-    setup: Setup,
-    camera: Camera,
-    provenance: Mapping[str, str],
-    poses: Table,
-    points: Table,
-    problems: Problems,
-) -> HandEyeStudy:
-    where = str(folder / POINTS_NAME)
-    number = {name: k for k, name in enumerate(poses.image)}
-    for name in sorted(set(points.image) - set(number)):
-        problems.add(Problem(where, f"the image {shown(name)} has no pose", f"add it to {POSES_NAME}"))
-    for name in sorted(set(number) - set(points.image)):
-        what = f"the image {shown(name)} has no points"
-        problems.add(Problem(str(folder / POSES_NAME), what, f"add them to {POINTS_NAME}, or take it out"))
-    pixels = np.stack([points.values["u"], points.values["v"]], axis=1)
-    for k in np.flatnonzero(np.isnan(camera.normalised(pixels)).any(axis=1)).tolist():
-        what = f"the camera shows nothing at the pixel of {points.image[k]} {points.point[k]}"
-        problems.add(Problem(where, what, "check the pixel, and the distortion in the camera file"))
-    problems.raise_any(_SEE)
-    width = points.values.get("du", np.zeros(len(pixels)))
-    return HandEyeStudy(
-        setup=setup,
-        camera=camera,
-        images=tuple(poses.image),
-        poses=Pose(poses.columns("x", "y", "z"), poses.columns("qw", "qx", "qy", "qz")),
-        image=np.array([number[name] for name in points.image], dtype=np.intp),
-        names=tuple(points.point),
-        pixels=pixels,
-        points=points.columns("X", "Y", "Z"),
-        half_width=np.nan_to_num(width),
-        pose_half_width=np.nan_to_num(
-            np.stack([poses.values.get(name, np.zeros(len(number))) for name in POSE_WIDTHS], axis=1)
-        ),
-        provenance=provenance,
-    )
 
 
 def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
@@ -424,18 +430,11 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
         numbers = np.array([row[2:] for row in points], dtype=np.float64).reshape(-1, 8)
         width, height = camera["size"]
         focal, center, distortion = (np.array(camera[key], np.float64) for key in ("focal", "center", "distortion"))
-        return HandEyeStudy(
-            setup=data["setup"],
-            camera=Camera(width, height, focal, center, distortion, camera["model"]),
-            images=tuple(row[0] for row in images),
-            poses=Pose(poses[:, :3], poses[:, 3:7]),
-            image=np.array([row[0] for row in points], dtype=np.intp),
-            names=tuple(row[1] for row in points),
-            pixels=numbers[:, :2],
-            points=numbers[:, 4:7],
-            half_width=numbers[:, 7],
-            pose_half_width=poses[:, 7:],
-            provenance={str(key): str(value) for key, value in data.get("provenance", {}).items()},
-        )
+        return _study(
+            data["setup"], Camera(width, height, focal, center, distortion, camera["model"]),
+            {str(key): str(value) for key, value in data.get("provenance", {}).items()},
+            ([row[0] for row in images], poses), [row[0] for row in points],
+            ([row[1] for row in points], np.delete(numbers, [2, 3], axis=1)),
+        )  # fmt: skip
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise unusable(str(path), f"lacks or garbles a field: {shown(str(error))}", remedy) from None

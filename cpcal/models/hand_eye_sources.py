@@ -13,7 +13,7 @@ from cpcal.common.errors import InputError, Problems, unusable
 from cpcal.common.files import small_file
 from cpcal.common.numbers import at_most, nearest, stated
 from cpcal.common.values import Floats, Indices
-from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup
+from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, study_of_board
 from cpcal.models.hand_eye_fit import classical_answer, estimated_half_widths
 from cpcal.robot import (
     Pose,
@@ -192,7 +192,7 @@ STAND_IN = Camera(2000, 2000, np.array([1000.0, 1000.0]), np.array([999.5, 999.5
 
 
 def study_of_pairs(
-    hand: Pose, seen: Pose, *, setup: Setup, size: float = 100.0, camera: Camera = STAND_IN, names: tuple[str, ...] = ()
+    hand: Pose, seen: Pose, *, setup: Setup, size: float = 100.0, names: tuple[str, ...] = ()
 ) -> HandEyeStudy:
     """A study whose pixels are those of a square board (3 x 3 points, `size` mm) at the poses where the camera saw it.
 
@@ -207,21 +207,8 @@ def study_of_pairs(
         raise unusable("poses", what, "give the same samples in the same order")
     side = size * np.array([-0.5, 0.0, 0.5])
     board = np.array([[x, y, 0.0] for y in side for x in side])
-    points = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
-    behind = np.flatnonzero((points[..., 2] <= 0.0).any(axis=1))
-    if len(behind):
-        what = f"put the target behind the camera in sample {behind[0] + 1}"
-        raise unusable("poses", what, "give the target in the camera frame, z along the line of sight")
-    return HandEyeStudy(
-        setup=setup,
-        camera=camera,
-        images=names or tuple(f"sample{k + 1:03d}" for k in range(count)),
-        poses=hand,
-        image=np.repeat(np.arange(count), len(board)),
-        names=tuple(f"p{k + 1}" for _ in range(count) for k in range(len(board))),
-        pixels=camera.project(points).reshape(-1, 2),
-        points=np.tile(board, (count, 1)),
-    )
+    images = names or tuple(f"sample{k + 1:03d}" for k in range(count))
+    return study_of_board(hand, seen, board, setup=setup, camera=STAND_IN, images=images)
 
 
 # ------------------------------------------------------------------------------------------------------------------
