@@ -196,12 +196,6 @@ class Traced:
         raised = self.program.raised
         return {m: [(raised(i, more), j, factor) for i, j, factor in parts] for m, parts in self.terms.items()}
 
-    @property
-    def unit(self) -> Traced:
-        """The number one in its degree."""
-        one = self.program.one()
-        return Traced(self.program, one._raised(self.degree), self.degree)
-
     def settled(self) -> dict[int, tuple[int, int]]:
         """Place and factor of every coefficient."""
         sums = {m: _collected(parts) for m, parts in self.terms.items()}
