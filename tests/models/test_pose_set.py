@@ -6,23 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-import cpcal
 from benchmarks.pose_sets import drawn_pose, pixels_and_slopes, trial
-from cpcal.calibration.frames import redefined
 from cpcal.common.errors import InputError
-from cpcal.models.sight import PixelBoxes, PoseSet, campaign_of, enclose_pose
+from cpcal.models.sight import PixelBoxes, PoseSet, enclose_pose
 from cpcal.robot import (
     Pose,
-    compose,
-    inverse,
-    inverse_kinematics,
     normalised,
     quaternion_conjugate,
     quaternion_from_rotation_vector,
     quaternion_product,
     transformed,
 )
-from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.projection import predicted_centers
@@ -249,40 +243,3 @@ def test_too_few_dots_for_so_many_outliers() -> None:
     found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=2)
     assert found.verdict is Verdict.UNKNOWN
     assert "too few" in found.reason
-
-
-# campaigns whose reading sets come from pixels ------------------------------------------------------------------------
-
-STUDY = simulate_study(seed=2, runs=1, validation_runs=1, random_poses=1, noise=0.0)
-TRUTH = STUDY.truth
-assert TRUTH is not None
-POSES = TRUTH.mobile_in_base(STUDY.calibration)
-TRUE = [Pose(POSES.position[k], POSES.quaternion[k]) for k in range(0, 64, 6)]
-
-
-def pose_set(pose: Pose, seed: int, spoiled: float = 0.0) -> PoseSet:
-    pixels = shown(pose)
-    inside = np.flatnonzero(((pixels > 1.0) & (pixels < [1022.0, 766.0])).all(axis=1))
-    pixels = pixels[inside] + np.random.default_rng(seed).uniform(-0.05, 0.05, (len(inside), 2))
-    pixels[3] += spoiled
-    return enclose_pose(PixelBoxes.around(inside, pixels, 0.05), DELTALAB_TARGET, DELTALAB_CAMERA)
-
-
-def test_a_campaign_of_pose_sets_holds_the_truth() -> None:
-    """From pixels to a bracket: all parameters with which the model holds are enclosed, the true ones too."""
-    assert TRUTH is not None
-    seen = [compose(compose(TRUTH.camera, pose), TRUTH.target) for pose in TRUE]
-    sets = [pose_set(pose, k) for k, pose in enumerate(seen)]
-    lengths = np.array([inverse_kinematics(TRUTH.robot, pose) for pose in TRUE])
-    base, mobile = inverse(TRUTH.camera), inverse(TRUTH.target)
-    robot = redefined(STUDY.robot, base, TRUTH.target)
-    campaign = campaign_of(sets, lengths, robot, length_radius=0.03, run=["a"] * len(TRUE))
-    assert all(pose in one for pose, one in zip(seen, sets, strict=True))
-    assert 0.0 < campaign.position_radius.min() < campaign.position_radius.max() < 0.1
-    [leg] = cpcal.certify(campaign, delta=10.0, legs=[2]).legs
-    assert leg.bracket.hi == 0.0
-    joints = transformed(TRUTH.camera, TRUTH.robot.base)[1], transformed(mobile, TRUTH.robot.mobile)[1]
-    assert np.concatenate([*joints, TRUTH.robot.offset[1:2]]) in leg.bracket.enclosure
-    assert leg.bracket.enclosure.width.max() < 4.0
-    with pytest.raises(InputError, match="pose set 1"):
-        campaign_of([sets[0], pose_set(seen[1], 1, spoiled=10.0)], lengths[:2], robot)
