@@ -145,24 +145,18 @@ def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tu
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
 
-_BINS = 31  # of a histogram
-_REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
-
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel of the repeats (tables 2 and 3, figures 3 and 4), outliers left out: `unit` is "mm" or "rad".
+    """One channel of the repeats (tables 2 and 3), outliers left out: `unit` is "mm" or "rad".
 
     sigma      standard deviation of one reading
-    counts     errors of repeats in bins of equal width from -reach to reach; the outermost hold what is beyond
     noise      standard deviation of a run by the noise of camera or sensors alone
     """
 
     name: str
     unit: str
     sigma: float
-    reach: float
-    counts: tuple[int, ...]
     noise: float
 
 
@@ -397,10 +391,8 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
     channels = []
     for k, name in enumerate(of_rows.channels):  # of the pose by rows, of the legs by runs, whose images hold the same
         spread = of_rows if k < 6 else repeats.spread
-        reach = _REACH * float(spread.sigma[k]) or 1.0  # a channel without any scatter: one bin has it all
-        counts, _ = np.histogram(np.clip(spread.errors[:, k], -reach, reach), bins=_BINS, range=(-reach, reach))
-        of_noise, seen = float(repeats.noise_sigma[k]), tuple(counts.tolist())
-        channels.append(Channel(name, "rad" if 3 <= k < 6 else "mm", float(spread.sigma[k]), reach, seen, of_noise))
+        unit = "rad" if 3 <= k < 6 else "mm"
+        channels.append(Channel(name, unit, float(spread.sigma[k]), float(repeats.noise_sigma[k])))
     shared = of_frames = None
     if rows.shared is not None:
         # If every pose is off by the same (dp, dr), a fit puts that into the frames: camera in base is off by dr and by

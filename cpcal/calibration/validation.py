@@ -71,13 +71,6 @@ class Validation:
         squares = np.sqrt(np.mean(errors**2, axis=1))
         return {"mean": errors.mean(axis=1), "std. dev.": deviation, "rms": squares, "largest": errors.max(axis=1)}
 
-    def improvement(self, kind: str) -> Floats:
-        """Percent of the compared poses, 100 (before - after) / before; negative where the error grew, 0 where both are
-        0, -inf where only the error before is."""
-        before, after = self.errors(kind)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(before == after, 0.0, 100.0 * (before - after) / before)
-
     @property
     def sentence(self) -> str:
         """Mean errors before and after, how many poses got worse, and which did not converge."""

@@ -44,7 +44,6 @@ from cpcal.report import (
 )
 from cpcal.report.comparison_page import (
     comparison_lines,
-    comparison_sentences,
     comparison_table,
     passing,
     write_comparison,
@@ -318,7 +317,7 @@ def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, pl
         page = write_comparison(found, runs, stopped=stopped, title=questions[0].campaign.title)
         if talk.verbose:
             show_table(talk, comparison_table(found))
-            talk.say(*map(printable, comparison_sentences(found)), f"{QUANTIFIER} {LONGER}")
+            talk.say(f"{QUANTIFIER} {LONGER}")
         else:
             talk.say(*comparison_lines(found), SHORT_QUANTIFIER)
         talk.say(f"Page: {page}")

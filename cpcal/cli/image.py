@@ -20,6 +20,7 @@ from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.report.detections_page import write_detections_page
 from cpcal.robot import Robot, Study
+from cpcal.robot.campaign import SIMULATION
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
@@ -74,7 +75,8 @@ def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
                 images.write(folder / "images" / name, progress=progress)
             (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
         save_target(DELTALAB_TARGET, folder / "target.toml")
-        save_camera(DELTALAB_CAMERA, folder / "camera.toml")
+        made_by = {"generator": f"{SIMULATION} --study --render"}  # pages of these images call them simulated
+        save_camera(CameraRecord(DELTALAB_CAMERA, provenance=made_by), folder / "camera.toml")
         (folder / STUDY_NAME).write_bytes(study_bytes(study))
     except OSError as error:
         raise unwritable(folder, error) from None
@@ -223,7 +225,7 @@ def detect(
     for reason, some in by_reason(found.rows).items():
         talk.say(f"  {len(some):,} x {reason}: {listed(some, len(some) if talk.verbose else _NAMED)}")
     sample = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
-    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, file)}")
+    talk.say(f"Page: {write_detections_page(found, sample, plate, lens, file)}")
     if table is not None:
         write_file(table, table_bytes(study_table(found.rows, known)))
         talk.say(f"Table of a study: {table}")

@@ -14,10 +14,8 @@ import secrets
 import shutil
 import stat
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from shutil import rmtree
-from tempfile import gettempdir, mkdtemp
 from typing import BinaryIO
 
 from cpcal.common.errors import InputError, OutputError, Problem, Problems
@@ -159,9 +157,7 @@ def unreadable(path: Path, error: OSError, absent: str) -> Problem:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Locks on open files that the system takes back when the process ends, however it ends; folders that live as long.
-
-_LOCK = ".cpcal-scratch"
+# Locks on open files that the system takes back when the process ends, however it ends.
 
 
 def exclusive(descriptor: int) -> None:
@@ -178,39 +174,6 @@ def exclusive(descriptor: int) -> None:
         return
     fcntl = importlib.import_module("fcntl")  # of POSIX only
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-@contextmanager
-def scratch_folder() -> Iterator[Path]:
-    """An empty folder for this block, in the system's temporary directory.
-
-    A killed process leaves its folder, but not the lock on it: such folders are removed first.
-    """
-    for lock in Path(gettempdir()).glob(f"cpcal-*/{_LOCK}"):
-        with suppress(OSError):  # it is another user's, or its process lives
-            descriptor = os.open(lock, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-            try:
-                exclusive(descriptor)
-                rmtree(lock.parent, ignore_errors=True)
-            finally:
-                os.close(descriptor)
-    held = None
-    while held is None:
-        folder = Path(mkdtemp(prefix="cpcal-"))
-        held = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600)
-        with suppress(BlockingIOError):
-            exclusive(held)
-            if (folder / _LOCK).exists():
-                break
-        os.close(held)  # another process took it for one that was left, and removes it
-        held = None
-    place = folder / "files"
-    try:
-        place.mkdir()
-        yield place
-    finally:
-        os.close(held)
-        rmtree(folder, ignore_errors=True)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Numbers in print. Every bound that a person reads is rounded here to the side on which it stays true.
 
-Bounds: `bracket_text`, `inner_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`, `plain_gap`. What
+Bounds: `bracket_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`, `plain_gap`. What
 the user stated is repeated by `stated`. Estimates, of which nothing is proved: `nearest`, `about`.
 """
 
@@ -26,12 +26,6 @@ def bracket_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, st
     """`lo` rounded down and `hi` rounded up, to so many significant digits of the larger."""
     exponent = _common(lo, hi)
     return _scaled(lo, exponent, digits, math.floor), _scaled(hi, exponent, digits, math.ceil)
-
-
-def inner_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, str]:
-    """`lo` rounded up and `hi` rounded down: for what holds in all of [lo, hi]."""
-    exponent = _common(lo, hi)
-    return _scaled(lo, exponent, digits, math.ceil), _scaled(hi, exponent, digits, math.floor)
 
 
 def rounded_down(value: Number, decimals: int) -> str:

@@ -2,22 +2,21 @@
 
 file        = [ "constants" { constant ";" } ] parts "variables" variable { (";" | ",") variable } ";" parts
               [ "minimize" expression [";"] ] [ "constraints" block { ";" block } [";"] "end" | "end" ]
-parts       = { function | "parameters" constant { (";" | ",") constant } ";" }
+parts       = { function }
 constant    = [ "*" ] name dimensions ("=" | "in") expression     "*": its value may be set by a program
 variable    = name dimensions [ "in" expression ]
-dimensions  = { "[" expression "]" }     at most three
+dimensions  = { "[" expression "]" }     at most two
 function    = "function" name "(" name dimensions { "," name dimensions } ")"
               { name "=" expression ";" } "return" expression [";"] "end"
 block       = "for" name "=" expression ":" expression ";" block { ";" block } [";"] "end"
             | expression ("=" | "<=" | ">=" | "<" | ">" | "in") expression
             | "(" block ")" | name "=" expression     for a new name: what it stands for from there on
-expression  = sums of products of powers: + -, then * /, then ^ and ' (which bind a minus sign to what follows)
+expression  = sums of products of powers: + -, then * /, then ^ (which binds a minus sign to what follows)
 """
 
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,7 +29,6 @@ import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.problems.values import (
-    FORMS,
     FUNCTIONS,
     MOST,
     RESERVED,
@@ -51,7 +49,6 @@ from cpcal.problems.values import (
     power,
     stacked,
     times,
-    transposed,
 )
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
@@ -63,12 +60,11 @@ from cpcal.solver.network import Constraint, Expr
 _TOKEN = re.compile(
     r"""(?P<space>[ \t\r\n]+|//[^\n]*|/\*.*?\*/)
     |(?P<number>(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?)
-    |(?P<hex>\#[0-9a-fA-F]{1,16})
     |(?P<name>[A-Za-z_][A-Za-z0-9_]*)
-    |(?P<sign><=|>=|:=|[-+*/^'=<>(){}\[\];,:!])""",
+    |(?P<sign><=|>=|[-+*/^=<>()\[\];,:])""",
     re.VERBOSE | re.DOTALL,
 )
-_SECTIONS = ("constants", "variables", "parameters", "function", "minimize", "constraints", "end", "for", "return")
+_SECTIONS = ("constants", "variables", "function", "minimize", "constraints", "end", "for", "return")
 _KEYWORDS = {form: word for word in _SECTIONS for form in (word, word.capitalize(), word.upper())}
 _TOKENS_MOST = 1_000_000
 _CONSTRAINTS_MOST = 100_000
@@ -97,8 +93,8 @@ class Token:
 
 @dataclass(frozen=True)
 class SyntaxNode:
-    """kind       "number", "name", "call or index", "index", "range", "row", "column", "interval", "ball", "sum",
-               "negative", "transposed" or the sign of an operation
+    """kind       "number", "name", "call or index", "index", "row", "column", "interval", "sum", "negative" or the
+               sign of an operation
     parts      the nodes below; `token` is where it stands
     from_zero  of an index in square brackets
     """
@@ -173,9 +169,6 @@ class _Parser:
             text = found.group()
             if kind == "name" and text in _KEYWORDS:
                 yield Token("keyword", _KEYWORDS[text], line, column)
-            elif kind == "hex":  # the bits of a float64
-                bits = bytes.fromhex(text[1:].zfill(16))
-                yield Token("number", text, line, column, struct.unpack(">d", bits)[0])
             elif kind != "space":
                 yield Token(str(kind), text, line, column, float(text) if kind == "number" else 0.0)
             count += kind != "space"
@@ -249,30 +242,19 @@ class _Parser:
 
     def indexed(self) -> SyntaxNode:
         left = self.atom()
-        while opening := self.takes("(", "[", "'"):
-            if opening.text == "'":
-                left = SyntaxNode("transposed", opening, (left,))
-                continue
-            parts = self.listed(self.place, ",")
+        while opening := self.takes("(", "["):
+            parts = self.listed(",")
             self.needs(")" if opening.text == "(" else "]")
             called = left.kind == "name" and opening.text == "("
             kind, token = ("call or index", left.token) if called else ("index", opening)
             left = SyntaxNode(kind, token, (left, *parts), opening.text == "[")
         return left
 
-    def listed(self, one: Callable[[], SyntaxNode], sign: str) -> list[SyntaxNode]:
-        parts = [one()]
+    def listed(self, sign: str) -> list[SyntaxNode]:
+        parts = [self.expression()]
         while self.takes(sign):
-            parts.append(one())
+            parts.append(self.expression())
         return parts
-
-    def place(self) -> SyntaxNode:
-        """An index, an argument, a range of indices, or ":" for all."""
-        token = self.now
-        if self.takes(":"):
-            return SyntaxNode("range", token)
-        first = self.expression()
-        return SyntaxNode("range", token, (first, self.expression())) if self.takes(":") else first
 
     def atom(self) -> SyntaxNode:
         token = self.take()
@@ -285,15 +267,15 @@ class _Parser:
             return found
         if token.kind in ("number", "name"):
             return SyntaxNode(token.kind, token)
-        if token.text in ("[", "<"):
+        if token.text == "[":
             first = self.expression()
             self.needs(",")
             last = self.expression()
-            self.needs("]" if token.text == "[" else ">")
-            return SyntaxNode("interval" if token.text == "[" else "ball", token, (first, last))
+            self.needs("]")
+            return SyntaxNode("interval", token, (first, last))
         if token.text == "(":
             first, sign = self.expression(), self.now.text
-            parts = [first, *self.listed(self.expression, sign)] if self.takes(",", ";") else [first]
+            parts = [first, *self.listed(sign)] if self.takes(",", ";") else [first]
             self.needs(")")
             return first if len(parts) == 1 else SyntaxNode("row" if sign == "," else "column", token, tuple(parts))
         self.at -= token.kind != "end of file"
@@ -317,8 +299,8 @@ class _Parser:
         while self.takes("["):
             dimensions.append(self.expression())
             self.needs("]")
-        if len(dimensions) > 3:
-            raise self.wrong(f"{token.text} has {len(dimensions)} dimensions", "give at most three", token)
+        if len(dimensions) > 2:
+            raise self.wrong(f"{token.text} has {len(dimensions)} dimensions", "give at most two", token)
         return token, tuple(dimensions)
 
     def function(self) -> Function:
@@ -375,8 +357,7 @@ class _Parser:
         depth = 0
         for before, token in pairwise(self.tokens[self.at :]):
             depth += (before.text in _OPENING) - (before.text in _CLOSING)
-            after_value = before.kind in ("number", "name") or before.text in (*_CLOSING, "'")
-            if depth == 1 and token.text in _RELATIONS and (after_value or token.text not in "<>"):
+            if depth == 1 and token.text in _RELATIONS:
                 return True
             if depth == 0 or token.text == ";":
                 return False
@@ -434,10 +415,9 @@ class _Evaluator(_Parser):
         values = [self.value(part, names) for part in node.parts]
         if kind in ("row", "column"):
             return stacked(values, row=kind == "row")
-        if kind in ("interval", "ball"):
-            low, high = map(interval_of, values)
-            return Data(_between(low, high) if kind == "interval" else low + Interval(-high.hi, high.hi))
-        return negative(values[0]) if kind == "negative" else transposed(values[0])
+        if kind == "interval":
+            return Data(_between(*map(interval_of, values)))
+        return negative(values[0])
 
     def chain(self, node: SyntaxNode, names: Names) -> Value:
         """A sum or product of any length, from its left end: no call for each of its signs."""
@@ -478,20 +458,17 @@ class _Evaluator(_Parser):
         base = 0 if node.from_zero else 1
         return indexed(array, tuple(self.index(p, names, n, base) for p, n in zip(places, sides, strict=False)))
 
-    def index(self, node: SyntaxNode, names: Names, side: int, base: int) -> int | slice:
+    def index(self, node: SyntaxNode, names: Names, side: int, base: int) -> int:
         """From 0; the file counts from `base`."""
-        ends = node.parts if node.kind == "range" else (node, node)
-        first, last = (self.whole(end, names) for end in ends) if ends else (base, side - 1 + base)
-        if not base <= first <= last <= side - 1 + base:
-            what = f"the index {first if first == last else f'{first}:{last}'} is not from {base} to {side - 1 + base}"
+        found = self.whole(node, names)
+        if not base <= found <= side - 1 + base:
+            what = f"the index {found} is not from {base} to {side - 1 + base}"
             raise self.wrong(what, "x(1) and x[0] are the first", node.token)
-        return slice(first - base, last - base + 1) if node.kind == "range" else first - base
+        return found - base
 
     def called(self, token: Token, arguments: list[Value]) -> Value:
         if token.text in FUNCTIONS:
             return applied(token.text, arguments)
-        if token.text in FORMS:
-            return FORMS[token.text](*arguments)
         if token.text not in self.functions:
             raise self.wrong(f"{shown(token.text)} is no function", "declare it, or correct the name", token)
         function = self.functions[token.text]
@@ -526,13 +503,13 @@ class _Meaning(_Evaluator):
     def __init__(self, text: str, where: str) -> None:
         super().__init__(text, where)
         self.network = Network(Path(where).stem or "problem")
-        self.names: dict[str, Value] = {}  # of variables and parameters
+        self.names: dict[str, Value] = {}  # of variables
         self.set_here: dict[str, Token] = {}  # names that are set in the constraints
 
     def problem(self) -> StatedProblem:
         if self.takes("constants"):
             while self.now.kind == "name" or self.now.text == "*":
-                self.declared(self.constants, parameter=False)
+                self.constant()
                 self.needs(";")
         if self.parts() and self.now.kind == "end of file":
             self.fail("the file declares functions alone", "declare Variables, and Constraints or what to Minimize")
@@ -577,26 +554,18 @@ class _Meaning(_Evaluator):
     # declarations -----------------------------------------------------------------------------
 
     def parts(self) -> int:
-        """Functions and parameters, in any order; how many functions."""
-        count = 0
-        while word := self.takes("function", "parameters"):
-            if word.text == "function":
-                token = self.name()
-                self.new(token)
-                self.functions[token.text] = self.function()
-                count += 1
-                continue
-            self.declared(self.names, parameter=True)
-            while self.takes(";", ",") and self.now.kind == "name":
-                self.declared(self.names, parameter=True)
-        return count
+        """Functions; how many."""
+        while self.takes("function"):
+            token = self.name()
+            self.new(token)
+            self.functions[token.text] = self.function()
+        return len(self.functions)
 
     def new(self, token: Token) -> None:
         if any(token.text in known for known in (self.constants, self.names, self.functions, RESERVED)):
             raise self.wrong(f"{shown(token.text)} is there already", "choose another name", token)
 
-    def declared(self, names: dict[str, Value], *, parameter: bool) -> None:
-        """A constant, or a parameter: of bounds THERE EXISTS a value, the same wherever the parameter stands."""
+    def constant(self) -> None:
         self.takes("*")
         token, dimensions = self.named()
         self.new(token)
@@ -607,11 +576,8 @@ class _Meaning(_Evaluator):
         with self.placed(token):
             if not exact:
                 bounds = [interval_of(entry) for entry in entries]
-                if parameter:
-                    entries = [as_operand(Data(b)) for b in bounds]
-                else:
-                    entries = [b if b.lo == b.hi else Data(b) for b in bounds]
-        names[token.text] = array_of(entries, shape) if shape else entries[0]
+                entries = [b if b.lo == b.hi else Data(b) for b in bounds]
+        self.constants[token.text] = array_of(entries, shape) if shape else entries[0]
 
     def variable(self) -> None:
         token, dimensions = self.named()

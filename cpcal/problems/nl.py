@@ -16,7 +16,6 @@ from cpcal.common.errors import CpcalError, InputError, shown
 from cpcal.common.errors import Problem as Wrong
 from cpcal.common.values import Floats
 from cpcal.problems.values import (
-    FORMS,
     StatedProblem,
     Value,
     applied,
@@ -219,7 +218,7 @@ class _Reader:
             raise self.wrong(f"the operation o{code} is not understood", "write the problem without it")
         first = self.expression(depth + 1)
         if code in _NAMED:
-            return FORMS[_NAMED[code]](first) if _NAMED[code] in FORMS else applied(_NAMED[code], [first])
+            return applied(_NAMED[code], [first])
         if code in _UNARY:
             return _UNARY[code](first)
         second = self.expression(depth + 1)

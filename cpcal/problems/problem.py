@@ -95,6 +95,16 @@ class Answer:
             return None
         return dict(zip(self.problem.network.names, self.best.witness.point.tolist(), strict=False))
 
+    @property
+    def points(self) -> list[list[float]]:
+        """By variables: the best proved point, or the middles of all boxes, those with a proved solution first."""
+        if self.point is not None:
+            return [list(self.point.values())]
+        boxes = (
+            [] if self.paving is None else sorted(self.paving.solutions, key=lambda s: s.verdict is not Verdict.PROVED)
+        )
+        return [s.box.mid[: len(self.problem.network.names)].tolist() for s in boxes]
+
     def to_json(self) -> bytes:
         """Bounds that are not finite are null."""
         names = self.problem.network.names
@@ -120,15 +130,8 @@ class Answer:
             "seconds": round(self.seconds, 3),
             "method": self.method,
             "width": None if self.paving is None else self.paving.width,
-            "rows": self._rows(),
         }
         return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-    def _rows(self) -> dict[str, int | dict[str, int]] | None:
-        """How many rows there are, how many a contractor cannot use, and how many none can."""
-        found = self.best or self.paving
-        use = None if found is None else found.row_use
-        return None if use is None else {"all": use.rows, "unused": dict(use.unused), "used by none": use.by_none}
 
 
 def answer(
@@ -196,27 +199,13 @@ def _number(value: float) -> float | None:
 # ------------------------------------------------------------------------------------------------------------------
 # AMPL's .sol files: the answer to a .nl file, as AMPL, JuMP and Pyomo read it.
 
-SOLVED, UNCERTAIN, INFEASIBLE, LIMIT = 0, 100, 200, 400  # of the solve_result codes
-_CODES = {
-    Verdict.PROVED: SOLVED,
-    Verdict.NOT_CERTIFIED: UNCERTAIN,
-    Verdict.REFUTED: INFEASIBLE,
-    Verdict.UNKNOWN: LIMIT,
-}
+_CODES = {Verdict.PROVED: 0, Verdict.NOT_CERTIFIED: 100, Verdict.REFUTED: 200, Verdict.UNKNOWN: 400}
 
 
 def sol_bytes(answer: Answer, rows: int) -> bytes:
     """The text; the point is the best proved one, or the middle of the first box. `rows`: constraints of the .nl."""
-    values = _point(answer)
+    values = next(iter(answer.points), [])
     lines = [f"cpcal: {answer.status}".replace("\n", " "), "", "Options", "3", "1", "1", "0"]
     lines += [str(rows), "0", str(len(answer.problem.network.names)), str(len(values))]
     lines += [repr(value) for value in values]
     return ("\n".join([*lines, f"objno 0 {_CODES[answer.verdict]}"]) + "\n").encode()
-
-
-def _point(answer: Answer) -> list[float]:
-    if answer.point is not None:
-        return list(answer.point.values())
-    if answer.paving is not None and answer.paving.solutions:
-        return [float(v) for v in answer.paving.solutions[0].box.mid[: len(answer.problem.network.names)]]
-    return []

@@ -15,7 +15,7 @@ import io
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -59,9 +59,9 @@ class CpcalConfig(BranchAndBoundConfig):  # type: ignore[misc]  # Pyomo has no t
 class PooledSolutions(SolutionLoader):  # type: ignore[misc]
     """Values of the model's variables in each solution, the best first."""
 
-    def __init__(self, model: Any, variables: Sequence[Any], points: Sequence[Mapping[int, float]]) -> None:
+    def __init__(self, model: Any, variables: Sequence[Any], points: Sequence[Sequence[float]]) -> None:
         super().__init__()
-        self._pyomo_model, self._variables, self._points, self._chosen = model, list(variables), list(points), 0
+        self._pyomo_model, self._variables, self._points, self._chosen = model, variables, points, 0
 
     def get_number_of_solutions(self) -> int:
         return len(self._points)
@@ -77,9 +77,8 @@ class PooledSolutions(SolutionLoader):  # type: ignore[misc]
         from pyomo.common.collections import ComponentMap
 
         wanted = None if vars_to_load is None else {id(v) for v in vars_to_load}
-        point = self._points[self._chosen]
-        pairs = [(v, point[k]) for k, v in enumerate(self._variables) if wanted is None or id(v) in wanted]
-        return ComponentMap(pairs)
+        pairs = zip(self._variables, self._points[self._chosen], strict=True)
+        return ComponentMap((v, value) for v, value in pairs if wanted is None or id(v) in wanted)
 
     def load_solution(self) -> None:
         self.load_vars()
@@ -168,36 +167,21 @@ def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any
     if found.verdict is Verdict.REFUTED:
         results.termination_condition = TerminationCondition.provenInfeasible
         return
-    points = _points(found, len(variables))
-    results.termination_condition = (
-        TerminationCondition.convergenceCriteriaSatisfied
-        if found.verdict is not Verdict.UNKNOWN
-        else TerminationCondition.maxTimeLimit
-        if config.time_limit is not None
-        else TerminationCondition.iterationLimit
-        if config.node_limit is not None
-        else TerminationCondition.unknown
+    proved = found.verdict is not Verdict.UNKNOWN
+    reasons = (
+        (proved, TerminationCondition.convergenceCriteriaSatisfied),
+        (config.time_limit is not None, TerminationCondition.maxTimeLimit),
+        (config.node_limit is not None, TerminationCondition.iterationLimit),
+        (True, TerminationCondition.unknown),
     )
+    results.termination_condition = next(reason for holds, reason in reasons if holds)
     if found.objective is not None:
         lo, hi = found.objective
         results.objective_bound = hi if found.problem.maximize else lo
         attained = lo if found.problem.maximize else hi
         results.incumbent_objective = attained if math.isfinite(attained) else None
-    if points:
-        results.solution_loader = PooledSolutions(model, variables, points)
-        proved = found.verdict is not Verdict.UNKNOWN
-        system = found.best is None
-        feasible = not system or (found.paving is not None and found.paving.solutions[0].verdict is Verdict.PROVED)
+    if found.points:
+        results.solution_loader = PooledSolutions(model, variables, found.points)
         results.solution_status = SolutionStatus.unknown
-        if feasible:
+        if found.paving is None or any(s.verdict is Verdict.PROVED for s in found.paving.solutions):
             results.solution_status = SolutionStatus.optimal if proved else SolutionStatus.feasible
-
-
-def _points(found: Answer, count: int) -> list[dict[int, float]]:
-    """The best point, or the middles of all boxes, those with a proved solution first."""
-    if found.point is not None:
-        return [dict(enumerate(list(found.point.values())[:count]))]
-    if found.paving is None:
-        return []
-    boxes = sorted(found.paving.solutions, key=lambda s: s.verdict is not Verdict.PROVED)
-    return [dict(enumerate(s.box.mid[:count].tolist())) for s in boxes]

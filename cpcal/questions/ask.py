@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from pickle import PicklingError
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import InputError, Problem, unusable
-from cpcal.common.files import scratch_folder, write_file
+from cpcal.common.files import write_file
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
@@ -205,7 +206,8 @@ def _aside(question: Question, leg: int) -> AnsweredLeg:
     reason = asked()
     if reason is not None:
         raise Stopped(reason)
-    with linear_algebra_on_one_thread(), scratch_folder() as folder:
+    with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-") as place:
+        folder = Path(place)
         if question.certificates is not None:
             question = replace(question, certificates=folder)
         found, stopped = certify_leg(question, leg)

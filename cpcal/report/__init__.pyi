@@ -2,7 +2,6 @@ from .figures import errors_svg
 from .run_page import (
     bounds_table,
     outliers_section,
-    parameters_drawing,
     parameters_section,
     render,
     residuals_drawing,
@@ -20,7 +19,6 @@ __all__ = [
     "leg_sentence",
     "notices",
     "outliers_section",
-    "parameters_drawing",
     "parameters_section",
     "render",
     "residuals_drawing",

@@ -63,27 +63,6 @@ def comparison_table(found: Compared) -> Table:
     return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
 
 
-def comparison_sentences(found: Compared) -> list[str]:
-    """What the comparison shows, a sentence a model; refutations first say with which proof."""
-    tolerance, out = _tolerance(found), list[str]()
-    if tolerance is None:
-        return out
-    for model, result in found.items():
-        legs = result.legs
-        refuted = [leg for leg in legs if leg.bracket.lo > tolerance]
-        names = ", ".join(f"leg {leg.leg} ({leg.bracket.certificate or 'unchecked'})" for leg in refuted)
-        count = f"{len(refuted)} of {len(legs)}: {names}" if refuted else f"none of {len(legs)}"
-        text = f"{model} is refuted at {stated(tolerance)} mm for {count}."
-        unknown = [f"leg {leg.leg}" for leg in legs if leg.bracket.lo <= tolerance < leg.bracket.hi]
-        poor = [f"leg {leg.leg}" for leg in legs if verdict_of(result, leg).kind == "undetermined"]
-        if unknown:
-            text += f" Not known for {', '.join(unknown)}."
-        if poor:
-            text += f" Undetermined for {', '.join(poor)}: the measurements leave parameters open."
-        out.append(text)
-    return out
-
-
 def comparison_lines(found: Compared) -> list[str]:
     """A line a leg, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
     out, every = [f"{next(iter(found.values())).campaign.robot}: smallest error of each model, mm"], _legs(found)
@@ -111,7 +90,7 @@ def write_comparison(
     first, at = next(iter(found.values())), _tolerance(found)
     answers = Section(
         "Answers",
-        items=[*comparison_lines(found)[1:], *comparison_sentences(found)],
+        items=comparison_lines(found)[1:],
         parts=[
             Section(
                 sentences=[Mark(f"{QUANTIFIER} {LONGER}", "quantifier")],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from cpcal.questions import Result, verdict_of
 from cpcal.report.svg import BAND, DASHES, DOT, EDGE, GRID, INK, ROOM, SUPPORT, Plot, Span, Svg, evenly, rectangle
 
 # ------------------------------------------------------------------------------------------------------------------
-# Bars: what is proved of some numbers, a row each: of the errors of legs, and of the parameters of one.
+# Bars: what is proved of the errors of legs, a row each.
 
 FARTHEST = 1e6  # what lies beyond is not drawn, an arrow points to it
 _LEAST = 1e-6  # half the width of what is drawn, at least
@@ -23,68 +22,37 @@ COLOURS = {"explained": "good", "unexplained": "bad", "bounded": "known", "undec
 COLOURS |= {"uncompared": "open"}
 
 
-@dataclass(frozen=True)
-class Bar:
-    """Proved bounds, NaN for none; an estimate, NaN for none; `text` stands at the right."""
-
-    name: str
-    lo: float
-    hi: float
-    estimate: float
-    text: str = ""
-    colour: str = EDGE
-
-
-def bars_svg(
-    bars: Sequence[Bar], axis: str, label: str, *, line: float = 0.0, shade: bool = False, words: tuple[float, str]
-) -> Svg:
-    """A tick at each end, so that the thinnest bar is seen; a dashed `line`; `words` above a place, or above the texts.
-
-    `shade`: what is below the bars, from 0, is shaded: proved impossible.
-    """
-    ends = [v for bar in bars for v in (bar.lo, bar.hi, bar.estimate)]
-    seen = [0.0, line, *(v for v in ends if abs(v) <= FARTHEST)]
-    reach = max(0.08 * (max(seen) - min(seen)), _LEAST)
-    near, far = 0.0 if shade else min(seen) - reach, max(seen) + reach
-    count, right = len(bars), 66.0 if any(bar.text for bar in bars) else 12.0
-    size = _WIDE, _TOP + _ROW * count + _BOTTOM
-    names = [bar.name for bar in bars]
-    spans, few = ((near, far), (count - 0.5, -0.5)), (evenly(near, far, 4), None)
-    plot = Plot(size, *spans, (axis, ""), ticks=few, grid="x", rows=names, margin=(_TOP, right))
-    for row, bar in enumerate(bars):
-        lo, hi = (min(max(v, near), far) for v in (bar.lo, bar.hi))
-        if shade:
-            plot.area(GRID, rectangle(0.0, row - 0.2, lo, row + 0.2))
-        if bar.lo <= bar.hi:
-            plot.area(BAND, rectangle(lo, row - 0.25, hi, row + 0.25), edge=bar.colour)
-            plot.marks([(bar.lo, row), (bar.hi, row)], "|", bar.colour, 15.0, 1.8)
-            plot.marks([(near, row)] if bar.lo < near else [], "<", bar.colour, 8.0)
-            plot.marks([(far, row)] if bar.hi > far else [], ">", bar.colour, 8.0)
-        plot.text(size[0] - right + 8.0, float(plot.at([(near, row)])[0, 1]), bar.text)
-    plot.marks([(bar.estimate, row) for row, bar in enumerate(bars)], "x", SUPPORT, 6.0, 1.5)
-    plot.line(INK, [(line, count - 0.5), (line, -0.5)], width=1.2, dash=DASHES)
-    place, text = words
-    x = size[0] - right + 8.0 if place > far else float(plot.at([(place, 0.0)])[0, 0])
-    plot.text(x, 9.0, text, anchor="end" if far >= place > 0.6 * far else "start")
-    return plot.svg(label)
-
-
 def errors_svg(result: Result) -> Svg:
     """A row a leg: grey where it fails, then the bar that is open, from whose end on it passes; and the tolerance.
 
-    The cross is the error of the recommended parameters for all readings.
+    A tick at each end of a bar, so that the thinnest is seen. The cross is the error of the recommended parameters for
+    all readings.
     """
-    asked = result.options.tolerance
-    bars = []
+    asked, names, bars = result.options.tolerance, list[str](), list[tuple[float, float, float, str]]()
     for leg in result.legs:
-        colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
         hi = math.inf if leg.bracket.point is None else leg.bracket.hi
         passes = hi if leg.passes_from is None else leg.passes_from.eps
         largest = math.nan if leg.recommended is None else leg.recommended.largest
-        bars.append(Bar(f"leg {leg.leg}", leg.bracket.lo, passes, largest, "", colour))
-    label = "The tolerances at which each leg fails, is open and passes, and the one that was asked about"
-    words = (0.0, "") if asked is None else (asked, f"tolerance {stated(asked)} mm")
-    return bars_svg(bars, "tolerance [mm]", label, line=asked or 0.0, shade=True, words=words)
+        colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
+        names.append(f"leg {leg.leg}")
+        bars.append((leg.bracket.lo, passes, largest, colour))
+    line = asked or 0.0
+    most = max([line, *(v for bar in bars for v in bar[:3] if v <= FARTHEST)])
+    far, count, size = most + max(0.08 * most, _LEAST), len(bars), (_WIDE, _TOP + _ROW * len(bars) + _BOTTOM)
+    spans, few = ((0.0, far), (count - 0.5, -0.5)), (evenly(0.0, far, 4), None)
+    plot = Plot(size, *spans, ("tolerance [mm]", ""), ticks=few, grid="x", rows=names, margin=(_TOP, 12.0))
+    for row, (lo, hi, _, colour) in enumerate(bars):
+        left, right = min(lo, far), min(hi, far)
+        plot.area(GRID, rectangle(0.0, row - 0.2, left, row + 0.2))
+        plot.area(BAND, rectangle(left, row - 0.25, right, row + 0.25), edge=colour)
+        plot.marks([(lo, row), (hi, row)], "|", colour, 15.0, 1.8)
+        plot.marks([(far, row)] if hi > far else [], ">", colour, 8.0)
+    plot.marks([(bar[2], row) for row, bar in enumerate(bars)], "x", SUPPORT, 6.0, 1.5)
+    if asked is not None:
+        plot.line(INK, [(asked, count - 0.5), (asked, -0.5)], width=1.2, dash=DASHES)
+        x, anchor = float(plot.at([(asked, 0.0)])[0, 0]), "end" if asked > 0.6 * far else "start"
+        plot.text(x, 9.0, f"tolerance {stated(asked)} mm", anchor=anchor)
+    return plot.svg("The tolerances at which each leg fails, is open and passes, and the one that was asked about")
 
 
 # ------------------------------------------------------------------------------------------------------------------

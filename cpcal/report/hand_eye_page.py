@@ -22,11 +22,11 @@ from cpcal.common.numbers import (
 )
 from cpcal.models.frames import PlacedFrames
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
-from cpcal.report.figures import Bar, bars_svg, series
+from cpcal.report.figures import series
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
 from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT
 from cpcal.robot import Pose, distances, normalised, transformed
-from cpcal.robot.campaign import is_simulated
+from cpcal.robot.campaign import titled
 
 HAND_EYE_PAGE = "handeye.html"
 _MOST = 40  # rows of a table
@@ -56,7 +56,7 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
         badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
     said = [sentence for sentence in rest if not sentence.endswith(":")]  # the last one announces the ranges
     page = Page(
-        f"{_simulated(found)}Hand-eye calibration: {found.setup}",
+        titled(f"Hand-eye calibration: {found.setup}", found.provenance),
         "hand-eye calibration",
         "Which images are wrong?" if found.outliers else "How well do any frames explain the pixels?",
         [
@@ -70,10 +70,6 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
         lead=asked,
     )
     return page.write(Path(folder) / HAND_EYE_PAGE)
-
-
-def _simulated(found: HandEyeResult) -> str:
-    return "Simulated: " * is_simulated(found.provenance)
 
 
 def _blamed(found: HandEyeResult) -> Iterator[Section]:
@@ -132,24 +128,16 @@ def _ranges(found: HandEyeResult) -> Iterator[Section]:
         said = f"No frames in the box explain every pixel to within {tolerance} px. Proved."
         yield frames if ranges is None else Section(title, [said], parts=[frames])
         return
-    names, low, high = names_of(found.setup), np.array(ranges.low), np.array(ranges.high)
     known = [
         (name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit)
-        for (name, unit), lo, hi in zip(names, low.tolist(), high.tolist(), strict=True)
+        for (name, unit), lo, hi in zip(names_of(found.setup), ranges.low, ranges.high, strict=True)
     ]
-    best, classical = ((*p.camera_position, *p.target_position) for p in (found.point, found.asked.center))
-    bars = []
-    for k, middle, fit in zip((0, 1, 2, 6, 7, 8), best, classical, strict=True):
-        lo, hi = float(low[k]), float(high[k])
-        bars.append(Bar(names[k][0], lo - middle, hi - middle, fit - middle, at_most(hi - lo, 2)))
-    svg = bars_svg(bars, "position − best frames [mm]", "Ranges of the positions", words=(math.inf, "width [mm]"))
-    caption = "Ranges of the positions about the best frames; the mark is the least-squares answer."
     yield Section(
         title,
         [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
         tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
-        parts=[Section(figures=[Drawing([svg], caption=caption, style="scroll narrow")]), frames],
+        parts=[frames],
     )
 
 
@@ -244,7 +232,7 @@ def sentences(found: HandEyeResult) -> list[str]:
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
     said = [
-        f"{_simulated(found)}{found.setup}: {found.images} images, {found.points:,} points. "
+        f"{titled(found.setup, found.provenance)}: {found.images} images, {found.points:,} points. "
         f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer.",
     ]
     one, eps = found.outliers == 1, at_least(found.eps, 4)

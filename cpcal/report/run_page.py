@@ -32,9 +32,9 @@ from cpcal.common.numbers import (
 )
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
-from cpcal.models import PARAMETERS, PLAIN, LegModel, model_residuals, reading_moves
+from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
-from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, errors_svg, residuals_svg
+from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
     LONGER,
@@ -57,7 +57,6 @@ from cpcal.report.words import (
 )
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
-from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
@@ -394,24 +393,6 @@ def eps_text(result: Result, eps: float) -> str:
     return stated(eps) if eps in (result.options.eps, result.options.tolerance) else at_least(eps)
 
 
-def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
-    """The ranges, or where there are none the enclosure, less the nominal values, with the fit."""
-    box, what = (leg.bracket.enclosure, "enclosure") if leg.ranges is None else (leg.ranges.box, "range")
-    bars = []
-    for k, (name, nominal) in enumerate(zip(PARAMETERS, campaign.robot.parameters[leg.leg - 1].tolist(), strict=True)):
-        lo, hi = float(box.lo[k]), float(box.hi[k])
-        estimate = math.nan if fit is None else float(fit.x[k]) - nominal
-        bars.append(Bar(name, lo - nominal, hi - nominal, estimate, "none" if box.is_empty else plain_gap(lo, hi)))
-    label = f"Leg {leg.leg}: {what} of each parameter, relative to its nominal value"
-    svg = bars_svg(bars, "parameter − nominal value [mm]", label, words=(math.inf, "width [mm]"))
-    legend = {} if box.is_empty else {"bar": f"{what}, between two ticks"}
-    legend |= {"nominal": "nominal value"} | ({} if fit is None else {"cross": "least-squares fit"})
-    said = "There are no bars: no parameters in the box satisfy the equations." if box.is_empty else ""
-    if any(max(abs(bar.lo), abs(bar.hi)) > FARTHEST for bar in bars):
-        said = "Arrows: the bound in that direction is too far away to be drawn, or there is none."
-    return Drawing([svg], legend, said, "fits")
-
-
 def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
     """The witness of eps_hi, other parameters, and what the search did: for experts."""
     work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
@@ -434,28 +415,13 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
         least = math.nan if fit is None else float(fit.x[k])
         width = _sides(of, box, leg, k, name, decimals)[2]
         rows.append((*cells, at, nearest(least, decimals), nearest(nominal[k], decimals), width))
-    witness = Table(("parameter", "witness", "fit", "nominal", "width"), rows)
-    head = ("eps asked [mm]", "delay [s]", "answer", "eps_lo then", "eps_hi then", "nodes")
     return Section(
         f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
-        tables=[
-            witness,
-            *([Table(head, [trial_row(leg, one) for one in work.trials], ("", "", "word"))] if work.trials else []),
-        ],
-        beside=[parameters_drawing(campaign, leg, fit)],
+        tables=[Table(("parameter", "witness", "fit", "nominal", "width"), rows)],
         folded=True,
     )
-
-
-def trial_row(leg: LegResult, trial: Trial) -> tuple[str, ...]:
-    """A call of the solver; its bounds have the digits of the leg's own, which end the table."""
-    asked, lo = (bracket_text(value, leg.bracket.hi)[0] for value in (trial.eps, trial.lo))
-    hi = bracket_text(leg.bracket.lo, trial.hi)[1]
-    unchecked = trial.answer is TimeoutAnswer.INFEASIBLE and not trial.checked
-    answer = "infeasible, unchecked" if unchecked else trial.answer.value
-    return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
 
 
 def residuals_drawing(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import Budget, CalibrationRecord, Validation
+from cpcal.calibration import Budget, CalibrationRecord
 from cpcal.calibration.statistics import sentences_of
 from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import unusable
@@ -21,7 +21,7 @@ from cpcal.questions.points import CertifiedFits
 from cpcal.report.figures import series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
-from cpcal.report.svg import BAND, DASHES, DOT, EDGE, INK, ROOM, SUPPORT, Plot, Svg, evenly, rectangle
+from cpcal.report.svg import DOT, ROOM, Svg
 from cpcal.robot import Campaign, Robot
 from cpcal.solver.contract import Verdict
 
@@ -176,36 +176,14 @@ def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Figures 3, 4 and 5 of the paper for a user's study: plain floating point, nothing of it is proved.
-
-_FACTORS = {"mm": (1e3, "µm"), "rad": (1e3 * 180.0 / math.pi, "10⁻³ °")}  # of what is printed at an axis
+# Figure 5 of the paper for a user's study: plain floating point, nothing of it is proved.
 
 
-def histogram_svg(channel: Channel) -> Svg:
-    """Counts of the centred errors of one channel, with the normal curve of the same deviation."""
-    (factor, unit), name = _FACTORS[channel.unit], channel.name
-    reach, counts = factor * channel.reach, np.array(channel.counts)
-    edges = np.linspace(-reach, reach, len(counts) + 1)
-    sigma, at = factor * channel.sigma, np.linspace(-reach, reach, 121)
-    curve = np.zeros_like(at)
-    if sigma > 0.0:
-        scale = counts.sum() * (edges[1] - edges[0]) / (sigma * math.sqrt(2.0 * math.pi))
-        curve = scale * np.exp(-0.5 * (at / sigma) ** 2)
-    highest = 1.05 * max(float(curve.max()), float(counts.max()), 1.0)
-    ticks = evenly(-0.9 * reach, 0.9 * reach, 4), evenly(0.0, highest, 4, whole=True)
-    plot = Plot((180.0, 136.8), (-reach, reach), (0.0, highest), (f"{name} [{unit}]", ""), ticks=ticks)
-    bars = zip(edges[:-1].tolist(), edges[1:].tolist(), counts.tolist(), strict=True)
-    plot.area(BAND, *(rectangle(a, 0.0, b, n) for a, b, n in bars if n), edge=EDGE)
-    plot.line(INK, np.stack([at, curve], axis=1), dash=DASHES)
-    return plot.svg(f"Centred errors of {name}: histogram")
-
-
-def sorted_svg(curves: dict[str, Floats], axis: str, label: str) -> Svg:
-    """Values of validation poses by their colours, each curve sorted ascending by itself; a line at 0."""
+def sorted_svg(curves: dict[str, Floats], label: str) -> Svg:
+    """Position errors (mm) of validation poses by their colours, each curve sorted ascending by itself."""
     values = {colour: np.sort(of[np.isfinite(of)]) for colour, of in curves.items()}
     every, count = np.concatenate([np.zeros(1), *values.values()]), max(map(len, values.values()))
-    plot = series((230.0, 180.0), count, every, ("validation poses, sorted", axis))
-    plot.across((0.0,), INK, 1.0, DASHES)
+    plot = series((230.0, 180.0), count, every, ("validation poses, sorted", "position error [mm]"))
     for colour, of in values.items():
         plot.marks(np.stack([np.arange(1.0, len(of) + 1.0), of], axis=1), "dot", colour, 2.8)
     return plot.svg(label)
@@ -291,20 +269,7 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
     said = [record.repeats.scatter, *filter(None, [record.repeats.shared_sentence])]
     tests = [sentence for _, sentence in sentences_of(record.repeats.tests)]
     yield Section(sentences=said, items=tests, tables=[equations(record)])
-    channels = sorted(record.repeats.channels, key=lambda c: not c.name.startswith("L"))
-    legend = {
-        "bar": "readings, less their configuration’s mean",
-        "dashed": "normal distribution of the same standard deviation",
-    }
-    caption = (
-        "Figure 3: leg readings L1, L2, …; figure 4: the pose. Bins reach four standard deviations to each side, the "
-        "outermost hold what is beyond."
-    )
-    yield Section(
-        "Figures 3 and 4: centred distributions",
-        figures=[Drawing([histogram_svg(c) for c in channels], legend, caption)],
-        parts=[Section(sentences=[record.repeats.screening, record.frames, record.sets])],
-    )
+    yield Section(sentences=[record.repeats.screening, record.frames, record.sets])
 
 
 def _fits(record: CalibrationRecord) -> Iterator[Section]:
@@ -338,32 +303,14 @@ def _validated(record: CalibrationRecord) -> Iterator[Section]:
     )
     for heading, table in () if record.budget is None else budget_tables(record.budget):
         yield Section(heading, tables=[table])
-    legend = {
-        "dot": "position, after calibration",
-        "mark room": "position, before",
-        "mark warm": "orientation, improvement",
-    }
-    drawings = []
-    for name, letter, found in (("x_c", "a", record.validation.x_c), ("x_c_sigma", "b", record.validation.x_c_sigma)):
-        caption = f"({letter}) {name}. {found.sentence}"
-        drawings.append(Drawing(_pose_by_pose(found, name), legend if letter == "b" else {}, caption))
-    yield Section(
-        "Figure 5: validation pose by pose",
-        figures=drawings,
-        notes=[
-            "Improvement: 100 (before − after) / before, in percent; below the dashed line the error grew. Every "
-            "curve is sorted by itself, so that points above each other need not be of the same pose."
-        ],
-    )
-
-
-def _pose_by_pose(found: Validation, name: str) -> list[Svg]:
-    before, after = found.errors("position")
-    better = {SUPPORT: found.improvement("orientation"), DOT: found.improvement("position")}
-    return [
-        sorted_svg({ROOM: before, DOT: after}, "position error [mm]", f"Errors of the validation poses with {name}"),
-        sorted_svg(better, "improvement [%]", f"Improvements of the validation poses with {name}"),
-    ]
+    figures, said = [], list[str]()
+    for name, found in (("x_c", record.validation.x_c), ("x_c_sigma", record.validation.x_c_sigma)):
+        before, after = found.errors("position")
+        figures.append(sorted_svg({ROOM: before, DOT: after}, f"Errors of the validation poses with {name}"))
+        said.append(f"{name}: {found.sentence}")
+    legend = {"dot": "after calibration", "mark room": "before"}
+    drawing = Drawing(figures, legend, "x_c at the left, x_c_sigma at the right; each curve is sorted by itself.")
+    yield Section("Figure 5: position errors of the validation poses", said, figures=[drawing])
 
 
 def _certified(found: StudyFound) -> Iterator[Section]:

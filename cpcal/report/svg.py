@@ -33,7 +33,6 @@ _SHAPES = {  # polylines within a square from -1 to 1
     "|": (((0, -1), (0, 1)),),
     "square": (((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)),),
     "diamond": (((0, -1), (1, 0), (0, 1), (-1, 0), (0, -1)),),
-    "<": (((1, -1), (-1, 0), (1, 1)),),
     ">": (((-1, -1), (1, 0), (-1, 1)),),
 }
 Span = tuple[float, float]
@@ -61,7 +60,6 @@ class Plot:
     size    width and height in points; labels  of both axes
     ticks   of both axes; left out they are chosen. grid: the axes at whose ticks lines are drawn
     rows    names at the heights 0, 1, ... in place of an axis at the left; margin: points above and at the right
-    equal   both axes have the same scale; the figure is as small as that lets it be
     """
 
     def __init__(
@@ -75,7 +73,6 @@ class Plot:
         grid: str = "",
         rows: Sequence[str] = (),
         margin: Span = (6.0, 12.0),
-        equal: bool = False,
     ) -> None:
         self.size, self.x, self.y = size, x, y
         self.elements: list[str] = []
@@ -83,11 +80,6 @@ class Plot:
         texts = rows or tick_labels(up)
         left = _LETTER * max(map(len, texts), default=0) + (14.0 if rows else 24.0)
         top, right, bottom = margin[0], size[0] - margin[1], size[1] - _BELOW
-        if equal:
-            wide, high = abs(x[1] - x[0]), abs(y[1] - y[0])
-            scale = min((right - left) / wide, (bottom - top) / high)
-            right, bottom = left + scale * wide, top + scale * high
-            self.size = right + margin[1], bottom + _BELOW
         self.frame = left, top, right, bottom
         if "x" in grid:
             self.line(GRID, *([(t, y[0]), (t, y[1])] for t in along), width=0.6)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from cpcal.questions import (
 )
 from cpcal.questions.verdict import plain_side
 from cpcal.report.section import Mark, Words, verdict
-from cpcal.robot import Campaign, rotation_matrix, small_rotation
+from cpcal.robot import Campaign
 
 QUANTIFIER = (
     "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
@@ -286,8 +285,8 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     if verdict.kind == "explained":
         return Advice("")
     if verdict.kind == "undetermined":
-        where = "" if found is None else _where(campaign, verdict.names, found)
-        return Advice("because poses are too few or too similar: add poses", f"{verdict.reason} {where}".rstrip())
+        show = f" Add poses that show {', '.join(verdict.names)}." * bool(verdict.names)
+        return Advice("because poses are too few or too similar: add poses", f"{verdict.reason}{show}")
     if verdict.kind == "undecided" and (leg.reduced is None or leg.reduced.factor > 0.0):
         if leg.reduced is not None:
             return Advice("because the readings are too uncertain: measure them more precisely")
@@ -385,24 +384,3 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
     name = next(name for name in largest if largest[name] <= _NEARLY * best)
     more = f"Its least squares leaves {about(largest[name])} mm at most, this one's {about(own.largest)} mm."
     return Advice(f"because of the leg model: use --model {name}", more)
-
-
-def _where(campaign: Campaign, names: tuple[str, ...], found: Fitted) -> str:
-    """A pose, of the corners of the workspace and a little beyond, that the undetermined parameters would show in."""
-    scale = np.sqrt(np.mean(found.jacobian**2, axis=0))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    weakest = np.linalg.svd(found.jacobian / scale, full_matrices=len(found.jacobian) < len(scale))[2][-1][:7]
-    reach = np.maximum(0.5 * np.ptp(campaign.position, axis=0), 0.1 * float(np.mean(campaign.length)))
-    middle = 0.5 * (campaign.position.min(axis=0) + campaign.position.max(axis=0))
-    best, share = (middle, np.zeros(3)), -1.0
-    for moved, turned in product(product((-1.0, 1.0), repeat=3), product((-0.2, 0.0, 0.2), repeat=3)):
-        position, turn = middle + reach * np.array(moved), np.array(turned)
-        rotation = rotation_matrix(small_rotation(turn[None]))[0]
-        vector = position + rotation @ found.x[3:6] - found.x[:3]
-        along = vector / max(float(np.linalg.norm(vector)), 1e-300)
-        row = np.concatenate([-along, rotation.T @ along, [-1.0]]) / scale[:7]  # of the plain equation's derivative
-        if abs(float(row @ weakest)) > share:
-            best, share = (position, turn), abs(float(row @ weakest))
-    what = f"Add poses that show {', '.join(names)}" if names else "Add poses"
-    at, turned_by = (", ".join(about(v) for v in values) for values in (best[0], np.degrees(best[1])))
-    return f"{what}, such as one near ({at}) mm, turned by ({turned_by}) degrees."

@@ -25,8 +25,6 @@ from cpcal.robot.units import (
     LENGTHS,
     ModelChoice,
     RotationForm,
-    override_columns,
-    reading_columns,
 )
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -100,6 +98,11 @@ ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radiu
 def is_simulated(provenance: Mapping[str, str]) -> bool:
     """Whether a simulation made the data of this provenance."""
     return provenance.get("generator", "").startswith(SIMULATION)
+
+
+def titled(name: str, provenance: Mapping[str, str]) -> str:
+    """The name under which a page or a terminal shows what was found in data; simulated ones are called so."""
+    return f"{'Simulated: ' * is_simulated(provenance)}{name}"
 
 
 def table_problems(
@@ -328,24 +331,6 @@ class Campaign(Value):
             model=model,
         )
 
-    def to_frame(self) -> Any:
-        """A pandas DataFrame with the columns of measurements.csv, all half-widths included; needs pandas.
-
-        `load_log(frame, robot=campaign.robot, exact=True)` reads it again, with these half-widths.
-        """
-        try:
-            import pandas
-        except ImportError:
-            raise unusable("to_frame", "needs pandas", "pip install 'cpcal[frames]'") from None
-        parts = (self.position, self.quaternion, self.length)
-        radii = (self.position_radius, self.rotation_radius, self.length_radius)
-        numbers = np.concatenate([*parts, *radii], axis=1)
-        titles = [*reading_columns(self.legs)[2:], *override_columns(self.legs)]
-        frame = pandas.DataFrame(numbers, columns=titles)
-        frame.insert(0, "pose", list(self.pose))
-        frame.insert(1, "run", list(self.run))
-        return frame
-
     @property
     def legs(self) -> int:
         """The number of legs, n."""
@@ -367,8 +352,8 @@ class Campaign(Value):
 
     @property
     def title(self) -> str:
-        """The robot's name, under which a page or a terminal shows what was found; simulated data are called so."""
-        return f"{'Simulated: ' if self.simulated else ''}{self.robot.name}"
+        """The robot's name; simulated data are called so."""
+        return titled(self.robot.name, self.provenance)
 
     @property
     def exact(self) -> bool:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 
 import pytest
 
 from cpcal import InputError
 from cpcal.common import files
-from cpcal.common.files import replacing, scratch_folder, write_file, write_folder
+from cpcal.common.files import replacing, write_file, write_folder
 
 
 def names(folder):
@@ -76,27 +74,3 @@ def test_a_folder_appears_complete(tmp_path):
     write_folder(tmp_path / "a" / "b", {"x": b"4", "head": b"5"}, head="head")
     assert names(tmp_path / "a" / "b") == ["head", "mine", "x"]
     assert (tmp_path / "a" / "b" / "x").read_bytes() == b"4"
-
-
-def test_folders_of_killed_processes_are_removed_by_the_next_and_those_of_living_ones_stay(tmp_path, monkeypatch):
-    script = "from cpcal.common.files import scratch_folder as f\nwith f(): print(flush=True); input()"
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": environment}
-    dead, living = (subprocess.Popen([sys.executable, "-c", script], **pipes) for _ in range(2))
-    with dead, living:
-        for process in (dead, living):
-            process.stdout.readline()
-        left = set(names(tmp_path))
-        assert len(left) == 2
-        dead.kill()
-        dead.wait()
-        assert set(names(tmp_path)) == left
-        (tmp_path / "cpcal-of-somebody").mkdir()
-        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-        with scratch_folder() as folder:
-            assert folder.is_dir()
-            assert not names(folder)
-            kept = left & set(names(tmp_path))
-            assert len(kept) == 1
-        living.stdin.close()
-    assert names(tmp_path) == ["cpcal-of-somebody"]

@@ -19,7 +19,6 @@ from cpcal.common.numbers import (
     at_most,
     bracket_text,
     gap_text,
-    inner_text,
     nearest,
     plain_gap,
     rounded_down,
@@ -53,13 +52,10 @@ def read(text):
 
 
 @given(endless, endless, digits)
-def test_a_bracket_is_printed_outward_and_a_range_of_absence_inward(lo, hi, count):
+def test_a_bracket_is_printed_outward(lo, hi, count):
     down, up = map(read, bracket_text(lo, hi, count))
     assert down <= lo
     assert up >= hi
-    down, up = map(read, inner_text(lo, hi, count))
-    assert down >= lo
-    assert up <= hi
 
 
 @given(endless, digits, st.integers(0, 12))

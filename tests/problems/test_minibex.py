@@ -49,69 +49,27 @@ def residual(body: str, head: str = HEAD, at: dict[str, float] | None = None) ->
         ("v(3) - v[2]", 0.0),
         ("M(2,3) + M[0][1]", 0.8),
         ("M(2)(1)", 0.4),
-        ("v'*v", 1.25**2 + 1.5**2 + 1.75**2),
         ("v*v", 1.25**2 + 1.5**2 + 1.75**2),
         ("(M*v)(1)", 0.1 * 1.25 + 0.2 * 1.5 + 0.3 * 1.75),
         ("((1,2)*(M*v))", 0.95 + 2 * (0.4 * 1.25 + 0.5 * 1.5 + 0.6 * 1.75)),
         ("((x;y) - (1;1))(2)", 1.0),
         ("((1,2);(3,4))(2,1)*x", 6.0),
-        ("M'(3,2)", 0.6),
-        ("M(1:2,2)(2)", 0.5),
-        ("v(:)(2)", 1.5),
         ("sum(i=1:3, i*v(i))", 1.25 + 3.0 + 5.25),
         ("x*(1/3) - x/3", 0.0),
         ("1e2*x - .5 - 3.", 196.5),
-        ("#4000000000000000*x", 4.0),  # the bits of 2.0
         ("x // a comment\n + /* another */ y", 4.0),
-        ("M(2,:)(3) + M(1)(2)", 0.8),  # one index of a row
-        ("M(1,:)*v", 0.1 * 1.25 + 0.2 * 1.5 + 0.3 * 1.75),
+        ("M(2)(3) + M(1)(2)", 0.8),  # one index of a row
+        ("M(1)*v", 0.1 * 1.25 + 0.2 * 1.5 + 0.3 * 1.75),
         ("((v;x)(4))", 2.0),  # a number below a vector
         ("((M;(1,2,3)))(3,2)*x", 4.0),  # a row below a matrix
-        ("inf([1,3]) + mid([1,3])*x + sup([1,3])", 8.0),
         ("asinh(x) + asinh(-x/2)", math.asinh(2.0) - math.asinh(1.0)),
         ("acosh(x) + atanh(1/x)", math.acosh(2.0) + math.atanh(0.5)),
-        ("diff(x^3*y, x)", 24.0),
-        ("diff(x^3*y, x, y)(2)", 8.0),
-        ("diff((x*y; y^2), x, y)(2,2)", 4.0),
-        ("diff(v'*v, v)(3)", 3.5),
-        ("diff(M(1)*v, M)(1,3)", 1.75),
     ],
 )
 def test_an_expression_has_its_value(body: str, value: float) -> None:
     found = residual(body)
     assert found.lo - 1e-12 <= value <= found.hi + 1e-12
     assert found.hi - found.lo < 1e-12
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        *("-x", "x+3*y", "x-y*x", "x/y", "sqr(x)", "sqrt(x)", "x^5", "x^-2", "x^y", "exp(x*y)", "ln(x+y)", "sin(x)"),
-        *("cos(x*x)", "tan(x)", "asin(x/9)", "acos(x/9)", "atan(x)", "sinh(x)", "cosh(x)", "tanh(x)", "atan2(x,y^2)"),
-        *("asinh(x^2)", "acosh(x)", "atanh(x/9)", "exp(sin(x)/x)*x"),
-    ],
-)
-def test_diff_is_the_limit_of_differences(body: str) -> None:
-    head, step = "Variables x in [1,3]; y in [1,3];\n", 1e-6
-    if body == "asinh(x^2)":
-        with pytest.raises(InputError, match="the derivative of 'max' has no formula"):
-            residual(f"diff({body}, x)", head)
-        return
-    found = residual(f"diff({body}, x)", head, {"x": 1.75, "y": 1.25})
-    above, below = (residual(body, head, {"x": 1.75 + h, "y": 1.25}).mid for h in (step, -step))
-    assert found.width < 1e-9
-    assert abs(found.mid - (above - below) / (2 * step)) < 1e-6 * (1 + abs(found.mid))
-
-
-def test_a_kink_has_no_derivative_and_a_part_of_chi_must_be_defined_everywhere() -> None:
-    for body, what in (
-        ("diff(abs(x), x)", "the derivative of 'abs' has no formula"),
-        ("diff(x, 2*x)", "diff differentiates by variables"),
-        ("diff(x)", "diff takes an expression"),
-        ("mid([0,oo])*x", "has no middle"),
-    ):
-        with pytest.raises(InputError, match=what):
-            residual(body)
 
 
 def test_a_name_may_be_set_among_the_constraints() -> None:
@@ -228,8 +186,9 @@ def test_an_objective_needs_no_constraints() -> None:
         ("Variables x; Constraints x/0 = 1; end", 1, "a division by 0"),
         ("Variables x; Constraints 1 <= x <= 2; end", 1, "a second relation follows"),
         ("Variables x; Maximize x;", 1, "column 14: 'Maximize' stands where Minimize or Constraints should"),
-        ("Variables x; Parameters a; Constraints x = 1; end", 1, "in"),
-        ("Variables x; Parameters a in [0,oo]; Constraints x = a; end", 1, "without bounds"),
+        ("Variables x; Constraints diff(x^2, x) = 1; end", 1, "'diff' is no function"),
+        ("Variables x; Constraints asinh(x, x) = 1; end", 1, "asinh does not take 2 arguments"),
+        ("Constants a in [0,oo]; Variables x; Constraints x = a; end", 1, "finite ones"),
         ("Variables x; Constraints for i=1:10000000; x = i; end; end", 1, "turns"),
         ("Variables x; Constraints /* x = 1; end", 1, "a comment does not end"),
         ("Variables x; Constraints x = \x00; end", 1, "has no meaning"),
@@ -253,12 +212,12 @@ def test_mutated_files_end_in_a_line_and_a_column() -> None:
     text = (
         "Constants n = 3; e in [0.9,1.1]; c[2] = (1;2);\nVariables x[3] in [-1,1], y in [0,oo];\n"
         "function f(a, b[3])\n t = a^2; return t + sum(i=1:3, b(i)); end\nMinimize f(y, x) + max(y, 1/3);\n"
-        "Constraints\n for i=1:n-1; x(i) + x(i+1) >= e; end; (y <= 2); c'*(x(1);x(2)) = 0; end\n"
+        "Constraints\n for i=1:n-1; x(i) + x(i+1) >= e; end; (y <= 2); c*(x(1);x(2)) = 0; end\n"
     )
     refused = 0
     for _ in range(500):
         at = rng.randrange(len(text))
-        single = rng.choice("()[];,=<>+-*/^':ixn0#\n\t\0é")
+        single = rng.choice("()[];,=<>+-*/^:ixn0#\n\t\0é")
         piece = rng.choice(["", single, text[rng.randrange(len(text)) :][:9], "9" * 400])
         found = told(text[:at] + piece + text[at + rng.randrange(5) :])
         refused += bool(found)
@@ -279,14 +238,3 @@ def test_exponents_are_numbers_and_expressions() -> None:
     (only,) = network.solve().solutions
     assert only.verdict is Verdict.PROVED
     assert only.box.mid == pytest.approx([4.0, 2.0])
-
-
-def test_a_parameter_has_one_value_wherever_it_stands() -> None:
-    text = "Parameters p in [1,2], q = 2; Variables x in [0,9]; Parameters r[2] in [0,1]; Constraints {}; end"
-    known = read_minibex(text.format("x*p = q; x*p >= 1.9; x + r(1) = 4"), "here").network
-    assert not known.solve().solutions  # x is at most 2, and at least 3
-    some = read_minibex(text.format("x*p = q"), "here").network.solve(width=0.1)
-    assert some.complete
-    assert all(any(x in s.box["x"] for s in some.solutions) for x in (1.0, 1.5, 2.0))
-    apart = read_minibex(text.format("x*p = q; x*p = 2.5"), "here").network
-    assert not apart.solve(width=0.1).solutions

@@ -162,9 +162,7 @@ def test_mutated_files_end_in_a_line() -> None:
         mutated = list(lines)
         for _ in range(rng.randrange(1, 4)):
             k = rng.randrange(len(mutated))
-            mutated[k : k + rng.randrange(2)] = [
-                rng.choice(["", "o5", "v99", "n1e999", "C0", "r", "b", "-3", "\0", "x4", "9" * 400])
-            ]
+            mutated[k : k + rng.randrange(2)] = [rng.choice(PIECES)]
         try:
             read_nl("\n".join(mutated), "problem.nl")
         except InputError as error:
@@ -183,7 +181,7 @@ def test_the_command_writes_json_and_sol(tmp_path: Path) -> None:
     said = json.loads((tmp_path / "two.json").read_text())
     assert (said["format"], said["status"], said["objective"]) == ("cpcal-solution/1", "complete", None)
     assert said["method"].rstrip(".") in " ".join(run.output.split())
-    assert (said["width"], said["rows"]) == (1e-6, {"all": 2, "unused": {}, "used by none": 0})
+    assert said["width"] == 1e-6
     assert [s["status"] for s in said["solutions"]] == ["proved", "proved"]
     roots = sorted(s["box"]["x"][0] for s in said["solutions"])
     assert roots == pytest.approx([-(2**0.5), 2**0.5])

@@ -157,19 +157,6 @@ def test_what_does_not_fit_is_found(seen):
     assert "far" in control["cut"]
 
 
-def test_both_themes(folder, seen):
-    frame = _FRAME.format("page", DESK, "page.html")
-    _, dark = opened(folder, _MEASURE + frame, "--blink-settings=preferredColorScheme=0")
-
-    def light(colour):
-        return sum(map(int, re.findall(r"\d+", colour)[:3])) / 765
-
-    day, night = seen.found[f"page-{DESK}"], dark[f"page-{DESK}"]
-    assert light(day["paper"]) > 0.95
-    assert light(night["paper"]) < 0.2
-    assert min(light(day["paper"]) - light(day["ink"]), light(night["ink"]) - light(night["paper"])) > 0.7
-
-
 @pytest.mark.nightly
 def test_a_run_of_six_failing_legs_is_short_on_a_desk_a_phone_and_paper(tmp_path):
     campaign = cpcal.simulate(seed=78, joint_error=5.0)

@@ -1,14 +1,15 @@
 """The page of `cpcal image detect`."""
 
 import numpy as np
-import pytest
 from tinyhtml5.parser import HTMLParser
 
-from cpcal.report.detections_page import MOST_ROWS, arrow_svg, write_detections_page
+from cpcal.report.detections_page import MOST_ROWS, write_detections_page
+from cpcal.robot.campaign import SIMULATION
 from cpcal.vision.batch.detect import NUMBERS, Detection, Detections
 from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.measure import MeanVectors, Residuals
+from cpcal.vision.files.plate_and_camera import CameraRecord
+from cpcal.vision.measure import Residuals
 from cpcal.vision.target import DELTALAB_TARGET
 
 EVIL = "<script>alert(1)</script>.png"
@@ -30,10 +31,11 @@ def residuals(bend):
     return Residuals(at, noise + bend * (at - [512, 384]) / 512, variance, numbers, noise, variance)
 
 
-def page_of(tmp_path, rows, *, bend=0.0, seconds=0.0, pictures=()):
-    found = Detections(tuple(rows), len(rows) if seconds else 0, seconds)
+def page_of(tmp_path, rows, *, bend=0.0, seconds=0.0, pictures=(), generator="somebody"):
+    found, lens = Detections(tuple(rows), len(rows) if seconds else 0, seconds), {"generator": generator}
+    camera = CameraRecord(DELTALAB_CAMERA, provenance=lens)
     file = write_detections_page(
-        found, Sample(pictures, residuals(bend), 30), DELTALAB_TARGET, DELTALAB_CAMERA, tmp_path / "poses.csv"
+        found, Sample(pictures, residuals(bend), 30), DELTALAB_TARGET, camera, tmp_path / "poses.csv"
     )
     assert file == tmp_path / "poses.csv.html"
     text = file.read_text(encoding="utf-8")
@@ -62,6 +64,13 @@ def test_counts_reasons_and_time_are_told_and_names_are_no_markup(tmp_path):
     assert "https://" not in text
 
 
+def test_simulated_images_are_called_so(tmp_path):
+    assert "Simulated" not in page_of(tmp_path, [row("a.png")])
+    text = page_of(tmp_path, [row("a.png")], generator=f"{SIMULATION} --study --render")
+    assert "<title>Simulated: Images to poses" in text
+    assert "<h1>Simulated: " in text
+
+
 def test_a_wrong_lens_is_warned_of_and_noise_is_not(tmp_path):
     assert "More than noise" not in page_of(tmp_path, [row("a.png")])
     text = page_of(tmp_path, [row("a.png")], bend=0.01)
@@ -78,20 +87,3 @@ def test_it_stays_short_and_says_what_it_leaves_out(tmp_path):
     text = page_of(tmp_path, rows)
     assert "And 7 more, in poses.csv." in text
     assert '<th scope="row">0.png</th>' not in text  # the least doubtful
-
-
-def test_arrows_point_where_the_residuals_do():
-    """Right and down in the image; the longest is nine tenths of the distance between places."""
-    at = np.array([[x, y] for y in (50.0, 150.0) for x in (50.0, 150.0, 250.0, 350.0)])
-    mean = np.zeros((8, 2))
-    mean[0] = [0.004, 0.003]
-    means = MeanVectors(at, mean, mean, np.full(8, 20))
-    svg = arrow_svg(means, (0.0, 400.0), (200.0, 0.0), "px", label="x")
-    shafts = next(line for line in svg.splitlines() if line.count("M") == 8 and "stroke-width: 0.9" in line)
-    (x0, y0), (x1, y1) = (map(float, end.split()) for end in shafts.split('d="M')[1].split("M")[0].split("L"))
-    assert (y1 - y0) / (x1 - x0) == pytest.approx(0.75, abs=0.01)
-    assert x1 > x0
-    assert "0.005 px, mean of 20" in svg
-    assert "residual 0.005 px" in svg
-    none = MeanVectors(at[:0], mean[:0], mean[:0], np.zeros(0, dtype=int))
-    assert "residual" not in arrow_svg(none, (0.0, 400.0), (200.0, 0.0), "px", label="x")

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.models import PARAMETERS
-from cpcal.questions import Ranges
-from cpcal.report import errors_svg, parameters_drawing, residuals_drawing
-from cpcal.report.figures import FARTHEST, MOST_POINTS, Bar, bars_svg, worst_of_neighbours
+from cpcal.report import errors_svg, residuals_drawing
+from cpcal.report.figures import FARTHEST, MOST_POINTS, worst_of_neighbours
 from cpcal.report.svg import INK, Plot, evenly, tick_labels
 from tests.report.made import made_leg, made_result
 
@@ -56,12 +55,10 @@ def test_labels_say_the_numbers_with_few_digits():
     assert tick_labels([k * 0.1 for k in range(4)]) == ["0.0", "0.1", "0.2", "0.3"]
 
 
-@pytest.mark.parametrize("equal", [False, True])
-def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup(equal):
-    plot = Plot((200.0, 100.0), (-1.0, 1.0), (0.0, 2.0), ("<b>&", "y"), equal=equal)
+def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup():
+    plot = Plot((200.0, 100.0), (-1.0, 1.0), (0.0, 2.0), ("<b>&", "y"))
     left, top, right, bottom = plot.frame
     assert plot.at([(-1.0, 0.0), (1.0, 2.0)]).tolist() == [[left, bottom], [right, top]]
-    assert (right - left == bottom - top) is equal
     plot.line(INK, [(-1.0, 0.0), (1.0, 2.0)])
     assert ">&lt;b&gt;&amp;</text>" in plot.svg("x")
     assert f'd="M{left:g} {bottom:g}L{right:g} {top:g}"' in plot.svg("x")
@@ -77,18 +74,7 @@ def test_marks_off_the_frame_and_those_that_are_no_numbers_are_not_drawn():
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The enclosure as bars: thin, wide, unbounded and empty ones, with and without a fit.
-
-NAN = math.nan
-
-
-def drawn(*bars, **options):
-    """The figure of bounds and estimates, one bar each, with the widths at the right."""
-    made = [Bar(f"p{k}", lo, hi, estimate, "width") for k, (lo, hi, estimate) in enumerate(bars)]
-    svg = bars_svg(made, "axis", "x", words=(math.inf, "head"), **options)
-    assert "nan" not in svg.lower()
-    assert svg.count(">width</text>") == len(bars)
-    return svg
+# The tolerances of legs as bars: thin, unbounded and unproved ones.
 
 
 def marks(svg, variable):
@@ -98,22 +84,20 @@ def marks(svg, variable):
 
 
 @pytest.mark.parametrize(
-    ("bar", "ticks_and_arrows", "crosses"),
+    ("lo", "hi", "ticks_and_arrows", "crosses"),
     [
-        ((1.0, 1.0 + 2.0**-30, 0.0), 2, 1),  # so thin that only its ticks are seen
-        ((0.0, 0.0, NAN), 2, 0),
-        ((-2.0, 1.0, math.inf), 2, 0),
-        ((NAN, NAN, 1.0), 0, 1),  # nothing is enclosed
-        ((-math.inf, math.inf, 0.5), 2, 1),  # two arrows
-        ((-1.0, 1e300, 2.0 * FARTHEST), 2, 0),  # a tick and an arrow
+        (1.0, 1.0 + 2.0**-30, 2, 1),  # so thin that only its ticks are seen
+        (0.1, math.inf, 2, 0),  # a tick and an arrow
+        (math.inf, math.inf, 1, 0),  # nothing fits
+        (0.1, 2.0 * FARTHEST, 2, 0),
     ],
 )
-def test_a_bar_has_ticks_at_its_ends_arrows_to_what_is_too_far_and_a_cross_if_it_is_in_view(
-    bar, ticks_and_arrows, crosses
-):
-    svg = drawn(bar, (-1.0, 1.0, NAN))
-    assert (marks(svg, "edge"), marks(svg, "support")) == (2 + ticks_and_arrows, 2 * crosses)
-    assert svg.count("Z") == 2 - math.isnan(bar[0])  # the bars themselves
+def test_a_bar_has_ticks_at_its_ends_an_arrow_to_what_is_too_far_and_a_cross_in_view(lo, hi, ticks_and_arrows, crosses):
+    point = None if hi == math.inf else (0.0,) * 7
+    svg = errors_svg(made_result(CAMPAIGN, leg(1, hi, eps_lo=lo, point=point)))
+    assert "nan" not in svg.lower()
+    ends = sum(marks(svg, kind) for kind in ("known", "open", "bad"))
+    assert (ends, marks(svg, "support")) == (ticks_and_arrows, 2 * crosses)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -145,10 +129,3 @@ def test_of_many_measurements_the_worst_of_each_run_of_neighbours_are_drawn_and_
     assert {1234, 3210} <= set(shown)
     assert MOST_POINTS <= len(shown) <= MOST_POINTS + 1
     assert worst_of_neighbours(size[:MOST_POINTS], np.zeros(MOST_POINTS)) == list(range(MOST_POINTS))
-
-
-def test_parameters_are_drawn_with_their_ranges():
-    x = CAMPAIGN.robot.parameters[0]
-    wide = leg(ranges=Ranges(0.22, cpcal.Box(PARAMETERS, x - 2.0, x + 3.0)))
-    (svg,) = parameters_drawing(CAMPAIGN, wide).figures
-    assert re.findall(r">([\d.]+)</text>", svg)[-7:] == ["5.0"] * 7  # widths

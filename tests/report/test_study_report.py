@@ -13,7 +13,6 @@ from cpcal.files import campaign_sha256
 from cpcal.questions import CampaignNote
 from cpcal.report import study_page
 from cpcal.report.study_page import render_study
-from cpcal.robot import DELTALAB
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
 
@@ -33,12 +32,11 @@ def page(study_page):
 def test_every_table_and_figure_has_its_heading_and_the_papers_values(study, page):
     for k in range(1, 8):
         assert page.count(f"<h3>Table {k}: ") == 1
-    for text in ("<h3>Figures 3 and 4: ", "<h3>Figure 5: ", "Section 5.1.2"):
+    for text in ("<h3>Figure 5: ", "Section 5.1.2"):
         assert text in page
     for value in (*study_page.TABLE_7_CERTIFIED, *study_page.TABLE_7_ATTAINED):
         assert f"<td>{value:.2f}</td>" in page
-    assert page.count("Centred errors of ") == 12
-    assert page.count("s of the validation poses with ") == 4
+    assert page.count("Errors of the validation poses with ") == 2
     assert study.checked.split("(")[0] in page
     assert "#0102" not in page
     boxes = np.array([[leg.ranges.box.lo, leg.ranges.box.hi] for leg in study.result.legs])
@@ -48,10 +46,6 @@ def test_every_table_and_figure_has_its_heading_and_the_papers_values(study, pag
     assert f"True parameters: {held} of 42 inside proved ranges; {of_u.sum()} of 42 inside x_c ± U" in page
     assert "x_c minimises g (mm) instead of f" in page
     assert "<title>Simulated: DeltaLab" in page
-
-
-def test_the_drawing_is_the_papers_table_1():
-    assert DELTALAB.parameters[0].tolist() == [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0]
 
 
 def test_table_7_rounds_to_the_proved_side(page):

@@ -11,9 +11,9 @@ import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.verdict import proved_sentence
-from cpcal.report.run_page import outward, trial_row
+from cpcal.report.run_page import outward
 from cpcal.report.words import leg_sentence, overall
-from cpcal.solver.accounts import TimeoutAnswer, Trial, bracket_sentence
+from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
 from tests.report.made import made_leg, made_result
 
@@ -51,12 +51,6 @@ def test_a_range_is_printed_outward(lo, hi):
     assert float(low) <= lo
     assert hi <= float(high)
     assert float(width) >= hi - lo
-
-
-def test_only_what_weights_prove_is_a_checked_answer_of_the_script():
-    for checked in (True, False):
-        trial = Trial(0.5, 1.0, TimeoutAnswer.INFEASIBLE, 0.5, 1.0, 1, 1, 0.1, checked)
-        assert ("unchecked" in trial_row(leg(1, 0.5, 1.0), trial)[2]) is not checked
 
 
 @pytest.mark.parametrize(

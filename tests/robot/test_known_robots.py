@@ -15,16 +15,6 @@ def campaign_of(name, **options):
     return simulate(known.robot, **where, **options)
 
 
-def test_there_are_hexapods_a_cable_robot_and_a_planar_robot():
-    assert {name: known.robot.legs for name, known in ROBOTS.items()} == {
-        "deltalab": 6,
-        "rubin-camera": 6,
-        "cogiro": 8,
-        "planar-3rpr": 3,
-    }
-    assert all(len(known.source) > 80 for known in ROBOTS.values())
-
-
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_true_robot_explains_a_simulated_campaign_without_noise(name):
     campaign = campaign_of(name, seed=1, noise=0.0, random_poses=10)
