@@ -1,12 +1,9 @@
-from .accuracy import Accuracy, NamedPoses, certify_accuracy, load_accuracy, save_accuracy
-from .ask import COMPARED, certify, compare
+from .accuracy import Accuracy, NamedPoses, certify_accuracy, save_accuracy
+from .ask import certify, compare
 from .data_check import DataCheck, check_data
 from .points import PointResult, certify_point
 from .result import (
-    CENTERS,
-    METHODS,
     RESULT_NAME,
-    SUPPORTS,
     CampaignNote,
     Determination,
     LegBracket,
@@ -16,7 +13,6 @@ from .result import (
     PassesFrom,
     Ranges,
     Recommended,
-    Reduced,
     Result,
     Uncertified,
     VerifiedPoint,
@@ -27,29 +23,22 @@ from .result import (
 )
 from .verdict import (
     INFORMATION,
-    LegVerdict,
     contractors_sentences,
     proved_sentence,
     recommendation,
     status_of,
     verdict_of,
-    verdict_on,
 )
 
 __all__ = [
-    "CENTERS",
-    "COMPARED",
     "INFORMATION",
-    "METHODS",
     "RESULT_NAME",
-    "SUPPORTS",
     "Accuracy",
     "CampaignNote",
     "DataCheck",
     "Determination",
     "LegBracket",
     "LegResult",
-    "LegVerdict",
     "ModelNote",
     "NamedPoses",
     "Options",
@@ -57,7 +46,6 @@ __all__ = [
     "PointResult",
     "Ranges",
     "Recommended",
-    "Reduced",
     "Result",
     "Uncertified",
     "VerifiedPoint",
@@ -68,7 +56,6 @@ __all__ = [
     "check_data",
     "compare",
     "contractors_sentences",
-    "load_accuracy",
     "load_result",
     "model_of",
     "proved_sentence",
@@ -77,5 +64,4 @@ __all__ = [
     "save_result",
     "status_of",
     "verdict_of",
-    "verdict_on",
 ]

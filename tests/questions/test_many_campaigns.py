@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
+from cpcal import Box, Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
 from cpcal.common.values import Floats
 from cpcal.models import model_residuals
 from cpcal.questions import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
+from cpcal.solver.optimize.bound import Alone, support
 
 
 def without_sets(campaign: Campaign) -> Campaign:
@@ -97,6 +101,13 @@ def test_the_support_alone_forces_the_bound(factor: float) -> None:
     # the same box: the fit of the few would be elsewhere, so look wide around it
     alone = only(part(campaign, rows, exact=not factor), 2, delta=300.0, center="nominal", gap=1e-5)
     assert alone.bracket.lo == pytest.approx(found.bracket.lo, rel=1e-4)
+
+
+def test_few_measurements_that_prove_less_are_no_support() -> None:
+    problem: Any = SimpleNamespace(name="eps", network=SimpleNamespace(domain=Box(("eps",), [0.0], [2.0])))
+    found: Any = SimpleNamespace(lo=1.0, hi=1.0, interrupted=False, decisive_rows=((0, 3),), rows=((0, 3), (0, 5)))
+    for lo, members in ((1.0, (3,)), (0.95, (3, 5))):
+        assert support(problem, found, 1e-6, lambda _, lo=lo: Alone(lo, frozenset(), None, False)) == members
 
 
 # reading sets -----------------------------------------------------------------------------------------------
