@@ -19,7 +19,6 @@ nightly: .venv/.installed-dev
 	mkdir -p build
 	$(BIN)/python -m benchmarks.damaged_runs --count 10000 --log build/damaged_runs.jsonl
 	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000
-	$(BIN)/python -m benchmarks.faults
 	$(MAKE) mutants
 
 # `make mutants`: small changes of a copy of the code, each of which the tests must notice; part of `make nightly`

@@ -115,7 +115,6 @@ def run(
         Names, typer.Option("--problem", "-p", help="Ask about only these problems, also others.")
     ] = None,
     tasks: Annotated[Names, typer.Option("--task", "-t", help="Ask only these tasks, also others.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with what the output file holds.")] = False,
 ) -> None:
     """Run a suite, or a part of it. The output is written after every task: little is lost when it is stopped."""
     if suite not in SUITES:
@@ -129,7 +128,6 @@ def run(
         data=None if data is None else str(data.resolve()),
         tell=lambda done: print(_line(done), flush=True),
         keep=lambda results: None if output is None else save(results, output),
-        before=load(output).runs if resume and output is not None and output.exists() else (),
     ).medians()
     print(f"\n{sum(run.status == ANSWERED for run in medians.values())} of {len(medians)} answered")
 

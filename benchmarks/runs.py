@@ -202,12 +202,10 @@ def execute(
     data: str | None = None,
     tell: Callable[[Run], None] = lambda run: None,
     keep: Callable[[Results], None] = lambda results: None,
-    before: tuple[Run, ...] = (),
 ) -> Results:
     """Every entry `repeat` times. A method that did not answer is not asked the same again.
 
-    `tell` hears of every run, `keep` is given all that is known after each entry. Entries that `before` holds runs of
-    are not run again.
+    `tell` hears of every run, `keep` is given all that is known after each entry.
     """
 
     @cache
@@ -226,10 +224,9 @@ def execute(
         run = perform(replace(job, eps=eps))
         return replace(run, figures={**run.figures, "eps": eps})
 
-    results = Results(name, date.today().isoformat(), limit, repeat, machine(), before)
-    done = {(run.problem, run.task) for run in before}
+    results = Results(name, date.today().isoformat(), limit, repeat, machine(), ())
     for problem, task, methods in entries:
-        silent: set[str] = set() if (problem, task) not in done else set(methods)
+        silent: set[str] = set()
         for _ in range(repeat):
             for method in (method for method in methods if method not in silent):
                 run = asked(Job(problem, task, method, limit, data=data))

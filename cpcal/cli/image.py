@@ -43,9 +43,7 @@ from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.image_file import image_path
 from cpcal.vision.files.plate_and_camera import (
-    YAML_SUFFIXES,
     CameraRecord,
-    camera_yaml,
     load_camera,
     load_target,
     save_camera,
@@ -91,22 +89,14 @@ WORKERS = option(None, "Processes [default: one a core]", min=1)
 
 
 def camera(
-    source: Path = argument("FILE", "camera.toml, or a YAML file of OpenCV or ROS."),
-    file: Path = output("FILE", "Ends in .toml, .yaml or .yml."),
-    style: Literal["opencv", "ros"] = option("ros", "Who shall read the YAML.", "--as"),
+    source: Path = argument("FILE", "A YAML file of OpenCV or ROS."),
+    file: Path = output("FILE", "The camera.toml to write."),
 ) -> None:
-    """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back."""
+    """A camera from OpenCV's or ROS's YAML, rewritten as camera.toml."""
     record = load_camera(source)
-    if file.suffix == ".toml":
-        save_camera(record, file)
-    elif file.suffix in YAML_SUFFIXES:
-        write_file(file, camera_yaml(record.camera, style))
-    else:
-        raise unusable(str(file), "is neither a .toml nor a .yaml file", "name it so")
+    save_camera(record, file)
     seen = record.camera
-    lost = record.covariance is not None and file.suffix != ".toml"
-    more = "; the covariance is in camera.toml only" if lost else ""
-    Talk().say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}{more}")
+    Talk().say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}")
 
 
 def target(
@@ -155,7 +145,6 @@ def detect(
     table: Path | None = option(
         None, "With --readings: the table of a study to write, such as calibration.csv.", "FILE"
     ),
-    overlays: Path | None = option(None, "Pictures of what was found, and why not.", "DIR", "--overlay"),
     first_row: str | None = FIRST_ROW,
     workers: int | None = WORKERS,
     calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
@@ -166,7 +155,7 @@ def detect(
 
     What is done is kept in FILE.journal: the same command, again, measures only images that are new. Ctrl-C loses
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
-    images with what was found, where residuals point, time.
+    images with what was found, time.
     """
     problems = Problems()
     with problems.noted():
@@ -205,7 +194,6 @@ def detect(
             progress=progress,
             first_row=turn,
             workers=workers,
-            overlays=overlays,
         )
     write_file(file, detections_bytes(found.rows))
     poses = sum(row.found for row in found.rows)
@@ -224,8 +212,8 @@ def detect(
         talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
     for reason, some in by_reason(found.rows).items():
         talk.say(f"  {len(some):,} x {reason}: {listed(some, len(some) if talk.verbose else _NAMED)}")
-    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
-    talk.say(f"Page: {write_detections_page(found, sample, plate, lens, file)}")
+    pictures = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
+    talk.say(f"Page: {write_detections_page(found, pictures, plate, lens, file)}")
     if table is not None:
         write_file(table, table_bytes(study_table(found.rows, known)))
         talk.say(f"Table of a study: {table}")

@@ -1,4 +1,4 @@
-"""The page of `cpcal image detect`: counts with reasons, some images, where residuals point, time."""
+"""The page of `cpcal image detect`: counts with reasons, some images, time."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.numbers import about, nearest
-from cpcal.report.section import Drawing, Mark, Page, Picture, Section, Table, Words, origin, verdict
+from cpcal.report.section import Drawing, Page, Picture, Section, Table, Words, origin, verdict
 from cpcal.robot.campaign import titled
 from cpcal.vision.batch.detect import NUMBERS, RMS, SCALE, SHARED, SIGMA, Detection, Detections, by_reason, values_of
-from cpcal.vision.batch.study_images import Sample
-from cpcal.vision.camera import Camera
+from cpcal.vision.batch.study_images import SeenImage
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.measure import over_image, over_plate
 from cpcal.vision.target import Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -22,10 +20,11 @@ from cpcal.vision.target import Target
 
 MOST_ROWS = 12  # of a table
 _NAMED = 3  # files for each reason
-_NOT_NOISE = 2.0  # times what noise leaves of the means
 
 
-def write_detections_page(found: Detections, sample: Sample, target: Target, lens: CameraRecord, table: Path) -> Path:
+def write_detections_page(
+    found: Detections, pictures: Sequence[SeenImage], target: Target, lens: CameraRecord, table: Path
+) -> Path:
     """Write `TABLE.html` beside the table of poses, all or nothing; its path. Raises InputError.
 
     Images that were simulated are called so, as the camera's provenance says.
@@ -44,9 +43,8 @@ def write_detections_page(found: Detections, sample: Sample, target: Target, len
         titled(f"What was found in the images of {name}", lens.provenance),
         [
             *_rejected(found, name),
-            *_some_images(sample),
+            *_some_images(pictures),
             *_numbers(found.rows),
-            *_means(sample, target, lens.camera),
             origin({"Numbers": f"In full they are in {name}.", "Time": time}),
         ],
         lead=(
@@ -82,9 +80,9 @@ def _rejected(found: Detections, name: str) -> Iterator[Section]:
         yield Section("Doubtful", [said], tables=[doubtful])
 
 
-def _some_images(sample: Sample) -> Iterator[Section]:
+def _some_images(seen_images: Sequence[SeenImage]) -> Iterator[Section]:
     pictures: list[tuple[Picture, Words]] = []
-    for seen in sample.pictures:
+    for seen in seen_images:
         row, caption, kind, word = seen.row, seen.row.file, "unexplained", "refused"
         if row.found:
             kind, word = ("undecided", "doubtful") if row.doubt else ("explained", "found")
@@ -94,8 +92,7 @@ def _some_images(sample: Sample) -> Iterator[Section]:
     caption = (
         "Blue rings: dots that the pose rests on; red: dots that should be seen and are not; violet: dots that fit no "
         "pose with the others; yellow crosses: found dots that are none of the target’s. Red and green lines: the "
-        "target’s x and y axis. Refused images first, then the most doubtful, then others, evenly spread. "
-        "--overlay DIR writes all of them, larger."
+        "target’s x and y axis. Refused images first, then the most doubtful, then others, evenly spread."
     )
     if pictures:
         yield Section("Some images", figures=[Drawing(caption=caption, pictures=pictures)])
@@ -124,33 +121,3 @@ def _numbers(rows: Sequence[Detection]) -> Iterator[Section]:
         worst = of_all.min() if of_all is dots else of_all.max()
         told.append((name, nearest(float(np.median(of_all)), decimals), nearest(float(worst), decimals)))
     yield Section("Poses", tables=[Table(("of all poses", "median", "worst"), told)])
-
-
-def _means(sample: Sample, target: Target, camera: Camera) -> Iterator[Section]:
-    """What is the same in every image shows in means of residuals by place."""
-    if not len(sample.residuals.at):
-        return
-    lens = "the lens is not quite as the camera file says, or its model does not fit: calibrate the camera again"
-    bent = (
-        "dots are not quite where the target file says, or the plate is not flat. A wrong lens shows here as well: "
-        "where both means are more than noise, calibrate first"
-    )
-    image, plate = over_image(sample.residuals, camera.width, camera.height), over_plate(sample.residuals, target.dots)
-    said: list[Words] = [
-        f"Found minus predicted centres of {sample.measured} images, evenly spread, the most doubtful among them. "
-        "Noise points nowhere, and its means shrink; what stays is the same in every image, and no mean of poses "
-        "lessens what it does to them."
-    ]
-    for places, means, unit, why in (
-        ("places in the image", image, "px", lens),
-        ("dots of the plate", plate, "mm", bent),
-    ):
-        if len(means.at):
-            said.append(
-                f"Means at {len(means.at)} {places}, of {nearest(float(np.median(means.counts)), 0)} residuals each "
-                f"(median): their RMS per axis is {about(means.rms, 2)} {unit}, noise alone would leave "
-                f"{about(means.noise_rms, 2)} {unit}."
-            )
-        if means.rms > _NOT_NOISE * means.noise_rms:
-            said.append(Mark(f"More than noise: {why}.", "notice"))
-    yield Section("Where residuals point", said)

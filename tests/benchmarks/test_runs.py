@@ -223,15 +223,9 @@ def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
-    path = tmp_path / "r.json"
-    good = ["-m", "tests.benchmarks.fakes:Good", "-p", "leg1-e1-n64-d1", "-o", str(path), "--repeat", "1"]
-    runner = CliRunner()
+def test_a_suite_is_run_and_written(tmp_path: Path) -> None:
+    path, runner = tmp_path / "r.json", CliRunner()
+    good = ["-m", "tests.benchmarks.fakes:Good", "-p", EASY, "-o", str(path), "--repeat", "1"]
     assert runner.invoke(app, ["run", "spine", "-t", "certify-1e-06", *good]).exit_code == 0
-    first = load(path).runs
-    assert len(first) == 1
-    asked = runner.invoke(app, ["run", "spine", "--resume", "-t", "certify-1e-06", "-t", MINIMISE, *good])
-    assert asked.exit_code == 0
-    assert load(path).runs[:1] == first
-    assert [run.task for run in load(path).runs] == ["certify-1e-06", MINIMISE]
+    assert [run.task for run in load(path).runs] == ["certify-1e-06"]
     assert runner.invoke(app, ["run", "nosuch"]).exit_code == 2

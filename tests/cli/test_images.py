@@ -86,7 +86,6 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     assert f"Page: {page}" in again.stdout
     text = page.read_text(encoding="utf-8")
     assert text.count("data:image/jpeg;base64,") == 12
-    assert text.count("mean of") > 133  # each dot of the plate, and places in the image
     assert "More than noise" not in text  # the camera is the one that the images were made with
     assert "No image was measured now" in text
     assert page.stat().st_size < 1_000_000

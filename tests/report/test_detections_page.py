@@ -1,15 +1,13 @@
 """The page of `cpcal image detect`."""
 
-import numpy as np
 from tinyhtml5.parser import HTMLParser
 
 from cpcal.report.detections_page import MOST_ROWS, write_detections_page
 from cpcal.robot.campaign import SIMULATION
 from cpcal.vision.batch.detect import NUMBERS, Detection, Detections
-from cpcal.vision.batch.study_images import Sample, SeenImage
+from cpcal.vision.batch.study_images import SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.measure import Residuals
 from cpcal.vision.target import DELTALAB_TARGET
 
 EVIL = "<script>alert(1)</script>.png"
@@ -21,22 +19,10 @@ def row(name, scale=1.0, doubt=""):
     return Detection(name, "", 130, tuple(values[number] for number in NUMBERS), doubt)
 
 
-def residuals(bend):
-    """Of 30 images, with a lens that is off by `bend` pixels at the edge."""
-    rng = np.random.default_rng(1)
-    at = rng.uniform(0.0, 1.0, (4000, 2)) * [1024.0, 768.0]
-    numbers = rng.integers(0, len(DELTALAB_TARGET.dots), len(at))
-    noise = SIGMA * rng.standard_normal(at.shape)
-    variance = np.full(at.shape, SIGMA**2)
-    return Residuals(at, noise + bend * (at - [512, 384]) / 512, variance, numbers, noise, variance)
-
-
-def page_of(tmp_path, rows, *, bend=0.0, seconds=0.0, pictures=(), generator="somebody"):
-    found, lens = Detections(tuple(rows), len(rows) if seconds else 0, seconds), {"generator": generator}
-    camera = CameraRecord(DELTALAB_CAMERA, provenance=lens)
-    file = write_detections_page(
-        found, Sample(pictures, residuals(bend), 30), DELTALAB_TARGET, camera, tmp_path / "poses.csv"
-    )
+def page_of(tmp_path, rows, *, seconds=0.0, pictures=(), generator="somebody"):
+    found = Detections(tuple(rows), len(rows) if seconds else 0, seconds)
+    camera = CameraRecord(DELTALAB_CAMERA, provenance={"generator": generator})
+    file = write_detections_page(found, pictures, DELTALAB_TARGET, camera, tmp_path / "poses.csv")
     assert file == tmp_path / "poses.csv.html"
     text = file.read_text(encoding="utf-8")
     parser = HTMLParser()
@@ -69,13 +55,6 @@ def test_simulated_images_are_called_so(tmp_path):
     text = page_of(tmp_path, [row("a.png")], generator=f"{SIMULATION} --study --render")
     assert "<title>Simulated: Images to poses" in text
     assert "<h1>Simulated: " in text
-
-
-def test_a_wrong_lens_is_warned_of_and_noise_is_not(tmp_path):
-    assert "More than noise" not in page_of(tmp_path, [row("a.png")])
-    text = page_of(tmp_path, [row("a.png")], bend=0.01)
-    assert text.count("More than noise") == 1
-    assert "calibrate the camera again" in text
 
 
 def test_it_stays_short_and_says_what_it_leaves_out(tmp_path):

@@ -69,29 +69,6 @@ def alone(folder):
     return detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1)
 
 
-def test_pictures_show_what_was_found_and_why_not(folder, alone, tmp_path):
-    """A second run draws nothing again, and the table does not depend on the pictures."""
-    some = tmp_path / "some"
-    some.mkdir()
-    names = [row.file for row in alone.rows if row.found][:2] + ["bad/noise.png", "bad/cut.png"]
-    for name in names:
-        (some / name.replace("/", "_")).write_bytes((folder / name).read_bytes())
-    table, drawn = tmp_path / "journal", tmp_path / "pictures"
-    first = detect(ImageFolder(some), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=table, overlays=drawn)
-    assert sorted(p.name for p in drawn.iterdir()) == sorted(
-        f"{row.file}.jpg" for row in first.rows if "truncated" not in row.reason
-    )
-    refused, shown = (
-        opencv().imread(str(drawn / f"{name}.jpg")) for name in ("bad_noise.png", names[0].replace("/", "_"))
-    )
-    assert shown.shape == (768, 1024, 3)
-    assert (np.ptp(shown.astype(int), axis=2) > 60).sum() > 1500  # coloured rings; the image is grey
-    assert refused[-20:].mean() < 0.5 * refused[:400].mean()  # the reason's dark ground
-    again = detect(ImageFolder(some), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=table, overlays=drawn)
-    assert again.rows == first.rows
-    assert again.measured == 1  # what cannot be read has no picture
-
-
 def test_poses_are_right_and_bad_images_have_their_reasons(alone, rendered):
     reasons = {row.file: row.reason for row in alone.rows if not row.found}
     assert reasons.keys() == BAD.keys()

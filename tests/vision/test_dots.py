@@ -11,7 +11,7 @@ from benchmarks.vision_scenes import DotErrors, errors, facing_poses, one, pose_
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import observe_dots
-from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, fitted_edges
+from cpcal.vision.dots.edge import LINEAR, PLAIN, fitted_edges
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene, render
@@ -140,7 +140,7 @@ def test_a_smudge_and_a_shadow_cost_little():
 
 
 @pytest.mark.parametrize("slope", [(0.02, 0.0), (-0.01, 0.015)])
-@pytest.mark.parametrize("used", [PLAIN, LINEAR, CUBIC])
+@pytest.mark.parametrize("used", [PLAIN, LINEAR])
 def test_steep_light_that_falls_before_the_blur_moves_no_centre(slope, used):
     fine, size, at, blur = 8, 41, np.array([20.3, 19.8]), 1.0
     y, x = (np.mgrid[: size * fine, : size * fine] + 0.5) / fine - 0.5

@@ -65,16 +65,6 @@ def test_missing_and_false_dots_are_named() -> None:
         assert np.isin(found.missing, gone).all()  # those out of the image are not called missing
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_it_is_never_wrong_on_a_small_target(kind: str) -> None:
-    for centers, labels in lists(SMALL, 4, seed=3, kind=kind):
-        try:
-            found = identify(centers, SMALL, DELTALAB_CAMERA)
-        except Unidentified:
-            continue
-        assert np.array_equal(labels[found.found], found.numbers)
-
-
 def test_the_lens_may_be_unknown() -> None:
     strong = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.array([-0.3, 0.12, 1e-3, -1e-3, 0.0]))
     rng = np.random.default_rng(4)
@@ -115,17 +105,13 @@ def test_a_target_that_turns_into_itself_needs_a_hint() -> None:
             assert np.array_equal(turned(found, centers, even, side, DELTALAB_CAMERA).numbers, labels[found.found])
 
 
-def test_too_few_dots_are_refused() -> None:
+def test_too_few_dots_and_too_many_are_refused() -> None:
     centers, _ = lists(DELTALAB_TARGET, 1, seed=7)[0]
     assert reason(np.zeros((0, 2))) == "0 dots are too few: at least 12 are needed"
     assert "11 dots are too few" in reason(centers[:11])
     assert "too few" in reason(np.full((50, 2), np.nan))
     assert reason(np.repeat(centers[:1], 40, axis=0)) == "most dots lie on one another"
-
-
-def test_too_many_dots_are_refused() -> None:
-    rng = np.random.default_rng(8)
-    assert reason(rng.uniform(0.0, 700.0, (5000, 2))) == "5000 dots are too many: the target has 133"
+    assert reason(np.repeat(centers, 3, axis=0)) == f"{3 * len(centers)} dots are too many: the target has 133"
 
 
 def test_dots_of_something_else_are_refused() -> None:
@@ -222,12 +208,6 @@ def test_a_guess_of_the_pose_changes_no_answer():
     assert used >= 2  # otherwise no guess was ever followed
 
 
-def test_a_mirror_image_is_refused_without_a_camera():
-    centers, _ = lists(DELTALAB_TARGET, 1, seed=23)[0]
-    with pytest.raises(Unidentified, match="mirror"):
-        identify(centers * [-1.0, 1.0] + [1023.0, 0.0], DELTALAB_TARGET, None, size=(1024, 768))
-
-
 def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
     """What is accepted differs from each turn of the target by 17 errors at least, among the dots in view."""
     rng = np.random.default_rng(24)
@@ -262,22 +242,3 @@ def test_no_list_is_taken_for_another(count):
         "both on the rows": 0.6,
     }
     assert all(figures[kind]["right"] >= share * count // 6 for kind, share in least.items())
-
-
-def test_half_of_the_rows_hidden_is_enough_when_the_grid_is_seen():
-    rng = np.random.default_rng(5)
-    poses = facing_poses(rng, 12)
-    right = 0
-    for k in range(12):
-        centers, labels = found_dots(
-            rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, missing=6, on_rows=True
-        )
-        try:
-            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
-        except Unidentified:
-            continue
-        assert np.array_equal(labels[found.found], found.numbers)
-        assert len(found.missing) == 6
-        assert found.margin >= 4
-        right += 1
-    assert right >= 9

@@ -89,17 +89,3 @@ def test_a_name_that_is_no_utf8_can_be_written_and_leads_to_its_file(tmp_path):
         b"a\\xe9.png",
         "é.png".encode(),
     ]
-
-
-def test_what_decoders_print_names_the_file(tmp_path, capfd):
-    good = written(tmp_path / "good.png", GREY).read_bytes()
-    (tmp_path / "profile.png").write_bytes(good[:33] + chunk(b"iCCP", b"x\0\0" + zlib.compress(b"abc")) + good[33:])
-    assert np.array_equal(read_image(tmp_path / "profile.png"), GREY)
-    place = good.index(b"IDAT") + 10
-    (tmp_path / "damaged.png").write_bytes(good[:place] + b"\xff\xff" + good[place + 2 :])
-    with pytest.raises(UnreadableImageError, match="cannot be decoded"):
-        read_image(tmp_path / "damaged.png")
-    said = capfd.readouterr().err.splitlines()
-    assert f"cpcal: {tmp_path / 'profile.png'}: libpng warning: iCCP: too short" in said
-    assert any(line.startswith(f"cpcal: {tmp_path / 'damaged.png'}: libpng error: ") for line in said)
-    assert not any(line.startswith("libpng") for line in said)

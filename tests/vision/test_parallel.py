@@ -68,16 +68,6 @@ def test_a_worker_that_ends_does_not_set_the_others_free(free):
     assert limits() == free
 
 
-def test_a_thread_that_enters_later_and_leaves_earlier_changes_nothing(free):
-    from cpcal.vision.batch.detect import one_thread
-
-    with one_thread():
-        with one_thread():
-            pass
-        assert set(limits()) == {1}
-    assert limits() == free
-
-
 def test_limits_come_back_after_an_error_and_after_an_abandoned_run(free):
     def fails(names):
         raise RuntimeError("on purpose")

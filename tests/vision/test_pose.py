@@ -88,11 +88,6 @@ def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigm
     assert np.mean(np.array(p_values) < 1e-3) < 0.05  # the residuals are as stated: no doubt
 
 
-def test_without_a_cameras_covariance_its_part_is_nothing() -> None:
-    found = estimated(predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(9.0, 5.0, 600.0, 40.0)), 0.01)
-    assert not found.shared_part.any()
-
-
 def test_the_stated_covariance_holds() -> None:
     """Dots of unequal, correlated errors: the normalised errors have unit variance, the p-values are uniform."""
     rng = np.random.default_rng(1)
@@ -161,36 +156,23 @@ def test_a_misfit_that_neighbours_share_is_not_averaged_out() -> None:
     assert 20.0 * alone < common < 50.0 * alone  # 43 times: 260 residuals, six directions of the pose
 
 
-def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
-    """A small, distant target: its depths turned over look nearly the same. Nearer and sharper, only one fits."""
-    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2)
-    rng = np.random.default_rng(5)
-    far = tilted(30.0, 20.0, 4000.0, 25.0)
-    for _ in range(10):
-        with pytest.raises(NoPose, match="ambiguous: two poses fit about equally well"):
-            of_small(small, far, 0.1, rng)
-    near = tilted(30.0, 20.0, 2000.0, 25.0)
-    for _ in range(10):
-        found = of_small(small, near, 0.02, rng)
-        assert np.linalg.norm(pose_error(near, found)[3:]) < np.radians(1.0)
-        assert found.rival > 30.0
-
-
 def test_a_small_distant_target_gives_the_right_pose_or_none() -> None:
-    """Between the two regimes: here a start from the homography alone is often the wrong one of the two."""
+    """Its depths turned over look nearly the same: two poses that fit about equally well are refused."""
     small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2)
     rng = np.random.default_rng(6)
     poses = facing_poses(rng, 60, depth=(2000.0, 2000.0))
-    right = 0
+    right, reasons = 0, list[str]()
     for k in range(60):
         try:
             found = of_small(small, one(poses, k), 0.07, rng)
-        except NoPose:
+        except NoPose as reason:
+            reasons.append(str(reason))
             continue
         error = pose_error(one(poses, k), found)
         assert error @ np.linalg.solve(found.covariance, error) < 35.0  # five in a million of six degrees of freedom
         right += 1
     assert 20 < right < 60
+    assert all("two poses fit about equally well" in reason for reason in reasons)
 
 
 def of_small(small: Target, pose: Pose, sigma: float, rng: np.random.Generator) -> PoseEstimate:

@@ -88,14 +88,6 @@ def test_the_same_target_gives_the_same_bytes():
     assert b"Date" not in page_bytes(SMALL, "pdf")
 
 
-def test_settings_of_matplotlib_do_not_show():
-    import matplotlib
-
-    before = page_bytes(SMALL, "pdf")
-    with matplotlib.rc_context({"figure.facecolor": "red", "pdf.fonttype": 3, "lines.linewidth": 9.0}):
-        assert page_bytes(SMALL, "pdf") == before
-
-
 @pytest.mark.parametrize(
     ("extent", "paper", "size"),
     [

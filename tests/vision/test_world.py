@@ -66,7 +66,7 @@ def test_two_renderers_and_two_models_of_a_dots_centre_agree():
     assert np.sqrt(np.mean((found.centers - centers[found.numbers]) ** 2)) < 0.0015  # rounding to grey levels is half
 
 
-@some("clutter: texture and discs", "clutter: texture", "clutter: photograph")
+@some("clutter: texture and discs", "clutter: texture")
 def test_a_plate_is_found_among_many_more_specks_than_dots(name):
     figures = measured(CONDITIONS[name], 3, 6, TRUE).row()
     assert figures["found"] == 3
@@ -74,7 +74,7 @@ def test_a_plate_is_found_among_many_more_specks_than_dots(name):
     assert figures["NEES/6"] < 2.2
 
 
-@some("clutter: a dimmer grid beside", "clutter: 150 discs", "clutter: checkerboard", "clutter: text")
+@some("clutter: a dimmer grid beside", "clutter: 150 discs")
 def test_the_light_of_a_background_does_not_move_the_target(name):
     figures = measured(CONDITIONS[name], 3, 5, TRUE).row()
     assert figures["found"] == 3

@@ -38,7 +38,6 @@ from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, targ
 from cpcal.vision.identify import SIDES
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
-from cpcal.vision.render import overlay, refusal
 from cpcal.vision.target import Target
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -202,7 +201,6 @@ def _row(line: str) -> tuple[str, Detection] | None:
 
 Progress = Callable[[int, int], None]
 _UNEXPECTED = "failed unexpectedly"
-_WIDEST = 1024  # pixels of a picture
 
 
 class ImageSource(Protocol):
@@ -263,7 +261,6 @@ def detect(
     executor: Executor | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    overlays: Path | None = None,
     first_row: str | Pose = "",
 ) -> Detections:
     """The pose of the target in each image, or the reason why there is none: no image stops the others.
@@ -274,8 +271,6 @@ def detect(
     executor  any `concurrent.futures.Executor` to use instead; it is not shut down
     scheduler address of a Dask scheduler to use instead, whose workers can read the images
     progress  called with the numbers of images done and of all
-    overlays  folder for a picture NAME.jpg of each image, with what was found in it and what was not; an image without
-              its picture is measured again
     first_row how a target is turned that looks the same when it is (`measure_pose`)
 
     Ctrl-C leaves by a KeyboardInterrupt, with what is done in the journal. Raises MissingExtraError, LostWorkerError,
@@ -284,9 +279,8 @@ def detect(
     opencv()
     names = list(source.names)
     with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance), first_row)) as kept:
-        work = _Work(source, target, camera, camera_covariance, overlays, first_row)
-        known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
-        done = {name: row for name, row in known.items() if work.pictured(name)}
+        work = _Work(source, target, camera, camera_covariance, first_row)
+        done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         todo = [name for name in names if name not in done]
         seconds = 0.0
         if progress is not None:
@@ -310,12 +304,7 @@ class _Work:
     target: Target
     camera: Camera
     camera_covariance: Floats | None
-    overlays: Path | None
     first_row: str | Pose
-
-    def pictured(self, name: str) -> bool:
-        """Whether there is nothing left to draw."""
-        return self.overlays is None or self._picture(self.overlays, name).exists()
 
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], float]:
         """The rows, and the seconds of processor time that they took."""
@@ -323,9 +312,11 @@ class _Work:
         rows = []
         for name in names:
             try:
-                image = self.source.read(name)
-                row, near = self._measured(name, image, near)
-            except UnreadableImageError as error:
+                hints: dict[str, Any] = {"near": near, "first_row": self.first_row}
+                given = self.source.read(name), self.target, self.camera, self.camera_covariance
+                found = measure_pose(*given, **hints)
+                row, near = detection(name, found), found.pose
+            except (UnreadableImageError, NotMeasured) as error:
                 row = Detection(name, str(error))
             except InputError as error:
                 row = Detection(name, "; ".join(problem.what for problem in error.problems))
@@ -335,28 +326,6 @@ class _Work:
                 row = Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
             rows.append(row)
         return rows, time.process_time() - start
-
-    def _measured(
-        self, name: str, image: np.ndarray[Any, np.dtype[Any]], near: Pose | None
-    ) -> tuple[Detection, Pose | None]:
-        """The row of an image, and the pose to look for first in the next."""
-        width = min(image.shape[1], _WIDEST)
-        try:
-            hints: dict[str, Any] = {"near": near, "first_row": self.first_row}
-            found = measure_pose(image, self.target, self.camera, self.camera_covariance, **hints)
-        except NotMeasured as reason:
-            if self.overlays is not None:
-                write_file(self._picture(self.overlays, name), refusal(image, str(reason), self.target.bright, width))
-            return Detection(name, str(reason)), near
-        if self.overlays is not None:
-            write_file(self._picture(self.overlays, name), overlay(image, found, self.target, self.camera, width))
-        return detection(name, found), found.pose
-
-    @staticmethod
-    def _picture(folder: Path, name: str) -> Path:
-        file = folder / f"{name}.jpg"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        return file
 
 
 def detection(name: str, found: MeasuredImage) -> Detection:

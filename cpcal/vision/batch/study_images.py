@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
-from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product, transformed
+from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import (
     POSITION,
     QUATERNION,
@@ -27,7 +27,7 @@ from cpcal.vision.batch.detect import (
 )
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.image_file import UnreadableImageError
-from cpcal.vision.measure import MeasuredImage, Residuals, measure_pose
+from cpcal.vision.measure import measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, overlay, refusal, render
 from cpcal.vision.target import Target
@@ -159,18 +159,13 @@ def _parts(name: str) -> tuple[str, str, str]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Some images of a batch, looked at once more: pictures of what was found, and where the residuals point.
-#
-# A table of poses keeps no residuals. What they show (a lens or a plate that is not as stated) is the same in all
-# images, so that a few images tell; they are measured again, and cost at most about a second.
+# Some images of a batch, looked at once more: pictures of what was found.
 
-MOST_MEASURED = 40  # images whose residuals are taken
 MOST_PICTURES = 12
 MOST_BYTES = 600_000  # of all pictures
 _OF_A_KIND = 4  # refused images, and doubtful ones
 _TRIED = 2  # images of each reason, where the first cannot be read
 _WIDTH = 420  # pixels of a picture
-_STEP = 1e-3  # mm on the plate, for derivatives
 
 
 @dataclass(frozen=True)
@@ -182,18 +177,6 @@ class SeenImage:
     size: tuple[int, int]
 
 
-@dataclass(frozen=True)
-class Sample:
-    """Refused images first, one of each frequent reason, then the most doubtful poses, then others, evenly spread.
-
-    `residuals` are those of `measured` images.
-    """
-
-    pictures: tuple[SeenImage, ...]
-    residuals: Residuals
-    measured: int
-
-
 def look_again(
     rows: Sequence[Detection],
     source: ImageSource,
@@ -201,15 +184,13 @@ def look_again(
     camera: Camera,
     camera_covariance: Floats | None = None,
     first_row: str | Pose = "",
-) -> Sample:
-    """A sample of what `detect` found with the same arguments. An image that cannot be read any more is left out."""
+) -> tuple[SeenImage, ...]:
+    """A sample of what `detect` found with the same arguments: refused images first, one of each frequent reason, then
+    the most doubtful poses, then others, evenly spread. An image that cannot be read any more is left out."""
     pictures: list[SeenImage] = []
-    residuals: list[Residuals] = []
-    room = MOST_BYTES
 
-    def seen(row: Detection, draw: bool) -> bool:
-        """Whether a picture was drawn. The image was there before; a page without it is better than none."""
-        nonlocal room
+    def drawn(row: Detection) -> bool:
+        """Whether it was. The image was there before; a page without it is better than none."""
         try:
             image = source.read(row.file)
             found = measure_pose(image, target, camera, camera_covariance, first_row=first_row) if row.found else None
@@ -217,52 +198,20 @@ def look_again(
             return False
         height, width = image.shape[:2]
         size = min(_WIDTH, width), round(min(_WIDTH, width) * height / width)
-        if found is not None:
-            residuals.append(residuals_of(found, target, camera))
-        if not draw or len(pictures) == MOST_PICTURES:
+        if found is None:
+            jpeg = refusal(image, row.reason, target.bright, size[0])
+        else:
+            jpeg = overlay(image, found, target, camera, size[0])
+        if sum(len(seen.jpeg) for seen in pictures) + len(jpeg) > MOST_BYTES:
             return False
-        jpeg = (
-            refusal(image, row.reason, target.bright, size[0])
-            if found is None
-            else overlay(image, found, target, camera, size[0])
-        )
-        if len(jpeg) > room:
-            return False
-        room -= len(jpeg)
         pictures.append(SeenImage(row, jpeg, size))
         return True
 
     for files in list(by_reason(rows).values())[:_OF_A_KIND]:
-        any(seen(row, True) for row in rows if row.file in files[:_TRIED])
+        any(drawn(row) for row in rows if row.file in files[:_TRIED])
     worst = sorted((row for row in rows if row.doubt), key=lambda row: -row.values[SCALE])[:_OF_A_KIND]
-    others = _spread([row for row in rows if row.found and row not in worst], MOST_MEASURED - len(worst))
-    shown = [*worst, *_spread(others, MOST_PICTURES - len(pictures) - len(worst))]
-    for row in [*worst, *others]:
-        seen(row, row in shown)
-    return Sample(tuple(pictures), Residuals.joined(residuals), len(residuals))
-
-
-def residuals_of(found: MeasuredImage, target: Target, camera: Camera) -> Residuals:
-    """Of the dots that the pose rests on: in the image, and as places on the plate."""
-    used = ~found.estimate.outliers
-    pixels = found.estimate.residuals[used]
-    mine = found.identification.found[used]
-    points = target.points[found.numbers]
-    there = camera.project(transformed(found.pose, points))
-    steps = [camera.project(transformed(found.pose, points + _STEP * axis)) - there for axis in np.eye(3)[:2]]
-    onto_plate = np.linalg.inv(np.stack(steps, axis=-1) / _STEP)
-    spread = found.dots.covariance[mine]
-    return Residuals(
-        found.centers,
-        pixels,
-        np.diagonal(spread, axis1=1, axis2=2),
-        found.numbers,
-        (onto_plate @ pixels[..., None])[..., 0],
-        np.diagonal(onto_plate @ spread @ onto_plate.transpose(0, 2, 1), axis1=1, axis2=2),
-    )
-
-
-def _spread(rows: Sequence[Detection], most: int) -> list[Detection]:
-    """At most so many of them, evenly spread."""
-    count = min(max(most, 0), len(rows))
-    return [rows[k] for k in np.linspace(0, len(rows) - 1, count).astype(int)]
+    others = [row for row in rows if row.found and row not in worst]
+    count = min(max(MOST_PICTURES - len(pictures) - len(worst), 0), len(others))
+    for row in [*worst, *(others[k] for k in np.linspace(0, len(others) - 1, count).astype(int))]:
+        drawn(row)
+    return tuple(pictures)

@@ -2,7 +2,7 @@
 
 The model of a pixel at signed distance d inside the ellipse is light (back + contrast Phi(d / blur)): the edge spread
 of a Gaussian blur (the pixel's own square is part of it), which may be wider in one direction (motion), under light
-that grows linearly, or by a cubic. The ellipse is where the grey is half-way between back and dot; the
+that grows linearly. The ellipse is where the grey is half-way between back and dot; the
 centre is freed of what a blur makes of steep light (`edge_fit._moves`). Gauss-Newton steps
 on all pixels use every bit of information on the edge that the image holds, so errors are close to the Cramer-Rao
 bound, and the inverse normal matrix is their covariance. What the model leaves out and is symmetric about the centre
@@ -24,7 +24,7 @@ from cpcal.vision.dots.segmentation import Grey
 from cpcal.vision.pose import factored, solved, substituted
 from cpcal.vision.projection import eigenvalues
 
-__all__ = ["CUBIC", "LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
+__all__ = ["LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
 
 # ------------------------------------------------------------------------------------------------------------------
 # The grey levels that a blurred ellipse under light makes of pixels, and the normal equations of its parameters.
@@ -33,7 +33,7 @@ __all__ = ["CUBIC", "LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
 #
 # 0, 1 centre; 2, 3, 4 the conic's xx, xy, yy; 5 grey level around; 6 contrast; 7 logarithm of the blur; 8, 9 how the
 # blur's square differs by the edge's direction a: by the share p8 cos 2a + p9 sin 2a (motion); 10, 11 the light's
-# growth to the right and down; 12 to 15 the light's growth by x^3, x^2 y, x y^2, y^3.
+# growth to the right and down.
 #
 # A derivative is an array over the dot's pixels, in single precision. Each loop runs over pixels without a branch and
 # without calls of the mathematics library and writes one or two arrays: of such loops the compiler can prove that
@@ -41,9 +41,8 @@ __all__ = ["CUBIC", "LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
 
 Single = npt.NDArray[np.float32]
 
-PARAMETERS = 16
+PARAMETERS = LINEAR = 12  # under light of the dot's own
 PLAIN = 10  # of them, under a light that is known
-LINEAR, CUBIC = 12, 16  # under light of the dot's own
 SCRATCH = 5  # arrays beside the derivatives and the residuals
 _DIM = np.float32(0.05)  # light, at least, relative to that at the centre; and width
 _TINY, _FLAT = np.float32(1e-12), np.float32(1e-8)  # of squares next to the centre
@@ -55,79 +54,26 @@ _A0, _A1, _A2, _A3 = np.float32(0.33267), np.float32(0.4361836), np.float32(-0.1
 
 
 @compiled
-def normal_equations(p: Floats, x: Single, y: Single, level: Single, count: int, used: int, rows: Single) -> Single:
+def normal_equations(p: Floats, x: Single, y: Single, level: Single, used: int, rows: Single) -> Single:
     """The products (used + 1, used + 1) of the first `used` derivatives (PLAIN or PARAMETERS), and in the last row and
-    column those of the residuals, over the first `count` pixels; `rows` is room for 1 + PARAMETERS + SCRATCH
-    arrays of them."""
-    s = p.astype(np.float32)
+    column those of the residuals, over the pixels; `rows` is room for 1 + PARAMETERS + SCRATCH arrays of
+    them."""
+    s, sharp, count = p.astype(np.float32), np.float32(np.exp(-p[7])), len(x)
+    px, py, a, b, c, back, contrast, p8, p9 = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[8], s[9]
+    gx, gy, factor = s[10], s[11], sharp * contrast
     r = rows[: (1 + PARAMETERS + SCRATCH) * count].reshape(1 + PARAMETERS + SCRATCH, count)
-    slope, depth, double, twice, wide = r[used + 1], r[used + 2], r[used + 3], r[used + 4], r[used + 5]
-    sharp = np.float32(np.exp(-p[7]))
+    depth, slope, double, twice, wide = r[used + 1], r[used + 2], r[used + 3], r[used + 4], r[used + 5]
+    light, share, bell, residual = r[5], r[6], r[7], r[used]
     depths(s, x, y, count, depth, slope)
-    _directions(s, x, y, slope, count, double, twice)
-    _widths(s[8], s[9], double, twice, count, wide)
-    light, share, bell = r[5], r[6], r[7]
-    _lights(s, x, y, count, light)
-    _shares(sharp, depth, wide, count, bell, share)
-    _residuals(s[5], s[6], level, light, share, count, r[used])
-    if used > PLAIN:
-        _by_growth(s, x, y, share, count, r[10], r[11])
-        _by_cubes(s, x, y, r[10], count, r[12], r[14])
-        _by_cubes(s, x, y, r[11], count, r[13], r[15])
-    _by_levels(sharp * s[6], wide, light, count, bell, share)
-    _by_center(s, x, y, bell, slope, count, r[0], r[1])
-    _by_form(s, x, y, bell, slope, count, r[2], r[3])
-    _by_last_form(s[1], y, bell, slope, count, r[4])
-    _by_blur(depth, count, bell)
-    _by_width(bell, wide, double, count, r[8])
-    _by_width(bell, wide, twice, count, r[9])
-    products: Single = np.dot(r[: used + 1], r[: used + 1].T)
-    return products
-
-
-@compiled
-def depths(s: Single, x: Single, y: Single, count: int, depth: Single, slope: Single) -> None:
-    """The signed distances of pixels inside the ellipse, to first order (exact for circles), and one over the quadratic
-    form's half gradient."""
-    px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
-    for k in range(count):
-        dx, dy = x[k] - px, y[k] - py
-        to_x, to_y = a * dx + b * dy, b * dx + c * dy
-        root = np.sqrt(max(to_x * dx + to_y * dy, _TINY))
-        slope[k] = _ONE / np.sqrt(max(to_x * to_x + to_y * to_y, _FLAT))
-        depth[k] = (_ONE - root) * root * slope[k]
-
-
-@compiled
-def _directions(s: Single, x: Single, y: Single, slope: Single, count: int, double: Single, twice: Single) -> None:
-    """cos 2a and sin 2a of the gradient's direction a."""
-    px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
-    for k in range(count):
+    for k in range(count):  # cos 2a and sin 2a of the gradient's direction a
         dx, dy = x[k] - px, y[k] - py
         to_x, to_y = (a * dx + b * dy) * slope[k], (b * dx + c * dy) * slope[k]
         double[k], twice[k] = to_x * to_x - to_y * to_y, _TWO * to_x * to_y
-
-
-@compiled
-def _widths(p8: np.float32, p9: np.float32, double: Single, twice: Single, count: int, wide: Single) -> None:
-    """One over the square of the blur across the edge relative to its mean."""
-    for k in range(count):
+    for k in range(count):  # one over the square of the blur across the edge relative to its mean
         wide[k] = _ONE / max(_ONE + p8 * double[k] + p9 * twice[k], _DIM)
-
-
-@compiled
-def _lights(s: Single, x: Single, y: Single, count: int, light: Single) -> None:
-    px, py, gx, gy, c0, c1, c2, c3 = s[0], s[1], s[10], s[11], s[12], s[13], s[14], s[15]
     for k in range(count):
-        dx, dy = x[k] - px, y[k] - py
-        to_right, down = gx + dx * (c0 * dx + c1 * dy), gy + dy * (c2 * dx + c3 * dy)
-        light[k] = max(_ONE + to_right * dx + down * dy, _DIM)
-
-
-@compiled
-def _shares(sharp: np.float32, depth: Single, wide: Single, count: int, bell: Single, share: Single) -> None:
-    """The normal distribution's density and function (to 1e-5: Abramowitz and Stegun 26.2.16)."""
-    for k in range(count):
+        light[k] = max(_ONE + gx * (x[k] - px) + gy * (y[k] - py), _DIM)
+    for k in range(count):  # the normal distribution's density and function (to 1e-5: Abramowitz and Stegun 26.2.16)
         z = depth[k] * sharp * np.sqrt(wide[k])
         t = min(_HALF * z * z, _FAR) * _PART  # exp(-z^2 / 2) as the 64th power of a short series
         power = _ONE - t * (_ONE - t * (_HALF - t * (_C3 - t * (_C4 - t * _C5))))
@@ -141,76 +87,31 @@ def _shares(sharp: np.float32, depth: Single, wide: Single, count: int, bell: Si
         tail = ((_A3 * w + _A2) * w + _A1) * w * power
         bell[k] = power
         share[k] = _ONE - tail if z > _ZERO else tail
-
-
-@compiled
-def _residuals(
-    back: np.float32, contrast: np.float32, level: Single, light: Single, share: Single, count: int, out: Single
-) -> None:
     for k in range(count):
-        out[k] = level[k] - light[k] * (back + contrast * share[k])
-
-
-@compiled
-def _by_levels(factor: np.float32, wide: Single, light: Single, count: int, bell: Single, share: Single) -> None:
-    """The density becomes the levels' derivative by the depth, and the share that by the contrast."""
-    for k in range(count):
+        residual[k] = level[k] - light[k] * (back + contrast * share[k])
+    if used > PLAIN:
+        to_right, down = r[10], r[11]
+        for k in range(count):
+            even = back + contrast * share[k]
+            to_right[k], down[k] = even * (x[k] - px), even * (y[k] - py)
+    for k in range(count):  # the density becomes the levels' derivative by the depth, and the share that by contrast
         bell[k], share[k] = factor * bell[k] * light[k] * np.sqrt(wide[k]), share[k] * light[k]
-
-
-@compiled
-def _by_center(
-    s: Single, x: Single, y: Single, steep: Single, slope: Single, count: int, right: Single, down: Single
-) -> None:
-    px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
+    by_x, by_y, by_xx, by_xy, by_yy, by_even, by_odd = r[0], r[1], r[2], r[3], r[4], r[8], r[9]
     for k in range(count):
-        dx, dy, by_form = x[k] - px, y[k] - py, steep[k] * slope[k]
-        right[k], down[k] = by_form * (a * dx + b * dy), by_form * (b * dx + c * dy)
-
-
-@compiled
-def _by_form(s: Single, x: Single, y: Single, steep: Single, slope: Single, count: int, xx: Single, xy: Single) -> None:
-    px, py = s[0], s[1]
+        dx, dy, by_form = x[k] - px, y[k] - py, bell[k] * slope[k]
+        by_x[k], by_y[k] = by_form * (a * dx + b * dy), by_form * (b * dx + c * dy)
     for k in range(count):
-        dx, dy, by_form = x[k] - px, y[k] - py, steep[k] * slope[k]
-        xx[k], xy[k] = -_HALF * by_form * dx * dx, -by_form * dx * dy
-
-
-@compiled
-def _by_last_form(py: np.float32, y: Single, steep: Single, slope: Single, count: int, yy: Single) -> None:
+        dx, dy, by_form = x[k] - px, y[k] - py, bell[k] * slope[k]
+        by_xx[k], by_xy[k] = -_HALF * by_form * dx * dx, -by_form * dx * dy
     for k in range(count):
         dy = y[k] - py
-        yy[k] = -_HALF * steep[k] * slope[k] * dy * dy
-
-
-@compiled
-def _by_growth(s: Single, x: Single, y: Single, share: Single, count: int, right: Single, down: Single) -> None:
-    px, py, back, contrast = s[0], s[1], s[5], s[6]
+        by_yy[k] = -_HALF * bell[k] * slope[k] * dy * dy
+    for k in range(count):  # the steepness becomes the derivative by the logarithm of the blur
+        bell[k] = -bell[k] * depth[k]
     for k in range(count):
-        even = back + contrast * share[k]
-        right[k], down[k] = even * (x[k] - px), even * (y[k] - py)
-
-
-@compiled
-def _by_cubes(s: Single, x: Single, y: Single, growth: Single, count: int, first: Single, second: Single) -> None:
-    """A growth times dx^2 and dy^2: of x these are x^3 and x y^2, of y x^2 y and y^3."""
-    px, py = s[0], s[1]
-    for k in range(count):
-        dx, dy = x[k] - px, y[k] - py
-        first[k], second[k] = growth[k] * dx * dx, growth[k] * dy * dy
-
-
-@compiled
-def _by_blur(depth: Single, count: int, steep: Single) -> None:
-    """The steepness becomes the derivative by the logarithm of the blur."""
-    for k in range(count):
-        steep[k] = -steep[k] * depth[k]
-
-
-@compiled
-def _by_width(by_blur: Single, wide: Single, direction: Single, count: int, out: Single) -> None:
-    for k in range(count):
-        out[k] = _HALF * by_blur[k] * wide[k] * direction[k]
+        by_even[k], by_odd[k] = _HALF * bell[k] * wide[k] * double[k], _HALF * bell[k] * wide[k] * twice[k]
+    products: Single = np.dot(r[: used + 1], r[: used + 1].T)
+    return products
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -219,6 +120,19 @@ def _by_width(by_blur: Single, wide: Single, direction: Single, count: int, out:
 OUTSIDE = 3.0  # pixels beyond the edge that take part
 INSIDE = 3.5  # pixels inside the edge that take part, at least
 _FEW = 150  # pixels, of which the rough steps take them all
+
+
+@compiled
+def depths(s: Single, x: Single, y: Single, count: int, depth: Single, slope: Single) -> None:
+    """The signed distances of pixels inside the ellipse, to first order (exact for circles), and one over the quadratic
+    form's half gradient."""
+    px, py, a, b, c = s[0], s[1], s[2], s[3], s[4]
+    for k in range(count):
+        dx, dy = x[k] - px, y[k] - py
+        to_x, to_y = a * dx + b * dy, b * dx + c * dy
+        root = np.sqrt(max(to_x * dx + to_y * dy, _TINY))
+        slope[k] = _ONE / np.sqrt(max(to_x * to_x + to_y * to_y, _FLAT))
+        depth[k] = (_ONE - root) * root * slope[k]
 
 
 @compiled
@@ -284,7 +198,7 @@ def gathered(
 # ------------------------------------------------------------------------------------------------------------------
 # Blurred ellipses fitted to dots' pixels, dot by dot, as compiled loops: Gauss-Newton steps, first on some pixels.
 
-ODD = CUBIC - PLAIN  # parameters of the light
+ODD = LINEAR - PLAIN  # parameters of the light
 RESULTS = 14  # numbers of a fit, see `fit_dots`
 _ROUGH_STEPS = 4
 _FINE_STEPS = 6
@@ -305,9 +219,9 @@ def fit_dots(
     edge are the dot's own; `light` (n, 2) is its growth per pixel, where the fit begins (or stays: `used` is PLAIN).
 
     out (n, RESULTS): centre, conic xx xy yy, back, contrast, blur, covariance xx xy yy of the centre, noise, variance
-    of the grey levels, pixels; left as it is (nan) where a fit fails. odd (n, ODD, ODD + 3): of the light's further
-    parameters, had they been fitted as well, the inverse covariance, times that their values, and how far (pixels, x
-    and y) each of them moves the centre.
+    of the grey levels, pixels; left as it is (nan) where a fit fails. odd (n, ODD, ODD + 3): of the light's growth,
+    had it been fitted as well, the inverse covariance, times that the values, and how far (pixels, x and y)
+    each moves the centre.
     """
     longest = 0
     for i in range(len(center)):
@@ -381,19 +295,19 @@ def _run(
     """Gauss-Newton steps: rough ones on some pixels, fine ones on all."""
     step, moved = np.zeros(PARAMETERS), np.inf
     for _ in range(_ROUGH_STEPS):
-        matrix = normal_equations(p, x, y, level, rough, PLAIN if used == PLAIN else PARAMETERS, rows)
+        matrix = normal_equations(p, x[:rough], y[:rough], level[:rough], PLAIN if used == PLAIN else PARAMETERS, rows)
         moved = _stepped(p, unit, used, rough, matrix, step)
         if not moved > _ROUGH:
             break
     for _ in range(_FINE_STEPS):
         if np.isnan(moved):
             return
-        matrix = normal_equations(p, x, y, level, count, PARAMETERS, rows)
+        matrix = normal_equations(p, x[:count], y[:count], level[:count], PARAMETERS, rows)
         moved = _stepped(p, unit, used, count, matrix, step)
-        if moved <= _FINE and _growth(p) < _STEEPEST:
+        if moved <= _FINE and np.hypot(p[10], p[11]) < _STEEPEST:
             _result(p, unit, used, count, matrix, step, out)
-            if used < CUBIC:
-                _further(matrix, _moves(p), unit, used, out[11] ** 2, odd)
+            if used == PLAIN:
+                _further(matrix, _moves(p), unit, out[11] ** 2, odd)
             return
 
 
@@ -432,17 +346,6 @@ def _solved(matrix: Single, size: int, right: Floats, out: Floats) -> bool:
 
 
 @compiled
-def _growth(p: Floats) -> float:
-    """How much the light grows, relative to that at the centre, from there to the edge of a round dot, at most."""
-    most = 0.0
-    for k in range(8):
-        x, y = np.cos(np.pi / 8 * k), np.sin(np.pi / 8 * k)
-        cubic = ((p[12] * x + p[13] * y) * x + p[14] * y * y) * x + p[15] * y**3
-        most = max(most, abs(p[10] * x + p[11] * y + cubic))
-    return most
-
-
-@compiled
 def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step: Floats, out: Floats) -> None:
     squares = matrix[-1, -1]
     for i in range(used):  # after the step, to first order
@@ -470,54 +373,36 @@ def _moves(p: Floats) -> Floats:
 
     Light falls on the plate before the optics blur it: a blur of the covariance B makes of a step S under light l not
     l S but l S + (B grad l) . grad S, a step moved by -B grad l / l. The fit's ellipse is so moved; this takes it back.
-    Of the gradient of a cubic the first harmonic on the dot's edge counts.
     """
     square = np.exp(p[7]) ** 2
     xx, xy, yy = square * (1.0 + p[8]), square * p[9], square * (1.0 - p[8])
     out = np.zeros((2, PARAMETERS))
     out[0, 0], out[1, 1] = 1.0, 1.0
-    for i in range(2):
-        along_x, along_y = (xx, xy) if i == 0 else (xy, yy)
-        out[i, 10], out[i, 11] = along_x, along_y
-        out[i, 12], out[i, 13], out[i, 14], out[i, 15] = (
-            2.25 * along_x,
-            0.75 * along_y,
-            0.75 * along_x,
-            2.25 * along_y,
-        )
+    out[0, 10], out[0, 11], out[1, 10], out[1, 11] = xx, xy, xy, yy
     return out
 
 
 @compiled
-def _further(matrix: Single, moves: Floats, unit: float, used: int, variance: float, odd: Floats) -> None:
-    """What the light's parameters from `used` on would be: information and right side after the odd ones before them
-    (centre, and light as far as it was fitted) were eliminated, and how they would move the centre."""
-    size, before = 2 + ODD, 2 + used - PLAIN
-    block = np.empty((size, size + 1))
-    for i in range(size):
+def _further(matrix: Single, moves: Floats, unit: float, variance: float, odd: Floats) -> None:
+    """What the light's growth would be: information and right side after the centre was eliminated, and how it would
+    move the centre."""
+    block = np.empty((2 + ODD, 3 + ODD))
+    for i in range(4):
         at = i if i < 2 else i - 2 + PLAIN
-        for j in range(size):
+        for j in range(4):
             block[i, j] = matrix[at, j if j < 2 else j - 2 + PLAIN]
-        block[i, size] = matrix[-1, at]
-    for k in range(before):
-        pivot = block[k, k]
-        for j in range(k, size + 1):
-            block[k, j] /= pivot
-        for i in range(size):
-            share = block[i, k]
-            if i != k and (i > k or i < before):
-                for j in range(k, size + 1):
-                    block[i, j] -= share * block[k, j]
+        block[i, 4] = matrix[-1, at]
+    for k in range(2):
+        block[k, k:] /= block[k, k]
+        for i in range(4):
+            if i != k:
+                block[i, k:] -= block[i, k] * block[k, k:]
     scale = 1.0 / max(variance, 1e-12)
-    for i in range(before, size):
-        odd[i - 2, ODD] = scale * block[i, size]
-        for axis in range(2):
-            move = moves[axis, i - 2 + PLAIN]
-            for k in range(before):
-                move -= moves[axis, k if k < 2 else k - 2 + PLAIN] * block[k, i]
-            odd[i - 2, ODD + 1 + axis] = unit * move
-        for j in range(before, size):
-            odd[i - 2, j - 2] = scale * block[i, j]
+    for i in range(2):
+        odd[i, 2] = scale * block[2 + i, 4]
+        for k in range(2):
+            odd[i, k] = scale * block[2 + i, 2 + k]
+            odd[i, 3 + k] = unit * (moves[k, PLAIN + i] - block[k, 2 + i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -531,9 +416,9 @@ class Edges:
     blur        (n,) standard deviation of the edge's spread, pixels
     noise       (n,) standard deviation of the residuals, grey levels
     variance    (n,) of the grey levels that took part
-    odd         (n, 6, 9): light's growth (2) and its cubic (4), per dot's radius, had they been fitted as well: their
-                inverse covariance, times that their values, and how far (pixels, x and y) each moves the centre; zero
-                for those that were fitted
+    odd         (n, 2, 5): light's growth to the right and down, per dot's radius, had it been fitted as well: the
+                inverse covariance, times that the values, and how far (pixels, x and y) each moves the centre; zero
+                where it was fitted
     """
 
     center: Floats
@@ -574,7 +459,7 @@ class Edges:
 def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light: Floats, used: int = PLAIN) -> Edges:
     """The blurred ellipses next to those of `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; `room` (n,)
     pixels beyond the edge are the dot's own; `light` (n, 2) the share by which it grows per pixel. With `used` LINEAR
-    or CUBIC each dot tells the light's growth, or also its cubic, itself. Where the fit fails the numbers are nan."""
+    each dot tells the light's growth itself. Where the fit fails the numbers are nan."""
     out, odd = np.full((len(center), RESULTS), np.nan), np.zeros((len(center), ODD, ODD + 3))
     fit_dots(grey, center, spread, room, light, used, out, odd)
     if (failed := np.flatnonzero(np.isnan(out[:, 0]))).size:  # a soft dot's spot reaches beyond its edge

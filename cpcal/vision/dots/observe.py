@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.values import Bools, Floats, Ints, fill, frozen_array
-from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
+from cpcal.common.values import Bools, Floats, fill, frozen_array
+from cpcal.vision.dots.edge import LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (
     Grey,
     Spots,
@@ -91,20 +91,19 @@ def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
 # ------------------------------------------------------------------------------------------------------------------
 # Dots that the light of all does not explain, a shadow's edge or a smudge: under light of their own.
 #
-# What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what
-# further terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance:
-# where they differ from the other dots' by more than the other dots differ among themselves, and move the centre,
-# they are fitted as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot
-# with light of its own is taken off, so that this dot is moved as the others.
+# What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what the
+# light's growth would be, had it been fitted, and with which covariance: where it differs from the other dots' by more
+# than the other dots differ among themselves, and moves the centre, it is fitted as well. A lens's asymmetry passes for
+# light, too, and moves all dots alike; what it makes of a dot with light of its own is taken off, so that this dot is
+# moved as the others.
 
-TERMS = CUBIC - PLAIN  # of the light: its growth (2), and its cubic (4)
+TERMS = LINEAR - PLAIN  # of the light's growth
 _HOPELESS = 9.0  # variance of such a move, relative to the centre's: the dot is too small to tell its light
 _WORTH = 0.004  # pixels: a smaller move is not worth the accuracy that light of a dot's own costs
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without, then
-_RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
-_FREQUENT = {4: 9.5, 2: 6.0}  # one of twenty: where the light of all is wrong, more dots are doubted
-_MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
+_RARE = 13.8  # chi-square of two degrees of freedom that one ordinary dot of a thousand exceeds
+_MEDIAN = 1.39
 _ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
 _BENT = 2.5  # so it is from here on, where it also leaves _LEFT of the noise of the levels; 0.3 is usual
 _LEFT = 1.2
@@ -130,106 +129,56 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
             light, left = light_growth(grey, found, gap, np.nan_to_num(dim))
             edges = fitted_edges(grey, found.center, found.spread, room, light)
             fitted = ~np.isnan(edges.noise)
-    excess, noise = _excess(edges, 0), median(edges.noise[fitted])
-    moved = median(np.where(excess.worth, excess.moves, 0.0)[fitted]) / _MEDIAN[2]
+    (squares, worth, common), noise = _excess(edges), median(edges.noise[fitted])
+    moved = median(np.where(worth, squares, 0.0)[fitted]) / _MEDIAN
     if moved > _ALL_WRONG or (moved > _BENT and left > _LEFT * noise):
         return _all_alone(grey, found, room)
     noisy = ~(edges.noise < _STRANGE * np.maximum(noise, _IMPERFECT * np.abs(edges.contrast)))
-    again = np.flatnonzero(_beyond(excess, 6) | noisy)
+    # where all dots differ by more than noise says (a lens's asymmetry, a camera's processing) that is the measure. All
+    # dots, not those alone that light has moved: a wide shadow's edge would be its own measure
+    told = squares[squares > 0.0]
+    usual = max(1.0, median(told) / _MEDIAN) if len(told) >= _ENOUGH else 1.0
+    again = np.flatnonzero((worth & (squares > _RARE * usual)) | noisy)
     if not len(again):
         return edges
-    common = _medians(edges, _told(edges, slice(0, LINEAR - PLAIN))[0], 0)
     own = fitted_edges(grey, found.center[again], found.spread[again], room[again], light[again], LINEAR)
     own.center[:] -= common @ edges.odd[again, :, TERMS + 1 :]
     better = ~(noisy[again] & (own.noise > _BETTER * edges.noise[again]))
-    edges = edges.replaced(again[better], own.kept(better))
-    return _cubic(grey, found, room, light, edges, again[better], _RARE)
+    return edges.replaced(again[better], own.kept(better))
 
 
 def _all_alone(grey: Grey, found: Spots, room: Floats) -> Edges:
-    flat = np.zeros((len(found), 2))
-    edges = fitted_edges(grey, found.center, found.spread, room, flat, LINEAR)
-    return _cubic(grey, found, room, flat, edges, np.arange(len(found)), _FREQUENT)
-
-
-def _cubic(
-    grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, members: Ints, rare: dict[int, float]
-) -> Edges:
-    """With the light's cubic for those members that ask for it and are explained by it. What it moves them by is in
-    doubt as a whole, either way: light that has a cubic has more."""
-    still = members[_beyond(_excess(edges, LINEAR - PLAIN), 4, rare)[members]]
-    if not len(still):
-        return edges
-    cubic = fitted_edges(grey, found.center[still], found.spread[still], room[still], light[still], CUBIC)
-    moved = cubic.center - edges.center[still]
-    doubt = moved[:, :, None] * moved[:, None, :]
-    usual = median(edges.noise[~np.isnan(edges.noise)])
-    explained = cubic.noise < _STRANGE * usual
-    cubic.covariance[:] += doubt
-    edges.covariance[still] += np.nan_to_num(doubt)
-    return edges.replaced(still[explained], cubic.kept(explained))
+    return fitted_edges(grey, found.center, found.spread, room, np.zeros((len(found), 2)), LINEAR)
 
 
 class _Excess(NamedTuple):
-    """Chi-squares (n,) of terms of the light against those that dots have in common, and of the moves of the centre
-    that they would make, 0 where there is nothing to tell; whether such a move is worth to be known."""
+    """Chi-squares (n,) of the light's growth against what dots have in common, 0 where there is nothing to tell;
+    whether the move of the centre that it would make is worth to be known; and what is common to all."""
 
-    shapes: Floats
-    moves: Floats
+    squares: Floats
     worth: Bools
+    common: Floats
 
 
-def _excess(edges: Edges, first: int) -> _Excess:
-    """Of the terms from `first` on."""
-    terms = slice(first, TERMS)
-    information, moves = edges.odd[:, terms, terms], edges.odd[:, terms, TERMS + 1 :]
-    believed = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)  # share of a dot's information
-    values, inverse = _told(edges, terms)
-    told = (inverse[:, 0, 0] > 0.0) & (believed > 0.0)
-    sharpness = np.where(told, believed, 1.0)
-    off = values - _medians(edges, values, first)[terms]
-    move = (off[:, None] @ moves)[:, 0]
-    spread = np.swapaxes(moves, 1, 2) @ inverse @ moves / sharpness[:, None, None]
-    total = np.trace(spread, axis1=1, axis2=2)
-    worth = told & (total < _HOPELESS * np.trace(edges.covariance, axis1=1, axis2=2))
-    worth &= (move * move).sum(axis=1) > _WORTH**2
-    spread += (1e-9 * total + 1e-30)[:, None, None] * np.eye(2)
-    shapes = sharpness * (off[:, None] @ information @ off[..., None])[:, 0, 0]
-    chi_squares = (move[:, None] @ inverses(spread) @ move[..., None])[:, 0, 0]
-    return _Excess(np.where(told, shapes, 0.0), np.where(told, chi_squares, 0.0), worth)
-
-
-def _beyond(excess: _Excess, degrees: int, rare: dict[int, float] = _RARE) -> Bools:
-    """Which (n,) terms are no noise, and move the centre; where all dots differ by more than noise says (a lens's
-    asymmetry, a camera's processing) that is the measure. All dots, not those alone that light has moved: a wide
-    shadow's edge would be its own measure."""
-    out = excess.worth.copy()
-    for square, freedom in ((excess.shapes, degrees), (excess.moves, 2)):
-        told = square[square > 0.0]
-        usual = median(told) / _MEDIAN[freedom] if len(told) >= _ENOUGH else 1.0
-        out &= square > rare[freedom] * max(1.0, usual)
-    return out
-
-
-def _told(edges: Edges, terms: slice) -> tuple[Floats, Floats]:
-    """The values (n, k) of terms of the light had they been fitted, and their covariances (n, k, k); 0 where nothing
-    tells them."""
-    information = edges.odd[:, terms, terms]
+def _excess(edges: Edges) -> _Excess:
+    information, moves = edges.odd[:, :, :TERMS], edges.odd[:, :, TERMS + 1 :]
     trace = np.trace(information, axis1=1, axis2=2)
     known = (trace > 0.0) & np.isfinite(trace)
     inverse = np.zeros_like(information)
-    inverse[known] = np.linalg.inv(information[known] + 1e-9 * trace[known, None, None] * np.eye(len(inverse[0])))
+    inverse[known] = np.linalg.inv(information[known] + 1e-9 * trace[known, None, None] * np.eye(TERMS))
     inverse[~(np.diagonal(inverse, axis1=1, axis2=2) > 0.0).all(axis=1)] = 0.0  # rounding: no covariance
-    return (inverse @ edges.odd[:, terms, TERMS, None])[..., 0], inverse
-
-
-def _medians(edges: Edges, values: Floats, first: int) -> Floats:
-    """The medians (6,) over dots of their terms from `first` on, zero for the others."""
-    out = np.zeros(TERMS)
-    fitted = values[~np.isnan(edges.noise)]
-    if len(fitted) >= _ENOUGH:
-        out[first : first + values.shape[1]] = np.median(fitted, axis=0)
-    return out
+    believed = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)  # share of a dot's information
+    told = (inverse[:, 0, 0] > 0.0) & (believed > 0.0)
+    believed = np.where(told, believed, 1.0)
+    values, fitted = (inverse @ edges.odd[:, :, TERMS, None])[..., 0], ~np.isnan(edges.noise)
+    common = np.median(values[fitted], axis=0) if fitted.sum() >= _ENOUGH else np.zeros(TERMS)
+    off = values - common
+    move = (off[:, None] @ moves)[:, 0]
+    spread = np.trace(np.swapaxes(moves, 1, 2) @ inverse @ moves, axis1=1, axis2=2) / believed
+    worth = told & (spread < _HOPELESS * np.trace(edges.covariance, axis1=1, axis2=2))
+    worth &= (move * move).sum(axis=1) > _WORTH**2
+    squares = believed * (off[:, None] @ information @ off[..., None])[:, 0, 0]
+    return _Excess(np.where(told, squares, 0.0), worth, common)
 
 
 FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise

@@ -5,24 +5,20 @@ from __future__ import annotations
 import os
 import re
 import stat
-import tempfile
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import CpcalError, printable
+from cpcal.common.errors import CpcalError
 from cpcal.vision.opencv import opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 PIXELS_MAX = 100_000_000  # of an image that is read at all
 BYTES_MAX = 400_000_000  # of a file, and of its pixels when it is decoded
 _ENDS = ((b"\x89PNG\r\n", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))  # how PNG and JPEG begin and end
-_DECODER = re.compile(rb"libpng|TIFF|Corrupt JPEG|Premature end of JPEG|JPEG|\[ ?(WARN|ERROR)")  # their lines begin so
 _TAIL = 4096  # bytes, among which the end is looked for: some cameras append to it
 
 
@@ -59,8 +55,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[n
     try:
         content = np.fromfile(path, dtype=np.uint8)
         _check_end(content.tobytes())
-        with _complaints(path):
-            image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except (OSError, cv2.error, MemoryError) as error:
         raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
     if image is None:
@@ -68,27 +63,6 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[n
     if image.dtype not in (np.uint8, np.uint16):
         raise UnreadableImageError(f"has pixels of {image.dtype}; 8 or 16 bits are understood")
     return np.asarray(image[..., :3]) if image.ndim == 3 else np.asarray(image)
-
-
-@contextmanager
-def _complaints(path: Path) -> Iterator[None]:
-    """What decoders print on stderr begins with the file's name; what others print there meanwhile stays as it is."""
-    with tempfile.TemporaryFile() as caught:
-        try:
-            before = os.dup(2)
-        except OSError:  # there is no stderr
-            yield
-            return
-        os.dup2(caught.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(before, 2)
-            os.close(before)
-            caught.seek(0)
-            named = printable(path).encode()
-            for line in caught:
-                os.write(2, b"cpcal: %s: %s" % (named, line) if _DECODER.match(line) else line)
 
 
 def _check_file(path: Path) -> None:

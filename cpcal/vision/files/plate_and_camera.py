@@ -1,5 +1,5 @@
-"""target.toml and camera.toml (docs/images.md), and cameras as OpenCV and ROS write them in YAML: read with every
-problem and its line, written as canonical bytes."""
+"""target.toml and camera.toml (docs/images.md), read with every problem and its line, written as canonical bytes; and
+cameras as OpenCV and ROS write them in YAML."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class CameraRecord(Value):
             fill(self, covariance=frozen_array(self.covariance))
             problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
             if self.camera.model != BROWN:
-                what = f"goes with a lens of the model {self.camera.model}"
+                what = f"covariance goes with a lens of the model {self.camera.model}"
                 problems.append(Problem("camera covariance", what, _ONLY_BROWN))
         if self.rms is not None and not 0.0 <= self.rms < np.inf:
             problems.append(Problem("camera rms", f"is {self.rms}", "give pixels, from 0"))
@@ -152,21 +152,16 @@ def _record(reader: TomlReader) -> CameraRecord | None:
     found = reader.section("camera", keys, {"model": one_of(LENSES)})
     if found is None:
         return None
-    covariance = known.get("covariance")
-    if covariance is not None:
-        for what, remedy in covariance_problems(covariance):
-            reader.wrong(("calibration", "covariance"), what, remedy)
-        if lens != BROWN:
-            what = f"covariance goes with a lens of the model {lens}"
-            reader.wrong(("calibration", "covariance"), what, _ONLY_BROWN)
-    if 0.0 in found["focal"]:
-        reader.wrong(("camera", "focal"), "focal holds 0", "give positive numbers of pixels")
     if reader.problems.listed:
         return None
-    camera = Camera(**found)
-    for key, what, remedy in implausible(camera):
-        reader.wrong(("camera", key), what, remedy)
-    return None if reader.problems.listed else CameraRecord(camera, covariance, known.get("rms"), provenance)
+    try:
+        return CameraRecord(Camera(**found), known.get("covariance"), known.get("rms"), provenance)
+    except InputError as error:
+        for problem in error.problems:
+            key = problem.where.rpartition(" ")[2]
+            section, key = ("calibration", key) if key in asked else ("camera", "focal" if key == "camera" else key)
+            reader.wrong((section, key), problem.what, problem.remedy)
+        return None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -216,14 +211,12 @@ def _target(reader: TomlReader) -> Target | None:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Cameras as OpenCV and ROS write them in YAML, read and written.
+# Cameras as OpenCV and ROS write them in YAML.
 #
 # OpenCV (`cv::FileStorage`): image_width, image_height, camera_matrix and distortion_coefficients as opencv-matrix; a
 # fisheye says so by fisheye_model: 1, as its own calibration sample does. ROS (camera_info): the same with rows, cols
 # and
 # data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fisheye.
-
-STYLES = ("opencv", "ros")
 
 _ROS_MODELS = {
     "plumb_bob": "brown",
@@ -376,27 +369,3 @@ def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> s
         wrong(f"distortion_coefficients has {len(distortion)} numbers", f"a lens of the model {model} has {names}")
         return None
     return model
-
-
-def camera_yaml(camera: Camera, style: str) -> bytes:
-    """The camera as OpenCV or ROS (`style`, one of STYLES) reads it; floats by repr."""
-    (fx, fy), (cx, cy) = camera.focal.tolist(), camera.center.tolist()
-    matrix, lens = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], camera.distortion.tolist()
-    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}"]
-    if style == "opencv":
-        lines = ["%YAML:1.0", "---", *lines]
-        if camera.model == "fisheye":
-            lines.append("fisheye_model: 1")
-        tag, kind = " !!opencv-matrix", ["   dt: d"]
-    else:
-        ros = next(name for name, model in _ROS_MODELS.items() if model == camera.model)
-        lines += ["camera_name: camera", f"distortion_model: {ros}"]
-        tag, kind = "", []
-    tables = [("camera_matrix", matrix, 3), ("distortion_coefficients", lens, 1)]
-    if style == "ros":  # camera_info holds these besides: no rectification
-        projection = [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
-        tables += [("rectification_matrix", np.eye(3).ravel().tolist(), 3), ("projection_matrix", projection, 3)]
-    for key, values, rows in tables:
-        lines += [f"{key}:{tag}", f"   rows: {rows}", f"   cols: {len(values) // rows}", *kind]
-        lines.append(f"   data: [{', '.join(map(repr, values))}]")
-    return ("\n".join(lines) + "\n").encode()
