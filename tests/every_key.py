@@ -1,7 +1,4 @@
-"""Every key of every file that `cpcal verify` reads: the table of docs/trust.md, and what changes of them are accepted.
-
-`python -m tests.every_key` prints the table.
-"""
+"""Every key of every file that `cpcal verify` reads, and what changes of them are accepted."""
 
 from __future__ import annotations
 
@@ -23,19 +20,6 @@ FILES = {
     HAND_EYE_NAME: HandEyeResult,
 }
 Path_ = tuple[str | int, ...]
-
-
-def table() -> str:
-    """The table, as Markdown: a row a way of checking."""
-    lines = []
-    for name, kind in FILES.items():
-        ways: dict[str, list[str]] = {}
-        for key, how in keys_of(kind):
-            ways.setdefault(how, []).append(f"`{key}`")
-        lines += [f"| {name} | how it is checked |", "| --- | --- |", "| `format` | compared |"]
-        lines += [f"| {', '.join(keys)} | {how} |" for how, keys in ways.items()]
-        lines.append("")
-    return "\n".join(lines)
 
 
 def accepted_changes(
@@ -60,7 +44,7 @@ def accepted_changes(
 
 
 def unlisted_keys(file: Path) -> list[str]:
-    """Keys of a JSON file outside of the information that have no row in the table."""
+    """Keys of a JSON file outside of the information that the dataclass of the file does not have."""
     rows = ["format", *(key for key, _ in keys_of(FILES[file.name]))]
     data = json.loads(file.read_text(encoding="utf-8"))
     values = {key_of(path) for path in _places(data) if not isinstance(_at(data, path), dict | list)}
@@ -72,7 +56,7 @@ def _within(key: str, other: str) -> bool:
 
 
 def key_of(path: Path_) -> str:
-    """As the table has it."""
+    """As `keys_of` has it."""
     return re.sub(r"\.\[", "[", ".".join("[]" if isinstance(part, int) else part for part in path))
 
 
@@ -109,7 +93,3 @@ def _changes(value: Any) -> list[Any]:
     if isinstance(value, list):
         return [value[:-1] if value else [0], [*value, *value[-1:]] if value else {}, None]
     return [{}, 1, []] if isinstance(value, dict) else [1, "x", []]
-
-
-if __name__ == "__main__":
-    print(table())

@@ -11,7 +11,7 @@ from benchmarks.genuine_runs import RUNS
 from cpcal.checker import Refused, check
 from cpcal.cli.verify import statements
 from cpcal.common.errors import InputError
-from tests.every_key import FILES, accepted_changes, table, unlisted_keys
+from tests.every_key import FILES, accepted_changes, unlisted_keys
 from tests.remembered import verify_once
 
 Verify = Callable[[], bool]
@@ -85,8 +85,3 @@ def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path, genuine_run:
 
     assert list(unnoticed(0)) == []
     assert list(unnoticed(claims)) == []
-
-
-def test_the_documentation_has_the_table_of_all_keys() -> None:
-    """`python -m tests.every_key` prints it."""
-    assert table() in Path("docs/trust.md").read_text(encoding="utf-8")

@@ -58,33 +58,17 @@ ROW = ("rows", "first")  # the row of the step that the first bound has the firs
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/3")
-place("format is a list", "header", "format", value=["cpcal-certificate/6"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
-place("digest is no text", "header", "campaign", value=0, kinds=LEG)
-place("digest is null", "header", "campaign", value=None, kinds=LEG)
 place("one measurement more", "header", "measurements", value=lambda n: n + 1, kinds=LEG)
 place("one measurement less", "header", "measurements", value=lambda n: n - 1, kinds=LEG)
-place("measurements as a float", "header", "measurements", value=float, kinds=LEG)
-place("measurements as a list", "header", "measurements", value=lambda n: [n], kinds=LEG)
 place("another leg", "header", "leg", value=2, refused="claims", kinds=LEG)
 place("leg is 0", "header", "leg", value=0, kinds=LEG)
-place("leg is true", "header", "leg", value=True, kinds=LEG)
-place("leg is negative", "header", "leg", value=-1, kinds=LEG)
-place("leg is a float", "header", "leg", value=1.0, kinds=LEG)
 place("only not ascending", "header", "only", value=[1, 0], kinds=LEG)
 place("only with one twice", "header", "only", value=[1, 1], kinds=LEG)
 place("only an unknown number", "header", "only", value=[12], kinds=LEG)
-place("only a negative number", "header", "only", value=[-1], kinds=LEG)
-place("only true", "header", "only", value=[True], kinds=LEG)
-place("only floats", "header", "only", value=[0.0, 1.0], kinds=LEG)
-place("only all, as a text", "header", "only", value="all", kinds=LEG)
-place("only is 0", "header", "only", value=0, kinds=LEG)
 place("only none, weights on some", "header", "only", value=[], kinds=LEG)
 place("empty box", "header", "lo", 2, value="0x1p+20", kinds=LEG)
-place("seven unknowns", "header", "lo", value=lambda v: v[:7], kinds=LEG)
-place("nine unknowns", "header", "hi", value=lambda v: [*v, v[-1]], kinds=LEG)
-place("bound of the box is NaN", "header", "lo", 2, value="nan", kinds=LEG)
 place("negative eps in the box", "header", "lo", 7, value="-0x1p-30", kinds=LEG)
 place("least eps of the box is positive", "header", "lo", 7, value="0x1p-30", refused="claims", kinds=LEG)
 place("wider box", "header", "hi", value=lambda v: [(valued(w) + 50).hex() for w in v], refused="exclude")
@@ -93,11 +77,6 @@ place("box up to numbers beyond the format", "header", "hi", 0, value="0x1p+1101
 # the model
 place("a model that there is not", "header", "model", value="stretched", kinds=GAIN)
 place("the model in capitals", "header", "model", value="GAIN", kinds=GAIN)
-place("the model's name with a space", "header", "model", value="gain ", kinds=GAIN)
-place("no model", "header", "model", value=None, kinds=(*LEG, *GAIN))
-place("model true", "header", "model", value=True, kinds=GAIN)
-place("models in a list", "header", "model", value=["gain"], kinds=GAIN)
-place("models in an object", "header", "model", value={"gain": 1}, kinds=GAIN)
 place("plain for gain", "header", "model", value="plain", kinds=GAIN)
 place("lateral for gain", "header", "model", value="lateral", refused="claims", kinds=GAIN)
 place("gain for plain", "header", "model", value="gain", kinds=LEG)
@@ -116,94 +95,46 @@ place("upper is lower with a gain", "pass", *ROW, 0, value=lambda s: {"upper": "
 place("the gain in the place of eps", "pass", "bounds", 0, 0, value=7, kinds=GAIN)
 place("an unknown beyond eps", "pass", "bounds", 0, 0, value=9, kinds=GAIN)
 # numbers, the same everywhere: here the cap of the claims
-place("number in decimal", "claims", "cap", value="1.5")
-place("number as a float", "claims", "cap", value=1.5)
-place("number as an integer", "claims", "cap", value=1)
-place("number is true", "claims", "cap", value=True)
-place("number is null", "claims", "cap", value=None)
-place("number is NaN", "claims", "cap", value="nan")
-place("number is infinite", "claims", "cap", value="inf")
-place("huge exponent", "claims", "cap", value="0x1p9999")
-place("five digits of exponent", "claims", "cap", value="0x1p-10000")
-place("no exponent", "claims", "cap", value="0x1")
-place("exponent without sign", "claims", "cap", value="0x1p0")
-place("number in capitals", "claims", "cap", value="0X1P+0")
-place("digits in capitals", "claims", "cap", value="0xAp-8")
-place("number with spaces", "claims", "cap", value=" 0x1p-4")
-place("number with underscores", "claims", "cap", value="0x1_0p-8")
-place("number with a plus sign", "claims", "cap", value="+0x1p-4")
-place("number with a newline", "claims", "cap", value="0x1p-4\n")
-place("number with fullwidth digits", "claims", "cap", value="0x1p-\uff11")
-place("65 digits before the point", "claims", "cap", value="0x" + "0" * 64 + "1p-4")
-place("65 digits behind the point", "claims", "cap", value="0x0." + "0" * 64 + "1p+250")
-place("no digit behind the point", "claims", "cap", value="0x1.p-4")
+NO_NUMBERS = ("1.5", "nan", "inf", "0x1p9999", "0x1p-10000", "0x1", "0x1p0", "0X1P+0", "0xAp-8", " 0x1p-4", "0x1_0p-8",
+              "+0x1p-4", "0x1p-4\n", "0x1p-\uff11", "0x" + "0" * 64 + "1p-4", "0x0." + "0" * 64 + "1p+250",
+              "0x1.p-4")  # fmt: skip
+for text in NO_NUMBERS:
+    place(f"the number {text!r}", "claims", "cap", value=text)
 # the claims
 place("cap above that of the problem", "claims", "cap", value=lambda text: moved(text, UP))
 place("cap below that of the problem", "claims", "cap", value="-0x1p-30")
 place("infeasible while a box is open", "claims", "infeasible", value=True, refused="last")
-place("infeasible is 1", "claims", "infeasible", value=1)
-place("infeasible is null", "claims", "infeasible", value=None)
 place("eps_lo one ulp up", "claims", "epsilon", "lo", value=lambda text: moved(text, UP), refused="last")
 place("eps_lo negative", "claims", "epsilon", "lo", value="-0x1p-1074")
 place("eps_lo above the cap", "claims", "epsilon", "lo", value="0x1p+9")
-place("eps_lo null", "claims", "epsilon", "lo", value=None)
 place("eps_hi below eps_lo", "claims", "epsilon", "hi", value="0x1p-60")
 place("eps_hi one ulp below that of the point", "claims", "epsilon", "hi", value=lambda text: moved(text, DOWN))
 place("eps_hi one ulp above that of the point", "claims", "epsilon", "hi", value=lambda text: moved(text, UP))
 place("eps_hi without a point", "claims", "point", value=None)
-place("epsilon without hi", "claims", "epsilon", value=lambda e: {"lo": e["lo"]})
-place("epsilon is a number", "claims", "epsilon", value=lambda e: e["lo"])
 place("enclosure lo one ulp up", "claims", "enclosure", "lo", 0, value=lambda t: moved(t, UP), refused="last")
 place("enclosure hi one ulp down", "claims", "enclosure", "hi", 2, value=lambda t: moved(t, DOWN), refused="last")
 place("enclosure beside the box", "claims", "enclosure", "lo", 1, value="0x1p+99", refused="last")
-place("enclosure of one less", "claims", "enclosure", "hi", value=lambda v: v[:-1])
-place("enclosure without hi", "claims", "enclosure", value={"lo": []})
-place("enclosure with NaN", "claims", "enclosure", "lo", 0, value="nan")
 # the point
 place("point elsewhere in the box", "claims", "point", "at", 0, value=lambda t: (valued(t) + 9e-4).hex())
 place("point far away", "claims", "point", "at", 0, value="0x1p+20")
 place("point with less eps", "claims", "point", "at", -1, value=lambda t: (0.9 * valued(t)).hex())
 place("point with negative eps", "claims", "point", "at", -1, value=negated)
-place("point of one less", "claims", "point", "at", value=lambda v: v[:-1])
-place("point with NaN", "claims", "point", "at", 0, value="nan")
 place("point holds some", "claims", "point", "holds", value="some")
-place("point holds null", "claims", "point", "holds", value=None)
-place("point holds true", "claims", "point", "holds", value=True)
 place("eps_hi by a point judged by one", "claims", "point", "holds", value=[0])
 place("eps_hi by a point judged by none", "claims", "point", "holds", value=[])
 place("point holds at an unknown number", "claims", "point", "holds", value=[99])
 place("point holds, not ascending", "claims", "point", "holds", value=[1, 0])
 place("point fails where it holds", "claims", "point", "fails", value=[["upper", 3]])
-place("point fails all", "claims", "point", "fails", value="all")
 place("point fails at an unknown number", "claims", "point", "fails", value=[["upper", 99]])
-place("point fails at true", "claims", "point", "fails", value=[["upper", True]])
-place("point fails by a number", "claims", "point", "fails", value=[3])
-place("point fails by no row", "claims", "point", "fails", value=[["upper"]])
-place("point fails by no side", "claims", "point", "fails", value=[["middle", 3]])
-place("readings are a text", "claims", "point", "readings", value="")
 place("readings of one only", "claims", "point", "readings", value=[""])
-place("readings are numbers", "claims", "point", "readings", value=lambda _: [0] * 99)
-place("point without readings", "claims", "point", value=lambda p: {k: v for k, v in p.items() if k != "readings"})
 # the split on the objective
 place("cut below the box", "split", "at", value="-0x1p+0")
 place("cut above the box", "split", "at", value="0x1p+9")
 place("split of a box never made", "split", "split", value=7)
-place("box name is false", "split", "split", value=False)
-place("box name is a float", "split", "split", value=0.0)
-place("box name is a text", "split", "split", value="0")
-place("box name is a list", "split", "split", value=[0])
-place("box name is negative", "split", "split", value=-1)
-place("one child", "split", "into", value=[1])
-place("three children", "split", "into", value=[1, 2, 3])
 place("twins", "split", "into", value=[1, 1])
 place("children swapped", "split", "into", value=[2, 1])
 place("child named as its parent", "split", "into", value=[0, 1])
-place("children named by floats", "split", "into", value=[1.0, 2.0])
-place("children named by true", "split", "into", value=[True, 2])
-place("children do not cover", "split", "at", value=lambda t: [t, moved(t, UP)])
 place("split along an unknown too many", "split", "unknown", value=8)
-place("split along unknown -1", "split", "unknown", value=-1)
-place("split along true", "split", "unknown", value=True)
 # the exclusion
 place("wrong part excluded", "exclude", "exclude", value=2)
 place("whole box excluded", "exclude", "exclude", value=0)
@@ -211,41 +142,17 @@ place("excluded cap below that of the claims", "exclude", "cap", value=lambda te
 place("excluded cap above that of the problem", "exclude", "cap", value=lambda text: moved(text, UP))
 place("excluded without weights", "exclude", "weights", value={"rows": [], "products": [], "tangents": [],
                                                               "exponents": [0, 0, 0]})  # fmt: skip
-place("weights without tangents", "exclude", "weights", value={"rows": [], "products": [], "exponents": [0, 0, 0]})
-place("weights without exponents", "exclude", "weights", value={"rows": [], "products": [], "tangents": []})
-place("weights null", "exclude", "weights", value=None)
 PRODUCT = [[0, 1, 1, 1, 1]]  # rows alone exclude a box whatever their common factor
 place("excluded, rows very light", "exclude", "weights",
       value=lambda w: {**w, "products": PRODUCT, "exponents": [-1000, 0, 0]})  # fmt: skip
 place("excluded, products very heavy", "exclude", "weights",
       value=lambda w: {**w, "products": PRODUCT, "exponents": [*w["exponents"][:1], 999, 0]})  # fmt: skip
 # the pass
-for kind, bad in {
-    "a float": 1.0,
-    "a text": "1",
-    "a number of the format": "0x1p+0",
-    "negative": -1,
-    "true": True,
-    "null": None,
-    "2^60": 1 << 60,
-    "enormous": 10**4000,
-    "a list": [1],
-}.items():
-    place(f"weight of a row {kind}", "pass", *WEIGHTS, "rows", 0, 1, value=bad)
-    place(f"weight of a product {kind}", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 1, bad]])
-    place(f"weight of a tangent {kind}", "pass", *WEIGHTS, "tangents", value=[[0, "0x0p+0", bad]])
-for kind, bad in {
-    "1000": 1000,
-    "-1001": -1001,
-    "true": True,
-    "a float": 0.0,
-    "a text": "0",
-    "null": None,
-    "enormous": 10**4000,
-}.items():
-    place(f"exponent {kind}", "pass", *WEIGHTS, "exponents", 1, value=bad)
-place("two exponents", "pass", *WEIGHTS, "exponents", value=lambda v: v[:2])
-place("four exponents", "pass", *WEIGHTS, "exponents", value=lambda v: [*v, 0])
+place("weight of a row 2^60", "pass", *WEIGHTS, "rows", 0, 1, value=1 << 60)
+place("weight of a product -1", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 1, -1]])
+place("weight of a tangent -1", "pass", *WEIGHTS, "tangents", value=[[0, "0x0p+0", -1]])
+for bad in (1000, -1001):
+    place(f"exponent {bad}", "pass", *WEIGHTS, "exponents", 1, value=bad)
 place("exponent of the rows one less", "pass", *WEIGHTS, "exponents", 0, value=lambda e: e - 1)
 place("heaviest weight of a row", "pass", *WEIGHTS, "rows", 0, 1, value=(1 << 60) - 1)
 place("weight of a row a quarter less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - w // 4)
@@ -253,45 +160,27 @@ place("row dropped", "pass", *WEIGHTS, "rows", value=lambda rows: rows[1:])
 place("upper is lower", "pass", *ROW, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
 place("row of another measurement", "pass", *ROW, 1, value=lambda k: (k + 1) % 6)
 place("row after the last", "pass", *ROW, 1, value=13)
-place("row -1", "pass", *ROW, 1, value=-1)
-place("row true", "pass", *ROW, 1, value=True)
 place("row of no side", "pass", *ROW, 0, value="middle")
 place("side of constraints in a leg", "pass", *ROW, 0, value="sign", kinds=LEG)
 place("side of a leg in constraints", "pass", *ROW, 0, value="length", kinds=NETWORK)
-place("side is a list", "pass", *ROW, 0, value=["upper"])
-place("row of four", "pass", *ROW, value=lambda row: [*row[:2], "", ""])
-place("rows are an object", "pass", "rows", value={})
-place("weights of rows are an object", "pass", *WEIGHTS, "rows", value={})
 place("weight of a row after the last", "pass", *WEIGHTS, "rows", 0, 0, value=10_000)
-place("weight of row -1", "pass", *WEIGHTS, "rows", 0, 0, value=-1)
-place("weight of row true", "pass", *WEIGHTS, "rows", 0, 0, value=True)
 place("weights of other rows", "pass", *WEIGHTS, "rows",
       value=lambda rows: [[n, w] for (n, _), (_, w) in zip(rows, [*rows[1:], rows[0]], strict=True)])  # fmt: skip
-place("weight of a row of three", "pass", *WEIGHTS, "rows", 0, value=lambda entry: [*entry, 1])
 place("rows left out, weights kept", "pass", "rows", value=[])
 place("product with p = 2", "pass", *WEIGHTS, "products", value=[[0, 1, 2, 1, 9]])
 place("product with q = 0", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 0, 9]])
-place("product with p = 1.0", "pass", *WEIGHTS, "products", value=[[0, 1, 1.0, 1, 9]])
-place("product with p = true", "pass", *WEIGHTS, "products", value=[[0, 1, True, 1, 9]])
 place("product of an unknown too many", "pass", *WEIGHTS, "products", value=[[0, 8, 1, 1, 9]])
-place("product of unknown -1", "pass", *WEIGHTS, "products", value=[[-1, 0, 1, 1, 9]])
-place("product of four", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 9]])
 place("tangent of an unknown too many", "pass", *WEIGHTS, "tangents", value=[[8, "0x0p+0", 9]])
-place("tangent at infinity", "pass", *WEIGHTS, "tangents", value=[[0, "inf", 9]])
-place("tangent at a float", "pass", *WEIGHTS, "tangents", value=[[0, 0.0, 9]])
 place("bound of an unknown too many", "pass", "bounds", 0, 0, value=8)
-place("bound of unknown true", "pass", "bounds", 0, 0, value=True)
 place("bound on no side", "pass", "bounds", 0, 1, value="both")
 place("bound on the other side", "pass", "bounds", 0, 1, value=lambda s: {"lo": "hi"}.get(s, "lo"))
 place("bound one ulp beyond", "pass", "bounds", 0, 2, value=lambda t: moved(t, UP))
 place("bound at a huge number", "pass", "bounds", 0, 2, value="0x1p+9999")
-place("bound of three", "pass", "bounds", 0, value=lambda entry: entry[:3])
 place("pass on a closed box", "pass", "pass", value=1)
 place("pass on a split box", "pass", "pass", value=0)
 place("pass with a cap below that of the claims", "pass", "cap", value=lambda text: moved(text, DOWN))
 place("pass without a cap", "pass", "cap", value=None)
 place("pass without bounds", "pass", "bounds", value=[], refused="last")
-place("bounds are an object", "pass", "bounds", value={})
 # the second split
 place("names used before", "halve", "into", value=[1, 2])
 place("names left out", "halve", "into", value=[4, 5])
@@ -300,8 +189,6 @@ place("cut outside the box", "halve", "at", value="0x1p+20")
 place("six signs", "pass", *ROW, 2, value=lambda t: t[:6], kinds=GAIN)
 place("eight signs", "pass", *ROW, 2, value=lambda t: t + "0", kinds=GAIN)
 place("signs that are none", "pass", *ROW, 2, value=lambda t: t[:6] + "1", kinds=GAIN)
-place("signs in a list", "pass", *ROW, 2, value=list, kinds=GAIN)
-place("signs are null", "pass", *ROW, 2, value=7, kinds=GAIN)
 place("opposite signs", "pass", *ROW, 2, value=lambda t: t.translate(str.maketrans("+-", "-+")), kinds=GAIN)
 place("signs left out", "pass", *ROW, value=lambda row: row[:2], kinds=GAIN)
 place("signs of exact constraints", "pass", *ROW, value=lambda row: [*row, "+++++++"], kinds=NETWORK)
@@ -309,37 +196,20 @@ place("opposite readings of the point", "claims", "point", "readings",
       value=lambda r: [t.translate(str.maketrans("+-", "-+")) for t in r], kinds=GAIN)  # fmt: skip
 place("centres for readings of the point", "claims", "point", "readings", value=None, kinds=GAIN)
 place("a reading of the point too few", "claims", "point", "readings", value=lambda r: r[1:], kinds=GAIN)
-place("a reading of the point with a sign too few", "claims", "point", "readings", 0, value="+++", kinds=GAIN)
 place("signs of readings of constraints", "claims", "point", "readings", value=lambda _: ["+"] * 14, kinds=NETWORK)
 # constraints
 place("objective too many", "header", "objective", value=4, kinds=NETWORK)
-place("objective by its name", "header", "objective", value="t", kinds=NETWORK)
-place("objective -1", "header", "objective", value=-1, kinds=NETWORK)
-place("objective true", "header", "objective", value=True, kinds=NETWORK)
 place("another objective", "header", "objective", value=0, refused="claims", kinds=NETWORK)
 place("no objective, but a cap", "header", "objective", value=None, refused="claims", kinds=NETWORK)
 place("an unknown twice", "header", "unknowns", value=lambda v: [v[0], *v[:-1]], kinds=NETWORK)
-place("an unknown without a name", "header", "unknowns", value=lambda v: [None, *v[1:]], kinds=NETWORK)
 place("no unknowns", "header", "unknowns", value=[], kinds=NETWORK)
-place("unknowns are a text", "header", "unknowns", value="abct", kinds=NETWORK)
-place("about a number", "header", "about", value=1, kinds=NETWORK)
 place("one constraint more than there are", "header", "constraints", value=lambda n: n + 1, refused="claims",
       kinds=NETWORK)  # fmt: skip
 place("too many constraints", "header", "constraints", value=100_001, kinds=NETWORK)
-place("constraints true", "header", "constraints", value=True, kinds=NETWORK)
 place("a monomial unsorted", "constraint", "body", 0, 0, value=[1, 0], kinds=NETWORK)
 place("a monomial of degree 9", "constraint", "body", 0, 0, value=[0] * 9, kinds=NETWORK)
 place("a monomial of an unknown too many", "constraint", "body", 0, 0, value=[4], kinds=NETWORK)
-place("a monomial of true", "constraint", "body", 0, 0, value=[True], kinds=NETWORK)
-place("a monomial of a text", "constraint", "body", 0, 0, value="a", kinds=NETWORK)
 place("a monomial twice", "constraint", "body", value=lambda p: [*p, p[0]], kinds=NETWORK)
-place("a coefficient as a float", "constraint", "body", 0, 1, value=1.0, kinds=NETWORK)
-place("a body null", "constraint", "body", value=None, kinds=NETWORK)
-place("a body as an object", "constraint", "body", value={}, kinds=NETWORK)
-place("a bound as a number", "constraint", "at_most", value="0x1p+0", kinds=NETWORK)
-place("root is 1", "constraint", "root", value=1, kinds=NETWORK)
-place("root is null", "constraint", "root", value=None, kinds=NETWORK)
-place("a constraint without a name", "constraint", "name", value=None, kinds=NETWORK)
 place("a bound impossible", "constraint", "at_most", value=[[[], "-0x1p+0"]], refused="claims", kinds=NETWORK)
 
 
@@ -469,11 +339,8 @@ of_network: Changes = {
     "an upper bound dropped": ("pass", lambda a, p: used(a, p, "upper").update(at_most=None)),
     "a lower bound dropped": ("pass", lambda a, p: used(a, p, "lower").update(at_least=None)),
     "a square for a root": ("exclude", square_for_a_root),
-    "a campaign beside the constraints": ("header", lambda a, p: a[0].update(campaign="")),
-    "unknown key in a constraint": (1, lambda a, p: a[1].update(note="")),
 }
 of_a_leg: Changes = {
-    "about beside the campaign": ("header", lambda a, p: a[0].update(about="")),
     "a weight on a measurement left out": ("exclude", weight_left_out),
     "a measurement left out judges the point": (
         "claims", lambda a, p: judged_by_one_left_out(a, p, holds=list(range(a[0]["measurements"])))),
@@ -494,10 +361,6 @@ FALSE: dict[str, dict[str, Any]] = {
     "all readings with a negative eps": {"at": at(-1, lambda e: -e)},
     "a factor of two": {"factor": "0x1p+1"},
     "a negative factor": {"factor": "-0x1p-1"},
-    "a factor in decimal": {"factor": "0.5"},
-    "a factor as a float": {"factor": 0.5},
-    "a factor true": {"factor": True},
-    "a factor for each": {"factor": ["0x1p+0"]},
 }
 for_all: Changes = {
     name: ("claims", lambda a, p, changes=changes: for_all_readings(a, p, **changes)) for name, changes in FALSE.items()
@@ -512,7 +375,6 @@ of_gain |= {
         "claims", lambda a, p: for_all_readings(a, p, readings=["0" * 7] * p.problem.count)),
 }  # fmt: skip
 of_both: Changes = {
-    "no factor": ("claims", lambda a, p: a[p.head]["point"].pop("factor")),
     "the point holds where it fails": ("claims", lambda a, p: point_judged(a, p, 0.0, holds_where_it_fails)),
     "the point fails where it holds": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_where_it_holds)),
     "the point fails twice at one measurement": ("claims", lambda a, p: point_judged(a, p, p.eps_hi / 2, fails_twice)),
@@ -522,12 +384,6 @@ of_both: Changes = {
         "claims", lambda a, p: a[0]["hi"].__setitem__(0, moved(a[p.head]["point"]["at"][0], DOWN))),
     "excluded part too large": ("exclude", lambda a, p: a[p.index("split")].update(at=a[0]["hi"][-1])),
     "split along another unknown": ("exclude", lambda a, p: a[p.index("split")].update(unknown=0, at=a[0]["lo"][0])),
-    "unknown key in the header": ("header", lambda a, p: a[0].update(note="trust me")),
-    "unknown key in the claims": ("claims", lambda a, p: a[p.head].update(feasible=True)),
-    "unknown key in the point": ("claims", lambda a, p: a[p.head]["point"].update(reading=[])),
-    "unknown key in a step": ("pass", lambda a, p: a[p.index("pass")].update(note="")),
-    "unknown key in weights": ("exclude", lambda a, p: a[p.index("exclude")]["weights"].update(cubes=[])),
-    "claim missing": ("claims", lambda a, p: a[p.head].pop("enclosure")),
     "claims of the former format": ("claims", former),
     "pass and exclude in one": ("pass", lambda a, p: a[p.index("pass")].update(exclude=2)),
     "no step at all": ("pass", lambda a, p: a.__setitem__(p.index("pass"), {"because": "I say so"})),
@@ -547,4 +403,3 @@ for kinds, changes in (
     (NETWORK, of_network), (LEG, of_a_leg), (GAIN, of_gain), (BOTH, of_both), ((*LEG, *GAIN), for_all)
 ):  # fmt: skip
     FORGERIES |= {name: (where, change, kinds) for name, (where, change) in changes.items()}
-FORGERIES["the model left out"] = ("header", lambda a, p: a[0].pop("model"), (*LEG, *GAIN))

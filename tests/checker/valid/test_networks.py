@@ -94,15 +94,6 @@ def test_an_anchor_and_an_offset(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.cert.jsonl"]
 
 
-def circle() -> tuple[cpcal.Network, cpcal.Expr]:
-    """Squares without a root: a circle through points, least error of the squared radius."""
-    net = cpcal.Network()
-    c, r2 = net.variable("c", 2, (-2.0, 2.0)), net.variable("r2", (), (1.0, 40.0))
-    t = net.variable("t", (), (0.0, 20.0))
-    net.add((cpcal.sqr(PLACES[:, :2] - c).sum(-1) - r2).within((-t, t)))
-    return net, t
-
-
 def equality() -> tuple[cpcal.Network, cpcal.Expr]:
     """An equality that float64 numbers satisfy, and a minimum below zero."""
     net = cpcal.Network()
@@ -116,16 +107,6 @@ def equality() -> tuple[cpcal.Network, cpcal.Expr]:
 def stated(path: Path) -> list[dict[str, Any]]:
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     return lines[1 : 1 + lines[0]["constraints"]]
-
-
-def test_without_a_root(tmp_path: Path) -> None:
-    net, t = circle()
-    found = net.minimize(t, certificate=tmp_path / "c.cert.jsonl")
-    assert found.witness is not None
-    assert found.hi - found.lo <= 1e-5
-    accepted = proved(tmp_path / "c.cert.jsonl")
-    agrees(accepted, found, net)
-    assert not any(line["root"] for line in stated(tmp_path / "c.cert.jsonl"))
 
 
 def test_an_equality(tmp_path: Path) -> None:
@@ -149,14 +130,6 @@ def test_no_solution_at_all(tmp_path: Path) -> None:
     assert claims.infeasible
     assert claims.cap == F(1, 2)
     assert claims.point is None
-
-
-def test_a_limit_comes_first(tmp_path: Path) -> None:
-    net, eps = anchors()
-    found = net.minimize(eps, limits=cpcal.Limits(nodes=1), certificate=tmp_path / "l.cert.jsonl")
-    claims = proved(tmp_path / "l.cert.jsonl").claims
-    assert claims.eps_lo == F(found.lo)
-    assert claims.eps_hi == F(found.hi)
 
 
 # the exact statement ------------------------------------------------------------------------------------------------

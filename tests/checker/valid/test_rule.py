@@ -262,17 +262,6 @@ def apart(m: Exact, model: str, x: Vector, reading: Vector) -> F:
 
 
 @pytest.mark.parametrize("model", EXTRA)
-def test_exact_readings_have_no_penalty(model: str) -> None:
-    rng = random.Random(5)
-    for side in SIDES:
-        m, box = some(rng, 0, model)
-        problem, x = leg(m, model), unknowns(box)
-        assert rows_of(problem, x, [(side, 0)])[0][2] == "0" * 7
-        rows = [problem.row(x, side, 0, signs) for signs in ("0" * 7, "+-+-+-+")]
-        assert len({tuple(sorted(row.terms.items())) + (row.exponent,) for row in rows}) == 1
-
-
-@pytest.mark.parametrize("model", EXTRA)
 def test_length_rows_know_nothing_of_corrections(model: str) -> None:
     m, box = some(random.Random(6), 1, model)
     x = point_of(random.Random(7), box)
