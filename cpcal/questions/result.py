@@ -146,9 +146,8 @@ class Options:
         out: list[str] = []
         for option in fields(self):
             name, value = option.name, getattr(self, option.name)
-            if name == "half_widths":
-                out += [word for of, width in value.items() for word in ("--half-width", f"{of}={width!r}")]
-            elif name in _ALWAYS or (name != "ranges" and value != option.default):
+            # half-widths of extra parameters stand in the campaign, and no option says them
+            if name in _ALWAYS or (name not in ("ranges", "half_widths") and value != option.default):
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 out += [f"--{name.replace('_', '-')}", text]
         return out

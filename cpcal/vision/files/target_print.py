@@ -112,7 +112,7 @@ def sheet(target: Target, paper: str | None = None) -> Sheet:
     name, size = _sheet_for(target, _SIZES if paper is None else (paper,))
     if paper is not None and not name:
         what = f"needs {size[0]:.0f} x {size[1]:.0f} mm and does not fit {paper}"
-        raise unusable(f"target {target.name}", what, "choose another --paper, or a smaller --side")
+        raise unusable(f"target {target.name}", what, "choose another --paper")
     low, high = _plate(target)
     width, height = (high - low).tolist()
     left, top = 0.5 * (size[0] - width), 0.5 * (size[1] - height - _FOOT)
