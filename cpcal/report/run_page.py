@@ -255,12 +255,12 @@ def _bounds(result: Result) -> Iterator[Section]:
 
 def _origin(campaign: Campaign, result: Result) -> Section:
     options = result.options
+    widths = ", ".join(f"{name} = {width!r}" for name, width in options.half_widths.items())
+    where = "CAMPAIGN: the folder of the campaign with the SHA-256 above"
+    where += f", with the half-widths {widths} in its [model]" * bool(widths)
     data: dict[str, Words] = {
         "Campaign, SHA-256": Mark(claim(result.campaign.sha256, "campaign"), "code"),
-        "To repeat the run": (
-            Mark(command(result), "command"),
-            Mark("CAMPAIGN: the folder of the campaign with the SHA-256 above. RUN: a new folder.", "small"),
-        ),
+        "To repeat the run": (Mark(command(result), "command"), Mark(f"{where}. RUN: a new folder.", "small")),
     }
     if any(leg.certified for leg in result.legs):
         data["To check the proofs again"] = (

@@ -26,7 +26,6 @@ def campaign():
             "legs": [2],
             "eps": 0.1,
             "model": "gain",
-            "half_widths": {"s": 0.01},
             "tolerance": 0.5,
             "time_limit": 60.0,
             "support": "none",

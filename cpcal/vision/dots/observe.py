@@ -129,6 +129,8 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
             light, left = light_growth(grey, found, gap, np.nan_to_num(dim))
             edges = fitted_edges(grey, found.center, found.spread, room, light)
             fitted = ~np.isnan(edges.noise)
+            if not fitted.any():
+                return edges
     (squares, worth, common), noise = _excess(edges), median(edges.noise[fitted])
     moved = median(np.where(worth, squares, 0.0)[fitted]) / _MEDIAN
     if moved > _ALL_WRONG or (moved > _BENT and left > _LEFT * noise):
