@@ -317,7 +317,7 @@ def _legwise(
                 return None
             bounds[k] = lo, hi
         before, y = y, [up(max(-lo, hi)) for lo, hi in bounds]
-        w = [min(a, inner(line, y) * _ROUNDED) for a, line in zip(w, weights, strict=True)]
+        w = [min(a, inner(line, y) * _ROUNDED + _TINY) for a, line in zip(w, weights, strict=True)]
         z = [min(a, (float(abs(c)) + b) * _ROUNDED) for a, c, b in zip(z, center, w, strict=True)]
         if all(a > _SETTLED * b for a, b in zip(y, before, strict=True)):
             break

@@ -15,7 +15,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import Refused
-from cpcal.checker.platform import Commanded, Leg, check_accuracy, pose_bounds
+from cpcal.checker.platform import Commanded, Leg, _About, _left_inverse, _Row, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
 from cpcal.models.platform import pose_bounds as uncertified_bounds
 from cpcal.questions.accuracy import (
@@ -258,6 +258,40 @@ def test_known_parameters_leave_the_pose_itself(run, known):
     found = bounded(known.controller, run[1], 0, 20, 0.05)
     assert 0 < found.position < 1e-9
     assert 0 < found.half_turn < 1e-11
+
+
+def test_an_error_moves_a_leg_by_its_square_as_well(run, known):
+    # (L + l + e)^2 - (L + l)^2 = e (2 (L + l) + e)
+    pose, row, e = (
+        Commanded(exact(run[1].position[0]), exact(run[1].quaternion[0])),
+        exact(known.controller.parameters[0]),
+        F(4),
+    )
+    found = _Row(pose, known_leg(row, row, row, e, (F(0), F(0))), free)
+    least = pose.norm * e * (2 * pose.length(row) + e)
+    assert all(least <= size <= least * (1 + F(1, 10**9)) for size in (-found.value[0], found.value[1]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_linear_part_of_a_legs_equation_is_where_it_says(run, known, seed):
+    """At a pose off by w each leg has a model error of its own; there its bound is attained, but for its square."""
+    rng, controller = np.random.default_rng(seed), known.controller
+    pose = Commanded(exact(run[1].position[0]), exact(run[1].quaternion[0]))
+    commanded = Pose(run[1].position[:1], run[1].quaternion[:1])
+    w = np.array([12.0] * 3 + [0.02] * 3) * rng.uniform(-1, 1, 6)
+    moved = Pose(commanded.position + w[:3], quaternion_product(np.array([[1.0, *w[3:]]]), commanded.quaternion))
+    errors = np.abs(inverse_kinematics(controller, moved) - inverse_kinematics(controller, commanded))[0]
+    rows = []
+    for row, error in zip(map(exact, controller.parameters), errors, strict=True):
+        rows.append(_Row(pose, known_leg(row, row, row, F(float(error) + 1e-9), (F(0), F(0))), free))
+    forms = [_About(row, [F(0)] * 6, free) for row in rows]
+    inverse = _left_inverse([form.slopes for form in forms])
+    linear = [sum(map(mul, form.slopes, exact(w))) for form in forms]
+    y = [abs(float(v)) for v in linear]
+    for form, value in zip(forms, linear, strict=True):
+        form.by_legs(inverse, [F(0)] * 6)
+        below, above = form.spread(np.abs(w).tolist(), np.abs(w).tolist(), y)
+        assert form.value[0] - above <= value <= form.value[1] + below
 
 
 def test_legs_that_are_off_as_far_as_they_may_lead_into_the_box_and_nearly_to_its_ends(run, known):

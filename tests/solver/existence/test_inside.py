@@ -74,7 +74,7 @@ def test_readings_must_serve_all_constraints_at_once(shared: bool) -> None:
 def test_no_value_between_those_of_a_jump_is_taken() -> None:
     net = ConstraintNetwork()
     x, r = net.variable("x", (), (-2, 2)), net.reading(0.0, 0.5)
-    net.add(0.1 / r + x == 0.5)  # up to -0.2, and from 0.2 on, beside x
+    net.add(np.arctan2(r, x - 2.0) / 4.0 + x == 1.0)  # up to -0.66, and from 0.66 on, beside x = 1
     at = np.ones(1)
     constraint, box = ReadingConstraint(net, net.constraints[0]), IntervalArray.point(at[None])
     assert not constraint.for_all(box).any()
