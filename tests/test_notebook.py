@@ -24,4 +24,6 @@ def test_the_notebook_runs_and_shows_its_figures(capsys):
         found.raise_error()
         shown.append(shell.display_formatter.format(found.result)[0])
     assert sum("image/svg+xml" in data or "<svg" in data.get("text/html", "") for data in shown) == 2
-    assert capsys.readouterr().out.count("proved, ") == 3
+    said = capsys.readouterr().out
+    assert said.count("proved, ") == 3
+    assert said.count("; within ") == 3  # the recommended parameters of each leg
