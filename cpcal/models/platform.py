@@ -250,8 +250,7 @@ class Equations:
         with np.errstate(all="ignore"):
             image = self.image(value)
             size, proved = proved_sizes(image, value.mag, good)
-        size = np.where(proved[:, None], size, 0.0)
-        more = image(size)
+            size, more = (np.where(proved[:, None], of, 0.0) for of in (size, image(size)))
         y = (IntervalArray(-more, more) - value).intersect(IntervalArray(-size, size))
         box = applied(IntervalArray.of(self.inverse), y)
         position, angle = (np.where(proved, most, np.inf) for most in sizes(self.inverse, y))

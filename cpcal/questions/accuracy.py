@@ -318,12 +318,11 @@ def certify_accuracy(
             path = Path(draft if certificates is None else certificates) / name
             one = enclosed_leg(asked[-1], poses=commanded, certificate=path)
             enclosed += [] if one is None else [one]
-            lo, hi, *rows_ = (
-                ((), ()) if one is None else (tuple(map(float, side)) for side in (one.lo, one.hi, *one.directions))
-            )
+            rows_of = ((), ()) if one is None else (one.lo, one.hi, *one.directions)
+            lo, hi, *directions = (tuple(map(float, row)) for row in rows_of)
             below = leg.bracket.lo if result.options.eps is None else 0.0
             said = assume is not None, below, found[k][1], far[k]
-            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, tuple(rows_), out, name, *said))
+            assumed.append(AssumedLeg(leg.leg, eps, lo, hi, tuple(directions), out, name, *said))
     at, over, following = list[PoseAccuracy](), None, tuple[NextPose, ...]()
     say("certified sets")
     sets = [] if len(enclosed) < campaign.legs else [one for one in map(certified_set, asked) if one is not None]
