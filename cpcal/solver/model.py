@@ -471,11 +471,11 @@ class Network(ConstraintNetwork):
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
         first that ends is the answer; `Paving.method` says which and why.
-        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative" or "smear-max"
-        (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
-        looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
-        see `Paving`. `time_limit` and `node_limit` are `limits=Limits(seconds=..., nodes=...)`; the time counts from
-        the call, and when it is over no function is compiled any more.
+        `strategy` says where a box is cut in two: "largest" or "smear-relative" (or an object); `order` which boxes are
+        next, up to 64 abreast: "depth" or "breadth". `inner=True` looks for boxes that hold nothing but solutions,
+        which are not divided, and lists what was proved to hold none: see `Paving`. `time_limit` and `node_limit` are
+        `limits=Limits(seconds=..., nodes=...)`; the time counts from the call, and when it is over no function is
+        compiled any more.
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
         the answer is the same. It pays where a box takes a millisecond or more.
@@ -494,7 +494,7 @@ class Network(ConstraintNetwork):
             choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         if order not in ORDERS:
             raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-        priority, inside = ORDERS[order](network), Inside(network) if inner else None
+        priority, inside = ORDERS[order], Inside(network) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
         options = (contractors, strategy, order, inner, width)
         of = {} if checkpoint is None else checkpoint_of(network, options)

@@ -18,7 +18,7 @@ read = np.array([2.07, 1.32, 0.66, 0.52, 0.21, 0.23, 0.03, 0.11])
 net = cpcal.Network("decay")
 a, b = net.variable("a", domain=(0.0, 5.0)), net.variable("b", domain=(0.0, 5.0))
 net.add((a * np.exp(-b * t) - read).within((-0.15, 0.15)))
-paving = net.solve(width=0.01, inner=True, contractors=["hc4"], strategy="smear")
+paving = net.solve(width=0.01, inner=True, contractors=["hc4"], strategy="smear-relative")
 print(paving.status)
 print(f"the area of all such (a, b) is proved to lie in [{paving.volume.lo:.4f}, {paving.volume.hi:.4f}]")
 

@@ -340,8 +340,8 @@ def minimize(
 def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: Tally, interrupted: bool) -> Minimum:
     undecided, least = 0, incumbent.hi
     enclosure = around = Box.empty(incumbent.domain.names)
-    leaves: Iterator[Node | Piece] = chain(search.undecided(), search.kept)
-    for leaf in leaves:  # one at a time: many of them may be on disk
+    leaves: Iterator[Node | Piece] = chain(search.pending, search.kept)
+    for leaf in leaves:
         box, found = incumbent.cut(leaf.box), incumbent.cut(leaf.state.found)
         undecided += isinstance(leaf, Node) and not box.is_empty and not incumbent.settled(box)
         enclosure, around = enclosure.hull(box), around.hull(found)

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -166,7 +165,7 @@ class Divide:
         self._contracting = contracting
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         plain = inside is None and again is None and not (outside or contracting.proves)
-        ours = type(strategy) in (LargestFirst, RoundRobin, Smear)
+        ours = type(strategy) in (LargestFirst, Smear)
         self._arrays = plain and ours and all(takes_batches(contractor) for _, contractor in contracting.named)
         self._elsewhere: Shared[Divide] | None = None  # and none in what travels
         if place is not None:
@@ -194,7 +193,7 @@ class Divide:
         boxes = Box.rows(names, lo, hi)
         lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
         assert isinstance(self._strategy, LargestFirst)
-        component, cut = self._strategy.cuts(names, lo, hi, np.array([node.depth for node in nodes]))
+        component, cut = self._strategy.cuts(names, lo, hi)
         rows = np.flatnonzero(component >= 0)
         upper, lower = hi[rows], lo[rows]
         upper[np.arange(len(rows)), component[rows]] = cut[rows]
@@ -228,9 +227,7 @@ class Divide:
             pairs = ((node.box, box), (before, found))
             if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
                 return EventKind.CONTRACTED, (box,)
-        by = self._strategy
-        turn = partial(by.split_at, depth=node.depth) if isinstance(by, RoundRobin) else by.split
-        pieces = divided(box, found, turn)
+        pieces = divided(box, found, self._strategy.split)
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
 
 
@@ -292,25 +289,14 @@ class LargestFirst:
         return out
 
     def split(self, box: Box) -> tuple[Box, ...]:
-        return self.split_at(box, 0)
-
-    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
-        """The pieces of a box that `depth` divisions led to."""
-        (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None], np.array([depth]))
+        (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None])
         return bisect(box, int(component)) if component >= 0 else ()
 
-    def cuts(self, names: Sequence[str], lo: Floats, hi: Floats, depths: Ints) -> tuple[Ints, Floats]:
+    def cuts(self, names: Sequence[str], lo: Floats, hi: Floats) -> tuple[Ints, Floats]:
         """Which component of boxes (B, n) to cut, -1 for none, and where: (B,) each."""
         with np.errstate(all="ignore"):
-            return self._best(names, lo, hi, self._scores(lo, hi, depths))
-
-    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
-        """The component with the highest one is cut: (B, n)."""
-        return np.asarray(IntervalArray(lo, hi).width / self._scale)
-
-    def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
-        cut = _middle(lo, hi)
-        able = (IntervalArray(lo, hi).width / self._scale > self._width) & (lo < cut) & (cut < hi)
+            score, cut = self._scores(lo, hi), _middle(lo, hi)
+            able = (IntervalArray(lo, hi).width / self._scale > self._width) & (lo < cut) & (cut < hi)
         able &= (lo < self._reach) & (hi > -self._reach)
         if self._skip:
             able &= np.array([name not in self._skip for name in names])
@@ -319,32 +305,20 @@ class LargestFirst:
         component = np.where(able[rows, component], component, np.where(able.any(axis=1), able.argmax(axis=1), -1))
         return component, cut[rows, component]
 
-
-class RoundRobin(LargestFirst):
-    """Bisect one component after the other: number `depth` (modulo their number), or the next one that is wide."""
-
-    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
-        turn = (np.arange(lo.shape[1])[None] - depths[:, None]) % max(lo.shape[1], 1)
-        return np.asarray(-turn.astype(np.float64))
+    def _scores(self, lo: Floats, hi: Floats) -> Floats:
+        """The component with the highest one is cut: (B, n)."""
+        return np.asarray(IntervalArray(lo, hi).width / self._scale)
 
 
 _TINY = float(np.finfo(np.float64).tiny)
-
 _SIZE = 1_000_000  # derivatives that are held at a time
-
-# |derivative| times width, shape (boxes, rows, components) -> score of each component (boxes, components)
-SMEARS: dict[str, Callable[[Floats], Floats]] = {
-    "sum": lambda smear: np.asarray(smear.sum(axis=1)),
-    "relative": lambda smear: np.asarray((smear / np.maximum(smear.sum(axis=2, keepdims=True), _TINY)).sum(axis=1)),
-    "max": lambda smear: np.asarray(smear.max(axis=1, initial=0.0)),
-}
 
 
 class Smear(LargestFirst):
     """Bisect where the constraints vary most, by |derivative| times width at the midpoint of a box.
 
-    Over the rows it is combined by `how`: their "sum", the sum "relative" to each row's total (so that no row counts
-    more than another), or the "max". Where nothing varies, and on unbounded boxes, the widest component.
+    It is summed over the rows, relative to each row's total, so that no row counts more than another. Where nothing
+    varies, and on unbounded boxes, the widest component.
     """
 
     def __init__(
@@ -353,19 +327,19 @@ class Smear(LargestFirst):
         width: float = 0.0,
         scale: npt.ArrayLike = 1.0,
         skip: Iterable[str] = (),
-        how: str = "sum",
     ) -> None:
         super().__init__(width, scale, skip)
-        self._rows, self._how = network.once("rows at points", lambda: Rows(network)), how
+        self._rows = network.once("rows at points", lambda: Rows(network))
 
-    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+    def _scores(self, lo: Floats, hi: Floats) -> Floats:
         widths, mids = IntervalArray(lo, hi).width, IntervalArray(lo, hi).mid
         scores = widths / self._scale
         bounded = np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1))
         most = max(1, _SIZE // max(self._rows.count * lo.shape[1], 1))
         for some in (bounded[k : k + most] for k in range(0, len(bounded), most)):
             smear = np.abs(self._rows.jacobians(mids[some])) * widths[some][:, None]
-            found = np.nan_to_num(SMEARS[self._how](smear))
+            total = np.maximum(smear.sum(axis=2, keepdims=True), _TINY)
+            found = np.nan_to_num((smear / total).sum(axis=1))
             varies = found.any(axis=1)
             scores[some[varies]] = found[varies]
         return np.asarray(scores)
@@ -373,8 +347,5 @@ class Smear(LargestFirst):
 
 STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {
     "largest": lambda network, width: LargestFirst(width),
-    "round-robin": lambda network, width: RoundRobin(width),
-    "smear": lambda network, width: Smear(network, width),
-    "smear-relative": lambda network, width: Smear(network, width, how="relative"),
-    "smear-max": lambda network, width: Smear(network, width, how="max"),
+    "smear-relative": Smear,
 }

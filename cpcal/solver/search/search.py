@@ -8,12 +8,9 @@ the node: its box, and the `state` that the decision which made it handed on.
 from __future__ import annotations
 
 import heapq
-import pickle
-import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,8 +20,6 @@ from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.kernels import check_rounding
-from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.rows import Rows
 
 # ------------------------------------------------------------------------------------------------------------------
 # The order in which the undecided boxes of a search are taken: lower priority first.
@@ -57,98 +52,7 @@ def breadth_first(node: Node) -> float:
     return float(node.depth)
 
 
-class BestFirst:
-    """The box first whose midpoint violates the constraints least (to first order nothing: by its worst row)."""
-
-    def __init__(self, network: ConstraintNetwork) -> None:
-        self._rows = Rows(network)
-
-    def __call__(self, node: Node) -> float:
-        values = self._rows.linearize(node.box.mid).values
-        worst = float(np.max(np.maximum(values, 0.0), initial=0.0))
-        return worst if np.isfinite(worst) else np.inf
-
-
-ORDERS: dict[str, Callable[[ConstraintNetwork], Priority]] = {
-    "depth": lambda network: depth_first,
-    "breadth": lambda network: breadth_first,
-    "best": BestFirst,
-}
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# The undecided nodes of a search, the most urgent first. Many of them wait on disk, in the same order as in memory.
-
-IN_MEMORY = 100_000  # nodes, at most, if there is room on the disk: some 100 MB
-_CHUNK = 4096  # nodes that come back from the disk together
-
-_TABLE = "CREATE TABLE nodes (priority REAL, serial INTEGER, node BLOB, PRIMARY KEY (priority, serial)) WITHOUT ROWID"
-
-
-class Frontier:
-    """A queue of nodes by priority, then age. Those on disk are in a database without a name: it goes with the process.
-
-    Ctrl-C may strike between any two lines: what moves is in both places for a moment, never in none.
-    """
-
-    def __init__(self, priority: Priority, in_memory: int | None = None) -> None:
-        self._priority, self._limit = priority, in_memory or IN_MEMORY
-        self._heap: list[tuple[float, int, Node]] = []  # priority, serial
-        self._disk, self.on_disk = sqlite3.connect("", check_same_thread=False), 0  # nodes
-        self._disk.execute(_TABLE)
-
-    def __del__(self) -> None:
-        self._disk.close()
-
-    def __len__(self) -> int:
-        return len(self._heap) + self.on_disk
-
-    def _first(self) -> tuple[float, int] | None:
-        """Priority and serial of the most urgent node on disk."""
-        order = "SELECT priority, serial FROM nodes ORDER BY priority, serial"
-        return next(self._disk.execute(order), None) if self.on_disk else None
-
-    @property
-    def lowest(self) -> float | None:
-        """The priority of the most urgent node; None where there is none."""
-        return min([*(entry[0] for entry in self._heap[:1]), *(self._first() or ())[:1]], default=None)
-
-    def __iter__(self) -> Iterator[Node]:
-        """All nodes, in no order; those on disk come and go."""
-        yield from (pickle.loads(node) for (node,) in self._disk.execute("SELECT node FROM nodes"))
-        yield from [node for *_, node in self._heap]
-
-    def push(self, node: Node) -> None:
-        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
-        if len(self._heap) > self._limit:
-            self._spill()
-
-    def move_first(self, to: list[Node]) -> None:
-        """The most urgent node to the front of a list."""
-        stored = self._first()
-        if stored is not None and not (self._heap and self._heap[0][:2] < stored):
-            chunk = self._disk.execute(f"SELECT * FROM nodes ORDER BY priority, serial LIMIT {_CHUNK}").fetchall()
-            for priority, serial, node in chunk:
-                heapq.heappush(self._heap, (priority, serial, pickle.loads(node)))
-            with self._disk:
-                self._disk.execute("DELETE FROM nodes WHERE (priority, serial) <= (?, ?)", chunk[-1][:2])
-            self.on_disk -= len(chunk)
-        to.insert(0, self._heap[0][2])
-        heapq.heappop(self._heap)
-
-    def _spill(self) -> None:
-        """The less urgent half goes to the disk; where there is no room, all stay."""
-        entries = sorted(self._heap, key=lambda entry: entry[:2])
-        half = self._limit // 2
-        rows = [(priority, serial, pickle.dumps(node)) for priority, serial, node in entries[half:]]
-        try:
-            with self._disk:
-                self._disk.executemany("INSERT OR REPLACE INTO nodes VALUES (?, ?, ?)", rows)
-        except sqlite3.Error:
-            self._limit *= 2
-            return
-        self.on_disk += len(rows)
-        self._heap = entries[:half]  # sorted, so that it is a heap
+ORDERS = {"depth": depth_first, "breadth": breadth_first}
 
 
 class EventKind(Enum):
@@ -238,8 +142,8 @@ class Search(Iterator[Event]):
     ) -> None:
         self._process, self._priority, self.wants_outside = process, priority, outside
         self._abreast, self._batch = abreast, batch
-        self._frontier = Frontier(priority)
-        self._round: list[Node] = []  # the next one last
+        self._heap: list[tuple[float, int, Node]] = []  # priority, serial
+        self.begun: list[Node] = []  # of the round at work those that are still to come, the next one first
         self._decided: dict[int, Decision] = {}  # by serial, of the round
         self.created = 0  # nodes that were ever made
         self.kept: list[Piece] = []
@@ -249,55 +153,45 @@ class Search(Iterator[Event]):
             self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
     @property
-    def begun(self) -> tuple[Node, ...]:
-        """The nodes of the round at work that are still to come, the next one first."""
-        return tuple(reversed(self._round))
-
-    @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
-        queued = sorted(self._frontier, key=lambda node: (self._priority(node), node.serial))
-        return (*self.begun, *queued)
+        return (*self.begun, *(node for *_, node in sorted(self._heap, key=lambda entry: entry[:2])))
 
     @property
     def waiting(self) -> int:
         """How many nodes are undecided."""
-        return len(self._round) + len(self._frontier)
+        return len(self.begun) + len(self._heap)
 
     @property
     def lowest(self) -> float | None:
         """The least priority of an undecided node; None where there is none."""
-        rest = self._frontier.lowest
-        return min([*map(self._priority, self._round), *([] if rest is None else [rest])], default=None)
-
-    def undecided(self) -> Iterator[Node]:
-        """The same as `pending`, in no order, and not all in memory at a time. The search stands still meanwhile."""
-        return chain(self.begun, self._frontier)
+        return min([*map(self._priority, self.begun), *(entry[0] for entry in self._heap[:1])], default=None)
 
     def standing(self) -> Standing:
         """All that the rest of the search depends on, besides its process and priority. It stands still meanwhile."""
         begun = {node.serial for node in self.begun}
-        pending = (node for node in self._frontier if node.serial not in begun)
+        pending = (node for *_, node in self._heap if node.serial not in begun)
         return Standing(self.created, pending, self.begun, self.kept, self.inside, self.outside)
 
     def restore(self, at: Standing) -> None:
         """Stand where another search of the same process and priority stood."""
-        self._frontier = Frontier(self._priority)
+        self._heap = []
         for node in at.pending:
-            self._frontier.push(node)
-        self._round, self._decided, self.created = [*at.begun][::-1], {}, at.created
+            self._queue(node)
+        self.begun, self._decided, self.created = list(at.begun), {}, at.created
         self.kept, self.inside, self.outside = list(at.kept), list(at.inside), list(at.outside)
 
     def __next__(self) -> Event:
         # Ctrl-C may strike between any two lines: a node is listed as undecided (perhaps twice) until all that
         # follows from it is stored.
-        if not self._round:
-            if not len(self._frontier):
+        if not self.begun:
+            if not self._heap:
                 raise StopIteration
-            abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._frontier))
-            for _ in range(min(abreast, len(self._frontier))):
-                self._frontier.move_first(self._round)
-        node = self._round[-1]
+            abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._heap))
+            for _ in range(min(abreast, len(self._heap))):
+                self.begun.append(self._heap[0][2])
+                heapq.heappop(self._heap)
+        node = self.begun[0]
         decision = self._decision(node)
         check_rounding()  # a plug-in that changed it makes all contractors after it unsound
         removed = decision.removed if self.wants_outside else ()
@@ -305,7 +199,7 @@ class Search(Iterator[Event]):
             removed = difference(node.box, decision.box)
         children = self._stored(node, decision)
         self.outside.extend(removed)
-        self._round = [*self._round[:-1], *(child for child in reversed(children) if child.decided is not None)]
+        self.begun = [*(child for child in children if child.decided is not None), *self.begun[1:]]
         self._decided.pop(node.serial, None)
         return Event(node, decision, children, self.waiting)
 
@@ -314,9 +208,9 @@ class Search(Iterator[Event]):
         if made is not None:
             return made
         together = getattr(self._process, "all", None)
-        if together is None or len(self._round) == 1 or self._batch == 1:
+        if together is None or len(self.begun) == 1 or self._batch == 1:
             return self._process(node)
-        nodes = [one for one in self._round[::-1] if one.decided is None][: self._batch]
+        nodes = [one for one in self.begun if one.decided is None][: self._batch]
         decisions = together(nodes)
         self._decided = {one.serial: decision for one, decision in zip(nodes, decisions, strict=True)}
         return self._decided[node.serial]
@@ -336,8 +230,11 @@ class Search(Iterator[Event]):
         node = Node(piece.box, depth, self.created, piece.state, piece.decided)
         self.created += 1
         if piece.decided is None:
-            self._frontier.push(node)
+            self._queue(node)
         return node
+
+    def _queue(self, node: Node) -> None:
+        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
 
 
 # ------------------------------------------------------------------------------------------------------------------

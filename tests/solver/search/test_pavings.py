@@ -14,7 +14,7 @@ from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, n
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.search import ORDERS, STRATEGIES, Paving, RoundRobin, Smear, clusters, difference, volume
+from cpcal.solver.search import ORDERS, STRATEGIES, LargestFirst, Paving, clusters, difference, volume
 
 
 def annulus() -> Network:
@@ -171,28 +171,11 @@ def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: s
 
 def test_unknown_names_are_errors_that_list_the_known_ones() -> None:
     net = annulus()
-    with pytest.raises(PluginError, match=r"'nose'.*largest, round-robin.*smear-max.*cpcal\.strategies"):
+    with pytest.raises(PluginError, match=r"'nose'.*largest, smear-relative.*cpcal\.strategies"):
         net.solve(strategy="nose")
-    with pytest.raises(ModelError, match="depth, breadth, best"):
+    with pytest.raises(ModelError, match="depth, breadth"):
         net.solve(order="nose")
-    assert net.solve(width=1.0, strategy=RoundRobin(1.0)).complete
-
-
-def test_round_robin_takes_turns_and_smears_differ() -> None:
-    box = Box.from_dict({"x": (0, 8), "y": (0, 1), "z": (0, 2)})
-    strategy = RoundRobin(0.5)
-    widths = []
-    for depth in range(6):
-        widths.append(box.width.tolist())
-        box = strategy.split_at(box, depth)[0]
-    cut = [int(np.argmax(np.array(a) > np.array(b))) for a, b in itertools.pairwise(widths)]
-    assert cut == [0, 1, 2, 0, 2]  # y is fine enough after its turn
-    assert strategy.split(box)[0].width[0] < box.width[0]
-    net = Network()
-    x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (0, 1))
-    net.add([100 * x <= 50, x + 3 * y <= 2, x + 4 * y <= 3, 2 * y + x <= 1, 99 * y <= 50])
-    picked = {how: int(np.argmin(Smear(net, how=how).split(net.domain)[0].hi)) for how in ("sum", "relative", "max")}
-    assert picked == {"sum": 1, "relative": 1, "max": 0}
+    assert net.solve(width=1.0, strategy=LargestFirst(1.0)).complete
 
 
 def test_derivatives_at_many_points_are_those_at_each() -> None:
