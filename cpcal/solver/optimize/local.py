@@ -1,8 +1,8 @@
-"""A local minimum by linear programs, each about the point before: for optima that are vertices. Proves nothing.
+"""Local minima by sequential linear programming and by SLSQP, and the best point that is proved. Fits prove nothing.
 
-Where as many rows hold with equality at an optimum as there are components, such steps converge quadratically, and
-each costs a program of a few dozen microseconds. Elsewhere they end without an answer, and `LocalSearch` goes on with
-SLSQP.
+Minimises one variable (the objective, say eps) subject to the rows of a network, each at the readings in their sets
+that suit it best. For `|g_k(x)| <= eps` this is Chebyshev approximation: the optimum is a vertex, so that linear
+programs, each about the point before, converge quadratically.
 """
 
 from __future__ import annotations
@@ -27,96 +27,6 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows, RowValues
 from cpcal.solver.optimize.witness import Equations, Prepared, Witness, WitnessProver
-
-_STEPS = 20
-_SETTLED = 1e-11  # a step below this, in scales, ends it
-_HOLDS = 1e-9  # by which a row may be violated in the end, in units of its gradient
-_SMALLEST = 1e-6  # of the trust region: an optimum that is no vertex takes ever shorter steps
-
-
-def linear_steps(
-    rows: Rows,
-    cost: Floats,
-    box: Box,
-    start: Floats,
-    *,
-    scale: Floats,
-    margin: float = 0.0,
-    deadline: float = math.inf,
-) -> Floats | None:
-    """A vertex near `start` (n,) at which `cost @ x` is least among the points of a box where all rows hold; None where
-    the steps do not end in one.
-
-    `margin`: by how much, in units of its gradient in components over their `scale`, every row holds to first order.
-    """
-    point = np.clip(start, box.lo, box.hi)
-    at, radius, penalty = rows.linearize(point), 1.0, 0.0
-    for _ in range(_STEPS):
-        if time.monotonic() > deadline:
-            return None
-        found = _program(at, point, cost, box, scale, radius, margin)
-        if found is None:
-            return None
-        step, weight = found
-        penalty = max(penalty, 2.0 * weight)
-        new = np.clip(point + step, box.lo, box.hi)
-        length = float(np.max(np.abs(step) / scale, initial=0.0))
-        there = rows.linearize(new)
-        excess = _excess(there, scale)
-        if length <= _SETTLED:
-            return new if excess <= _HOLDS else None
-        before = _excess(at, scale)
-        promised = penalty * before - float(cost @ step)
-        gained = penalty * (before - excess) - float(cost @ step)
-        if gained > 0.1 * promised or length <= 100.0 * _SETTLED:
-            point, at = new, there
-            radius = min(2.0 * radius, 1.0) if gained > 0.75 * promised else radius
-        else:
-            radius = 0.25 * min(radius, length)
-        if radius < _SMALLEST:
-            return None
-    return None
-
-
-def _program(
-    at: RowValues,
-    point: Floats,
-    cost: Floats,
-    box: Box,
-    scale: Floats,
-    radius: float,
-    margin: float,
-) -> tuple[Floats, float] | None:
-    """The best step in a trust region, where the linearised rows hold, and the sum of the rows' multipliers."""
-    unit = scale * radius
-    matrix, size = at.jacobian * unit, _sizes(at, scale)
-    limits = -at.values / size - margin
-    if not (np.isfinite(matrix).all() and np.isfinite(limits).all()):
-        return None
-    lower, upper = np.maximum((box.lo - point) / unit, -1.0), np.minimum((box.hi - point) / unit, 1.0)
-    engine = Dense()
-    engine.load(matrix / (size * radius)[:, None], limits / radius, lower, upper)
-    solution = engine.minimize(cost * unit)
-    if solution.status is not LinearStatus.OPTIMAL:
-        return None
-    return np.asarray(solution.point * unit), float(solution.multipliers.sum()) / radius
-
-
-def _sizes(at: RowValues, scale: Floats) -> Floats:
-    return np.asarray(np.maximum(np.abs(at.jacobian * scale).max(axis=1, initial=0.0), 1e-300))
-
-
-def _excess(at: RowValues, scale: Floats) -> float:
-    """By how much the worst row is violated, in units of its gradient."""
-    return float(np.max(at.values / _sizes(at, scale), initial=0.0))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# A local minimum by sequential linear programming. Proposes a point; proves nothing.
-#
-# Minimises one variable (the objective, say eps) subject to the rows of a network, each at the readings in
-# their sets that suit it best. For `|g_k(x)| <= eps` this is Chebyshev approximation: the optimum is a
-# vertex, so the steps converge quadratically.
 
 _ITERATIONS = 60
 _PENALTY = 1e3  # weight of a violated row that the objective cannot mend, per unit
@@ -247,10 +157,9 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, tolerance: float = 
 # ------------------------------------------------------------------------------------------------------------------
 # Local minima of general problems: proposes points that are nearly optimal and a little inside. Proves nothing.
 #
-# First linear programs about one point after the other, which end where the optimum is a vertex. Then, from any start,
-# SLSQP (scipy); after it one linear program moves its point so that the equations hold to rounding and every inequality
-# with a small margin, by the shortest step. A proof in outward rounded arithmetic needs that margin: at the optimum
-# itself rounding alone would violate each active row.
+# SLSQP (scipy) from any start; after it one linear program moves its point so that the equations hold to rounding and
+# every inequality with a small margin, by the shortest step. A proof in outward rounded arithmetic needs that margin:
+# at the optimum itself rounding alone would violate each active row.
 
 MARGINS = (1e-12, 1e-11, 1e-10, 1e-9, 3e-9)  # in the unit of a row: its gradient times the components' scales
 _SEARCH_ITERATIONS = 100
@@ -286,8 +195,6 @@ class LocalSearch:
     def proposals(self, start: Floats) -> Iterator[Floats]:
         """Points to prove, the best first: each with a larger margin than the one before."""
         scale = self._scale(start)
-        if not self._equations.count:
-            yield from self._vertices(start, scale)
         point = self._slsqp(start, scale)
         if point is None:
             return
@@ -295,19 +202,6 @@ class LocalSearch:
             inside = self.inside(point, margin, scale)
             if inside is not None:
                 yield inside
-
-    def _vertices(self, start: Floats, scale: Floats) -> Iterator[Floats]:
-        """The optimum that linear programs reach, where it is a vertex of inequalities: see `linear_steps`."""
-        cost = np.zeros(len(start))
-        cost[self._objective] = 1.0
-        for margin in MARGINS:
-            found = linear_steps(
-                self._rows, cost, self._domain, start, scale=scale, margin=margin, deadline=self._deadline
-            )
-            if found is None:
-                return
-            yield found
-            start = found
 
     def inside(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         """A point near the given one that holds the equations, and the inequalities with a margin, to first order."""
@@ -322,8 +216,9 @@ class LocalSearch:
 
     def _step(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         rows = self._rows.linearize(point)
-        sizes = _sizes(rows, scale)
-        matrix, right = rows.jacobian * scale / sizes[:, None], -rows.values / sizes - margin
+        matrix = rows.jacobian * scale
+        sizes = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
+        matrix, right = matrix / sizes[:, None], -rows.values / sizes - margin
         value, jacobian = self._equations.estimate(point)
         equal = jacobian * scale
         if not (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(equal).all()):
