@@ -139,7 +139,7 @@ def small_file(path: Path, problems: Problems, absent: str, *, most: int = SETTI
     """The bytes of a file, or None and a problem; `absent` is the remedy when there is no such file."""
     try:
         with open_regular(path) as file:
-            content = file.read(most + 1)
+            content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
     except OSError as error:
         problems.add(unreadable(path, error, absent))
         return None

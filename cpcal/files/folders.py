@@ -47,18 +47,17 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     Raises one InputError that lists every problem of both files.
     """
     folder, problems = _existing(path, _ABSENT, YOUR_DATA), Problems()
-    of_settings, of_table = hashlib.sha256(), hashlib.sha256()
-    settings = read_settings(folder / TOML_NAME, problems, _ABSENT, of_settings.update)
-    table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT, of_table.update)
+    settings = read_settings(folder / TOML_NAME, problems, _ABSENT)
+    table = read_table(folder / CSV_NAME, settings.legs, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
     robot = settings.robot
     assert robot is not None  # what keeps it from being read is a problem, and was raised
     stated = np.zeros(6 + robot.legs) if settings.uncertainty is None else settings.uncertainty.half_widths
-    radii = half_widths(stated, table.values, robot.legs, len(table.pose))
+    radii = half_widths(stated, table.values, robot.legs, len(table.names["pose"]))
     campaign = Campaign(
         robot,
-        tuple(table.pose),
-        tuple(table.run),
+        tuple(table.names["pose"]),
+        tuple(table.names["run"]),
         *_readings(table, robot.legs),
         radii[:, :3],
         radii[:, 3:6],
@@ -67,7 +66,7 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
         provenance=settings.provenance,
         model=settings.model,
     )
-    fill(campaign, files=((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest())))
+    fill(campaign, files=((TOML_NAME, settings.sha256), (CSV_NAME, table.sha256)))
     return campaign
 
 
@@ -84,7 +83,7 @@ def load_settings(path: str | os.PathLike[str]) -> Settings:
     """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
     file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
     problems = Problems()
-    settings = read_settings(file, problems, _ABSENT, lambda _: None)
+    settings = read_settings(file, problems, _ABSENT)
     problems.raise_any(YOUR_DATA)
     return settings
 
@@ -254,4 +253,5 @@ def _study_table(path: Path, legs: int | None, problems: Problems) -> Table:
 
 def _pose_table(table: Table, legs: int) -> PoseTable:
     shared = table.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None
-    return PoseTable(tuple(table.pose), tuple(table.run), *_readings(table, legs), tuple(table.image) or None, shared)
+    pose, run, *image = map(tuple, (table.names[name] for name in ("pose", "run", "image") if name in table.names))
+    return PoseTable(pose, run, *_readings(table, legs), image[0] if image else None, shared)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -43,8 +44,10 @@ _NONE: Schema = {}
 class TomlReader:
     """Reads values out of sections; what is wrong is noted, and something harmless returned."""
 
-    def __init__(self, document: Table, lines: dict[KeyPath, int], where: str, problems: Problems) -> None:
-        self.document, self.lines, self.where, self.problems = document, lines, where, problems
+    def __init__(self, content: bytes, document: Table, where: str, problems: Problems) -> None:
+        self.document, self.where, self.problems = document, where, problems
+        self.lines = line_numbers(content.decode("utf-8-sig"), document)
+        self.sha256 = hashlib.sha256(content).hexdigest()
 
     @classmethod
     def opened(
@@ -54,20 +57,18 @@ class TomlReader:
         sections: Iterable[str],
         problems: Problems,
         absent: str,
-        saw: Callable[[bytes], object] = lambda _: None,
     ) -> Self | None:
-        """A reader of a file, its format and the names of its sections checked; `saw` is given its bytes.
+        """A reader of a file, its format and the names of its sections checked.
 
         None, with a problem added, where there is no such file (`absent` is the remedy), or it is no TOML.
         """
         content, where, sections = small_file(path, problems, absent), str(path), ("format", *sections, "provenance")
         if content is None:
             return None
-        saw(content)
         document = toml_document(content, where, problems, f'format = "{format_}" and [{sections[1]}]')
         if document is None:
             return None
-        reader = cls(document, line_numbers(content.decode("utf-8-sig"), document), where, problems)
+        reader = cls(content, document, where, problems)
         reader.known((), document, sections)
         found = document.get("format")
         if "format" not in document:
@@ -408,7 +409,7 @@ _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width"
 @dataclass(frozen=True)
 class Settings:
     """What campaign.toml or study.toml says; `robot` is None where it is unusable, `uncertainty` also where readings
-    are exact. `legs`: their number, as far as it can be told (to read on).
+    are exact. `legs`: their number, as far as it can be told (to read on). `sha256`: of the file.
     """
 
     robot: Robot | None = None
@@ -417,18 +418,20 @@ class Settings:
     model: ModelChoice | None = None
     truth: Truth | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
+    sha256: str = ""
 
 
-def read_settings(path: Path, problems: Problems, absent: str, saw: Callable[[bytes], object]) -> Settings:
+def read_settings(path: Path, problems: Problems, absent: str) -> Settings:
     """The settings in a campaign.toml; adds to `problems`."""
-    reader = TomlReader.opened(path, FORMAT, ("robot", "uncertainty", "model"), problems, absent, saw)
+    reader = TomlReader.opened(path, FORMAT, ("robot", "uncertainty", "model"), problems, absent)
     if reader is None:
         return Settings()
     robot, legs = _robot(reader)
     remedy = 'add a name, such as name = "gain"'
     model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
     choice = None if model is None else ModelChoice(**model)
-    return Settings(robot, legs, _uncertainty(reader, legs), choice, provenance=reader.provenance())
+    stated = _uncertainty(reader, legs)
+    return Settings(robot, legs, stated, choice, provenance=reader.provenance(), sha256=reader.sha256)
 
 
 def _robot(reader: TomlReader) -> tuple[Robot | None, int | None]:

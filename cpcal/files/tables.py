@@ -6,7 +6,9 @@ read back without. A name that has apostrophes there of its own gets one more, s
 
 from __future__ import annotations
 
+import codecs
 import csv
+import hashlib
 import io
 import json
 import math
@@ -19,13 +21,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, open_regular, small_file, unreadable
+from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, small_file
 from cpcal.robot import Pose
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
@@ -192,29 +194,34 @@ def _deep(document: object) -> bool:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Reads measurements.csv as a stream: every bad cell with its line number, in bounded memory and time.
+# Reads measurements.csv: every bad cell with its line number, in bounded memory and time.
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
 ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and check
+TABLE_MAX = 2**30  # bytes
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
-_SPECIAL = re.compile('["\r\n\0]')  # what makes a line more than cells between commas
 _QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+def number_pattern(decimal: str) -> re.Pattern[str]:
+    """Numbers as people and programs write them, in the digits 0 to 9; `decimal`: the sign between whole and rest."""
+    return re.compile(rf"[-+]?(\d+(\{decimal}\d*)?|\{decimal}\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
+_NUMBER = number_pattern(".")
 
 
 @dataclass
 class Table:
-    """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
-
-    `image` and `point` are empty where there is no such column, as in every campaign.
+    """The rows of a measurements.csv: columns of `names` (pose, run; of other tables image, point), and of `values`, in
+    which an empty override cell is NaN. `sha256`: of the file.
     """
 
-    pose: list[str] = field(default_factory=list)
-    run: list[str] = field(default_factory=list)
-    image: list[str] = field(default_factory=list)
-    point: list[str] = field(default_factory=list)
+    names: dict[str, list[str]] = field(default_factory=dict)
     values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    sha256: str = ""
 
     def columns(self, *names: str) -> npt.NDArray[np.float64]:
         """Some of the numbers, (N, len(names))."""
@@ -226,7 +233,6 @@ def read_table(
     legs: int | None,
     problems: Problems,
     absent: str,
-    saw: Callable[[bytes], object] = lambda _: None,
     *,
     required: Callable[[int], list[str]] = reading_columns,
     optional: Callable[[int], list[str]] = override_columns,
@@ -234,85 +240,61 @@ def read_table(
     """The table in a file, for a robot of `legs` legs (None: not known); adds to `problems`.
 
     `absent` is the remedy when there is no such file. `required` names the columns for n legs that must be there,
-    `optional` those that may: those of half-widths, or "image", which names a row together with pose and run. Calls
-    `saw` with every piece of the file that was read, for the digest.
+    `optional` those that may: those of half-widths, or "image", which names a row together with pose and run.
     """
-    try:
-        with open_regular(path) as file:
-            return _Reader(file, str(path), problems, saw).table(legs, required, optional)
-    except OSError as error:
-        problems.add(unreadable(path, error, absent))
+    content = small_file(path, problems, absent, most=TABLE_MAX)
+    if content is None:
         return Table()
+    reader, before = _Reader(content, str(path), problems), len(problems)
+    header = next(lines := reader.lines(), None)
+    if header is None:  # with an unreadable header what follows would make no sense
+        if len(problems) == before:
+            reader.line = 1
+            reader.wrong("is empty", "write a header and one line for each measurement")
+        return Table()
+    columns = reader.header([cell.strip() for cell in header], legs, required, optional)
+    table = Table(sha256=hashlib.sha256(content).hexdigest())
+    if columns:
+        reader.rows(lines, columns, table)
+    if table.values and not content.endswith(b"\n"):
+        cell = shown(content.decode().rpartition(",")[2])
+        what = f"the last line has no line end; if the file was cut, so may be its last number, {cell}"
+        where = f"{path}:{reader.line}: {what}"
+        warnings.warn(f"{where} -> compare it with what was measured, and end the line", stacklevel=2)
+    return table
 
 
 class _Reader:
     """Checks the header, then checks and gathers the rows below it."""
 
-    def __init__(self, file: BinaryIO, where: str, problems: Problems, saw: Callable[[bytes], object]) -> None:
-        self.file, self.where, self.problems, self.saw = file, where, problems, saw
-        self.raw, self.line = b"", 0  # the last line, and its number
-        self.last: dict[str, tuple[str, str]] = {}  # name as it stood in the last row, and as it is
-        self.seen: dict[tuple[str, ...], int] = {}
-        self.numbers = array("d")
+    def __init__(self, content: bytes, where: str, problems: Problems) -> None:
+        self.content, self.where, self.problems, self.line = content, where, problems, 0
 
     def wrong(self, what: str, remedy: str, *, always: bool = False) -> None:
         """Of the line that was read last."""
         self.problems.add(Problem(self.where, what, remedy, self.line), always=always)
 
-    def table(
-        self, legs: int | None, required: Callable[[int], list[str]], optional: Callable[[int], list[str]]
-    ) -> Table:
-        before, lines, table = len(self.problems), self.lines(), Table()
-        cells = next(lines, None)
-        if cells is None:  # with an unreadable header what follows would make no sense
-            if len(self.problems) == before:
-                self.line = 1
-                self.wrong("is empty", "write a header and one line for each measurement")
-            return table
-        columns = self.header([cell.strip() for cell in cells], legs, required, optional)
-        if not columns:
-            return table
-        place = {name: index for index, name in enumerate(columns) if name is not None}
-        self.ids = {name: place.pop(name) for name in _IDENTIFIERS if name in place}
-        self.names, self.places = list(place), list(place.values())
-        self.optional = [name.startswith("d") for name in self.names]  # half-widths
-        self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
-        self.rows(lines, len(columns), table)
-        if table.values and not self.raw.endswith(b"\n"):
-            where, what = (
-                f"{self.where}:{self.line}",
-                "the last line has no line end; if the file was cut, so may be its last number",
-            )
-            cell = shown(self.raw.decode().rpartition(",")[2])
-            warnings.warn(
-                f"{where}: {what}, {cell} -> compare it with what was measured, and end the line", stacklevel=3
-            )
-        return table
-
     def lines(self) -> Iterator[list[str] | None]:
         """The cells of the lines that are not blank; None for a line that cannot be read at all."""
-        while raw := self.file.readline(LINE_MAX):
-            self.saw(raw)
-            self.raw, self.line = raw, self.line + 1
-            if self.line == 1:
-                raw = raw.removeprefix(b"\xef\xbb\xbf")
-            if len(raw) == LINE_MAX and not raw.endswith(b"\n"):
+        stream = io.BytesIO(self.content)
+        stream.seek(len(codecs.BOM_UTF8) * self.content.startswith(codecs.BOM_UTF8))
+        while raw := stream.readline(LINE_MAX):
+            self.line += 1
+            if len(raw) == LINE_MAX:
                 what = f"the line is longer than {LINE_MAX:,} bytes; the rest of the file was not read"
                 self.wrong(what, "is this a CSV file? end each measurement's line", always=True)
                 return
+            cells = None
             try:
-                text = raw.decode()
-                if not text or text.isspace():
+                if (text := raw.decode()).isspace():
                     continue
-                plain = text.removesuffix("\n").removesuffix("\r")
-                yield next(csv.reader((text,), strict=True)) if _SPECIAL.search(plain) else plain.split(",")
-                continue
+                cells = next(csv.reader((text,), strict=True))
             except UnicodeDecodeError:
                 self.wrong("the line is not UTF-8 text", "save the file as UTF-8 text")
             except csv.Error as error:
                 remedy = "one measurement a line, cells separated by commas, quotes and line ends in order"
                 self.wrong(f"the line is not CSV: {str(error).partition(' - ')[0]}", remedy)
-            yield None
+            yield cells
 
     def header(
         self,
@@ -320,23 +302,21 @@ class _Reader:
         legs: int | None,
         required_for: Callable[[int], list[str]],
         optional: Callable[[int], list[str]],
-    ) -> list[str | None]:
-        """The name of each column, None where it is unknown or a repetition; no list when none is known."""
+    ) -> list[str]:
+        """The name of each column, empty where it is unknown or a repetition; no list when none is known."""
         if legs is None:
             legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
         required = required_for(legs)
         known = {*required, *optional(legs)}
         if not known.intersection(names):
-            for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-                if len(names) == 1 and known.intersection(part.strip() for part in names[0].split(separator)):
-                    remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
-                    self.wrong(f"the cells are separated by {name}", remedy)
-                    return []
-            start = ",".join(required)
-            remedy = "start with the line " + (start if len(start) <= 100 else start[:100] + "...")
-            self.wrong(f"no header: {shown(','.join(names))}", remedy)
+            start, what = f"start with the line {','.join(required):.100}", f"no header: {shown(','.join(names))}"
+            foreign = len(names) == 1 and known.intersection(re.split("[;\t]", names[0]))
+            if foreign:
+                what = f"the cells are separated by {'semicolons' if ';' in names[0] else 'tabs'}"
+                start = "write commas, and points as decimal signs; or let `cpcal import` read the table"
+            self.wrong(what, start)
             return []
-        columns: list[str | None] = []
+        columns: list[str] = []
         for name in names:
             if name in columns:
                 self.wrong(f"the column {name!r} is there twice", "take one of them out")
@@ -344,26 +324,35 @@ class _Reader:
                 otherwise = f"take it out, or check that the robot has {legs} legs"
                 what = f"unknown column {shown(name)}"
                 self.problems.add_unknown(self.where, what, name, known, otherwise, self.line)
-            columns.append(name if name in known and name not in columns else None)
+            columns.append(name if name in known and name not in columns else "")
         for name in required:
             if name not in columns:
                 self.wrong(f"the column {name!r} is missing", f"add a column {name}")
         return columns
 
-    def rows(self, lines: Iterator[list[str] | None], width: int, table: Table) -> None:
-        """The rows that are fit, into the table; stops after `BAD_ROWS_MAX` that are not."""
-        bad, clean = 0, not self.problems
+    def rows(self, lines: Iterator[list[str] | None], columns: list[str], table: Table) -> None:
+        """The rows into the table, if all are fit; stops after `BAD_ROWS_MAX` that are not."""
+        ids = {name: columns.index(name) for name in _IDENTIFIERS if name in columns}
+        places = {name: place for place, name in enumerate(columns) if name and name not in ids}
+        found, numbers = {name: list[str]() for name in ids}, array("d")
+        seen, bad = dict[tuple[str, ...], int](), 0
         for cells in lines:
             before = len(self.problems)
-            if cells is not None:
-                names = self.check(cells, width)
-                if clean:
-                    for name, text in names.items():
-                        getattr(table, name).append(text)
-            if cells is None or len(self.problems) > before:
-                clean, self.numbers = False, array("d")
-                bad += 1
-            if len(self.seen) > ROWS_MAX:
+            if cells is not None and len(cells) != len(columns):
+                what = f"{len(cells)} cells, but the header has {len(columns)}"
+                self.wrong(what, "give one cell for each column, separated by commas")
+            elif cells is not None:
+                names = {column: self.name(cells[place], column) for column, place in ids.items()}
+                self.once(names, seen)
+                row = {name: self.number(name, cells[place]) for name, place in places.items()}
+                turn = [row[name] for name in _QUATERNION if name in row]
+                if len(turn) == 4 and abs((norm := math.hypot(*turn)) - 1.0) > QUATERNION_TOLERANCE:  # False for NaN
+                    self.wrong(*quaternion_problem(norm))
+                numbers.extend(row.values())
+                for column, text in names.items():
+                    found[column].append(text)
+            bad += cells is None or len(self.problems) > before
+            if len(seen) > ROWS_MAX:
                 what = f"holds more than {ROWS_MAX:,} measurements: the rest of the file was not read"
                 self.wrong(what, "divide it, or leave out what repeats", always=True)
                 break
@@ -371,75 +360,38 @@ class _Reader:
                 what = f"{bad:,} bad rows: the rest of the file was not read"
                 self.wrong(what, "mend these first, and check that this is the right file", always=True)
                 break
-        if not self.seen and not bad:
+        if not seen and not bad:
             self.wrong("holds no measurements", "add one line for each measurement")
-        if clean and self.seen and not self.problems:
-            grid = np.frombuffer(self.numbers, dtype=np.float64).reshape(-1, len(self.names))
-            table.values = {name: grid[:, index] for index, name in enumerate(self.names)}
+        if not self.problems:
+            grid = np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(places))
+            table.names, table.values = found, {name: grid[:, k] for k, name in enumerate(places)}
 
-    def check(self, cells: list[str], width: int) -> dict[str, str]:
-        """Take note of what is wrong with a row, and keep its numbers. The row's names, by column."""
-        if len(cells) != width:
-            what = f"{len(cells)} cells, but the header has {width}"
-            self.wrong(what, "give one cell for each column, separated by commas")
-            return {}
-        names = {column: self.name(cells[index], column) for column, index in self.ids.items()}
-        key = tuple(names.values()) if len(names) > 1 or "image" in names else ()
-        first = self.seen.setdefault(key, self.line)
-        if key and first != self.line:
+    def once(self, names: dict[str, str], seen: dict[tuple[str, ...], int]) -> None:
+        """Take note of a row whose names were given before."""
+        if (first := seen.setdefault(tuple(names.values()), self.line)) != self.line:
             which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
-            *some, last = names
-            each = f"{', '.join(some)} and {last}" if some else last
-            self.wrong(f"{which} was given on line {first} already", f"give each {each} once")
-        row = self.row([cells[index] for index in self.places])
-        self.numbers.extend(row)
-        if len(self.quaternion) == 4:
-            norm = math.hypot(*(row[index] for index in self.quaternion))
-            if abs(norm - 1.0) > QUATERNION_TOLERANCE:  # False for NaN, which was reported
-                self.wrong(*quaternion_problem(norm))
-        return names
+            self.wrong(f"{which} was given on line {first} already", f"give each {' and '.join(names)} once")
 
     def name(self, cell: str, column: str) -> str:
-        before, text = self.last.get(column, ("", ""))
-        if before == cell and text:
-            return text
         text = unguarded(cell.strip())
-        if is_identifier(text):
-            self.last[column] = cell, text
-        else:
+        if not is_identifier(text):
             article = "an" if column == "image" else "a"
             self.wrong(f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
         return text
 
-    def row(self, cells: list[str]) -> list[float]:
-        """The numbers of a row, each looked at only where they are not all as they should be."""
-        try:
-            row = list(map(float, cells))
-            whole = math.isfinite(sum(row)) and max(row) <= LARGEST and min(row) >= -LARGEST
-            joined = "".join(cells)
-            if whole and joined.isascii() and "_" not in joined and not (any(self.optional) and min(row) < 0.0):
-                return row
-        except ValueError:
-            pass
-        return list(map(self.number, self.names, cells, self.optional))
-
-    def number(self, name: str, cell: str, optional: bool) -> float:
-        """The number in a cell; NaN where it is left empty and may be, or where it was reported."""
-        try:
-            value = float(cell)
-        except ValueError:
-            if cell and not cell.isspace():
-                self.wrong(f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
+    def number(self, name: str, cell: str) -> float:
+        """The number in a cell; NaN where it is left empty and may be, as half-widths, or where it was reported."""
+        text, optional = cell.strip(), name.startswith("d")
+        if not _NUMBER.fullmatch(text):
+            if text:
+                self.wrong(
+                    f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3, in the digits 0 to 9"
+                )
             elif not optional:
                 self.wrong(f"{name} is empty", "give a number, or take the line out")
             return math.nan
-        if "_" in cell or not cell.isascii():
-            remedy = "take the underscore out" if "_" in cell else "write it with the digits 0 to 9"
-            self.wrong(f"{name}: {shown(cell)} is not a number", remedy)
-        elif not math.isfinite(value):
-            self.wrong(f"{name} is {shown(cell)}", "give a finite number, or take the line out")
-            return math.nan
-        elif abs(value) > LARGEST:
+        value = float(text)
+        if abs(value) > LARGEST:
             self.wrong(f"{name} is {shown(cell)}", f"give a number up to {LARGEST:g}, or take the line out")
         elif optional and value < 0:
             self.wrong(f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
@@ -458,6 +410,7 @@ def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
     problems = Problems()
     table = read_table(Path(path), 0, problems, _REMEDY, required=lambda _: COLUMNS, optional=lambda _: ["run"])
     problems.raise_any()
-    if len(set(table.pose)) < len(table.pose):
+    names = table.names["pose"]
+    if len(set(names)) < len(names):
         raise unusable(str(path), "gives a pose twice", "name each pose once")
-    return tuple(table.pose), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))
+    return tuple(names), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))

@@ -274,25 +274,25 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     assert setup is not None  # what keeps these from being read is a problem, and was raised
     assert camera is not None
-    where, number = str(folder / POINTS_NAME), {name: k for k, name in enumerate(poses.image)}
-    for name in sorted(set(points.image) - set(number)):
+    where, number = str(folder / POINTS_NAME), {name: k for k, name in enumerate(poses.names["image"])}
+    for name in sorted(set(points.names["image"]) - set(number)):
         problems.add(Problem(where, f"the image {shown(name)} has no pose", f"add it to {POSES_NAME}"))
-    for name in sorted(set(number) - set(points.image)):
+    for name in sorted(set(number) - set(points.names["image"])):
         what = f"the image {shown(name)} has no points"
         problems.add(Problem(str(folder / POSES_NAME), what, f"add them to {POINTS_NAME}, or take it out"))
     numbers = _numbers(points, [*POINT_COLUMNS[2:], "du"])
     for k in np.flatnonzero(np.isnan(camera.normalised(numbers[:, :2])).any(axis=1)).tolist():
-        what = f"the camera shows nothing at the pixel of {points.image[k]} {points.point[k]}"
+        what = f"the camera shows nothing at the pixel of {points.names['image'][k]} {points.names['point'][k]}"
         problems.add(Problem(where, what, "check the pixel, and the distortion in the camera file"))
     problems.raise_any(_SEE)
-    places = [number[name] for name in points.image]
+    places = [number[name] for name in points.names["image"]]
     wide = _numbers(poses, [*POSE_COLUMNS[1:], *POSE_WIDTHS])
-    return _study(setup, camera, provenance, (poses.image, wide), places, (points.point, numbers))
+    return _study(setup, camera, provenance, (poses.names["image"], wide), places, (points.names["point"], numbers))
 
 
 def _numbers(table: Table, columns: Sequence[str]) -> Floats:
     """Columns of a table, 0 where it has none."""
-    absent = np.zeros(len(table.image))
+    absent = np.zeros(len(table.names["image"]))
     return np.nan_to_num(np.stack([table.values.get(name, absent) for name in columns], axis=1))
 
 

@@ -66,8 +66,8 @@ def test_a_bad_campaign_toml(tmp_path, old, new, line, what, remedy):
     [
         (3, "a,2,1,2,x3,0,1,0,0,10,11", "z: 'x3' is not a number", "number"),
         (3, "a,2,1,2,,0,1,0,0,10,11", "z is empty", "give a number"),
-        (3, "a,2,1,2,1_0,0,1,0,0,10,11", "z: '1_0' is not a number", "underscore"),
-        (3, "a,2,nan,2,3,0,1,0,0,10,11", "x is 'nan'", "finite"),
+        (3, "a,2,1,2,1_0,0,1,0,0,10,11", "z: '1_0' is not a number", "digits"),
+        (3, "a,2,nan,2,3,0,1,0,0,10,11", "x: 'nan' is not a number", "number"),
         (3, "a,2,1,2,3,0,1,0,0,10,1e155", "L2 is '1e155'", "up to 1e+12"),
         (3, "a,2,1,2,٣,0,1,0,0,10,11", "z: '٣' is not a number", "digits 0 to 9"),
         (3, "a\u202e,2,1,2,3,0,1,0,0,10,11", "'a\\u202e' cannot be the name", "printable"),

@@ -448,7 +448,7 @@ def load_readings(path: Path) -> Readings:
     table = read_table(path, None, problems, remedy, required=_columns, optional=lambda _: [])
     problems.raise_any()
     values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
-    return dict(zip(zip(table.pose, table.run, strict=True), values, strict=True))
+    return dict(zip(zip(table.names["pose"], table.names["run"], strict=True), values, strict=True))
 
 
 def _columns(legs: int) -> list[str]:
