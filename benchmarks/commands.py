@@ -19,7 +19,7 @@ from cpcal.solver import plugins
 
 PAPER = ("refute-0.5", "refute-0.9", "minimise-0.001", MINIMISE)
 OURS = ("lifted", "hc4,lifted")
-ABLATION = ("hc4", "krawczyk", "hc4,krawczyk", "hc4,beaumont", "hc4,krawczyk,beaumont", "hc4,shaving", *OURS)
+ABLATION = ("hc4", "krawczyk", "hc4,krawczyk", "hc4,beaumont", "hc4,krawczyk,beaumont", *OURS)
 SIZES = (64, 704, 7744)
 
 

@@ -6,7 +6,7 @@ from contractors.lifted import Lifted
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
 from contractors.regression import Regression
-from contractors.shaving import Cid, Shaving
+from contractors.shaving import Cid
 
 __all__ = [
     "HC4",
@@ -17,6 +17,5 @@ __all__ = [
     "Newton",
     "QInter",
     "Regression",
-    "Shaving",
     "qinter",
 ]

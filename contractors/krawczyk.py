@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
+from cpcal.solver.contract import Composable, Contraction, repeated
 from cpcal.solver.interval import Bools, Box, Floats, Indices, IntervalArray
 from cpcal.solver.linear import LinearSolution, Programs, lower_bound
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
@@ -18,18 +18,28 @@ from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 # The box around a polyhedron, by two linear programs per variable (paper, eq. 13 and 14).
 
 
+@dataclass(frozen=True)
+class Polyhedron:
+    """Every solution in a box satisfies `matrix @ x <= rhs`, exactly: (m, n), (m,); `origin` (m, 2) names constraint
+    and element of each row."""
+
+    matrix: Floats
+    rhs: Floats
+    origin: Indices
+
+
 class PolyhedralPrograms(Programs):
-    """The linear programs of one polyhedron in one bounded box; `origin` (m, 2) names the constraint of each row.
+    """The linear programs of one polyhedron in one bounded box.
 
     They are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; multipliers are proved in x.
     """
 
     # a program that overflows proposes nothing; what is proved is NaN-safe
     @np.errstate(over="ignore", invalid="ignore")
-    def __init__(self, name: str, polyhedron: Polyhedron, origin: Indices, box: Box) -> None:
+    def __init__(self, name: str, polyhedron: Polyhedron, box: Box) -> None:
         n = len(box)
         super().__init__(box, {k: k for k in range(n)}, n)
-        self.name, self._polyhedron, self._origin = name, polyhedron, origin
+        self.name, self._polyhedron = name, polyhedron
         inner = polyhedron.matrix * box.rad
         largest = np.abs(inner).max(axis=1, initial=0.0)
         self._scale = np.where(largest > 0.0, largest, 1.0)
@@ -48,7 +58,7 @@ class PolyhedralPrograms(Programs):
         return sign * self.lowest(self.unit(variable, sign), solution, float(self.box.rad[variable]))
 
     def carriers(self, solution: LinearSolution) -> tuple[tuple[tuple[int, int], ...], None]:
-        return tuple(dict.fromkeys((int(c), int(k)) for c, k in self._origin[solution.rows])), None
+        return tuple(dict.fromkeys((int(c), int(k)) for c, k in self._polyhedron.origin[solution.rows])), None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -137,7 +147,7 @@ def inequalities(rows: IntervalRows, box: Box, decomposition: Decomposition) -> 
         rest = ((u - rows.matrix) * (box.array - c)).sum(1)
         start = (u @ c.reshape((-1, 1)))[:, 0]
         rhs = start + rest - rows.value
-    return Polyhedron(box.names, matrix, rhs.hi)
+    return Polyhedron(matrix, rhs.hi, rows.origin)
 
 
 class Krawczyk(Composable):
@@ -176,29 +186,24 @@ class Krawczyk(Composable):
 
     def _once(self, deadline: float, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""
-        parts = [(inequalities(rows, box, how), rows.origin) for rows, how in self._rows(box)]
-        if not parts:
+        parts = [inequalities(rows, box, how) for rows, how in self._rows(box)]
+        polyhedron = _cutting(box, parts) if parts else None
+        if polyhedron is None or not polyhedron.origin.size:
             return Contraction(box)
-        polyhedron, origin = _cutting(box, parts)
-        if not origin.size:
-            return Contraction(box)
-        programs = PolyhedralPrograms(self.name, polyhedron, origin, box)
-        return replace(programs.tightened(self._objective, deadline), polyhedron=polyhedron)
+        return PolyhedralPrograms(self.name, polyhedron, box).tightened(self._objective, deadline)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""
         return [(rows, krawczyk) for rows in self._system.at(box, [box.mid])]
 
 
-def _cutting(box: Box, parts: list[tuple[Polyhedron, Indices]]) -> tuple[Polyhedron, Indices]:
+def _cutting(box: Box, parts: list[Polyhedron]) -> Polyhedron:
     """All rows in one polyhedron, without those that, up to rounding, no point of the box violates."""
-    matrix = np.concatenate([p.matrix for p, _ in parts])
-    rhs = np.concatenate([p.rhs for p, _ in parts])
-    origin = np.concatenate([o for _, o in parts])
+    matrix, rhs = np.concatenate([p.matrix for p in parts]), np.concatenate([p.rhs for p in parts])
     with np.errstate(all="ignore"):
         largest = np.maximum(matrix, 0.0) @ box.hi + np.minimum(matrix, 0.0) @ box.lo
     keep = np.isfinite(matrix).all(axis=1) & np.isfinite(rhs) & np.isfinite(largest) & (largest > rhs)
-    return Polyhedron(box.names, matrix[keep], rhs[keep]), origin[keep]
+    return Polyhedron(matrix[keep], rhs[keep], np.concatenate([p.origin for p in parts])[keep])
 
 
 # ------------------------------------------------------------------------------------------------------------------

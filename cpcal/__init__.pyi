@@ -25,7 +25,7 @@ from .report import write_report
 from .robot import Campaign, Robot
 from .simulate import simulate
 from .solver.certificate.recording import UncertifiedError
-from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
+from .solver.contract import Contraction, Contractor, Limits, Step, Strategy, Verdict
 from .solver.interval import Box, Interval
 from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
@@ -68,7 +68,6 @@ __all__ = [
     "Paving",
     "PluginError",
     "PointResult",
-    "Polyhedron",
     "Result",
     "Robot",
     "RoundingError",

@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from fractions import Fraction
 from functools import partial
 from inspect import signature
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -70,36 +69,16 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Polyhedron:
-    """Every solution in the box that was contracted satisfies `matrix @ x <= rhs`.
-
-    In exact arithmetic on these float64 numbers: matrix (m, n), rhs (m,), x in the order of `names`.
-    """
-
-    names: tuple[str, ...]
-    matrix: Floats
-    rhs: Floats
-
-    def __contains__(self, point: Iterable[float]) -> bool:
-        """Whether a point satisfies every row, decided in exact fractions."""
-        x = [Fraction(v) for v in point]
-        rows = zip(self.matrix.tolist(), self.rhs.tolist(), strict=True)
-        return all(sum((Fraction(a) * v for a, v in zip(row, x, strict=True) if a), Fraction()) <= b for row, b in rows)
-
-
-@dataclass(frozen=True)
 class Contraction:
     """What a contractor made of a box: a subset that holds all its solutions, and why.
 
-    `point` is a promising point of the new box (one value per component), proposed without proof. Some
-    contractors enclose the solutions by a polyhedron too: they lie in `box` and in `polyhedron`.
+    `point` is a promising point of the new box (one value per component), proposed without proof.
     """
 
     box: Box
     steps: tuple[Step, ...] = ()
     point: Floats | None = None
     programs: int = 0  # linear programs solved on the way
-    polyhedron: Polyhedron | None = None
 
 
 class Contractor(Protocol):
@@ -280,7 +259,6 @@ def followed(one: Contraction, two: Contraction) -> Contraction:
         steps=one.steps + two.steps,
         point=two.point if two.point is not None else one.point,
         programs=one.programs + two.programs,
-        polyhedron=two.polyhedron or one.polyhedron,
     )
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 import cpcal
-from contractors import HC4, Lifted, Shaving
+from contractors import HC4, Cid, Lifted
 from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Repeat, Then, Union, elements, gives_weights
@@ -106,7 +106,7 @@ def test_a_contractor_that_takes_no_deadline_is_refused_with_the_remedy() -> Non
     net = cpcal.Network()
     x = net.variable("x", (), (0, 1))
     net.add(x * x <= 0.25)
-    for contractor in (Former(), Shaving(Former()), Repeat(Former()), Former() >> HC4(net)):
+    for contractor in (Former(), Cid(Former()), Repeat(Former()), Former() >> HC4(net)):
         with pytest.raises(PluginError, match=r"Former takes no deadline: write def contract\(self, box, dead"):
             net.contract(contractors=[contractor])
     with pytest.raises(PluginError, match=r"write def contract_batch\(self, boxes, deadline=math"):

@@ -6,7 +6,6 @@ import itertools
 import math
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -20,18 +19,15 @@ from contractors import (
     Cid,
     Lifted,
     Newton,
-    Shaving,
 )
 from cpcal.solver import plugins, testing
 from cpcal.solver.contract import (
     Contraction,
     Contractor,
     ContractorFactory,
-    Polyhedron,
     Repeat,
     Step,
 )
-from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.testing import CONFORMANCE, Case, boxes, cases, check_contractor
@@ -51,24 +47,14 @@ def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
     return Repeat(HC4(network, **options), ratio=0.99)
 
 
-def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Shaving(HC4(network, **options) >> Newton(network, **options))
-
-
 def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Cid(Repeat(HC4(network, **options)), slices=2)
-
-
-def krawczyk_only(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Newton(network, operator=krawczyk, **options)
+    return Cid(HC4(network, **options) >> Newton(network, **options), slices=2)
 
 
 ALGEBRA = {"then": then, "union": union, "repeat": repeated}
 VARIANTS = {
     "beaumont thrice": partial(Beaumont, most=3),
-    "shaving twice": shaved,
-    "cid repeated": sliced,
-    "newton krawczyk": krawczyk_only,
+    "cid with newton": sliced,
 }
 OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]["entry-points"]
 FACTORIES = {name: plugins.load(name) for name in OURS[plugins.GROUP]} | ALGEBRA
@@ -186,21 +172,6 @@ def claim_empty(box: Box, result: Contraction) -> Contraction:
     return Contraction(box, (Step("x", None, "", np.nan),))
 
 
-def halve_by_polyhedron(box: Box, result: Contraction) -> Contraction:
-    row = np.eye(len(box))[:1]
-    return replace(result, polyhedron=Polyhedron(box.names, row, row @ np.nan_to_num(box.mid)))
-
-
-def rename_polyhedron(box: Box, result: Contraction) -> Contraction:
-    row = np.zeros((1, len(box)))
-    return replace(result, polyhedron=Polyhedron(("nobody",) * len(box), row, np.ones(1)))
-
-
-def waver_in_polyhedron(box: Box, result: Contraction) -> Contraction:
-    row = np.zeros((1, len(box)))
-    return replace(result, polyhedron=Polyhedron(box.names, row, np.array([float(next(_COUNTER))])))
-
-
 def halve_smaller(box: Box, result: Contraction) -> Contraction:
     """Loses solutions of boxes that were contracted before: a repetition shows it."""
     return halve(box, result) if not box.is_empty and not np.allclose(box.lo, np.round(box.lo)) else result
@@ -220,9 +191,6 @@ BROKEN = {
     "fill": (spoilt(fill), "leaves_a_part"),
     "waver": (spoilt(waver), "is_repeatable"),
     "waver in steps": (spoilt(waver_in_steps), "is_repeatable"),
-    "polyhedron": (spoilt(halve_by_polyhedron), "keeps_solutions"),
-    "waver in rows": (spoilt(waver_in_polyhedron), "is_repeatable"),
-    "rename rows": (spoilt(rename_polyhedron), "leaves_a_part"),
     "lambda": (spoilt(lambda box, result: result), "is_repeatable"),
     "scribble": (spoilt(scribble), "is_repeatable"),
     "invent": (spoilt(invent_variable), "leaves_a_part"),

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from contractors.krawczyk import PolyhedralPrograms
-from cpcal.solver.contract import Polyhedron
+from contractors.krawczyk import PolyhedralPrograms, Polyhedron
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus, lower_bound
 from tests.solver.test_exact_programs import Highs
@@ -238,8 +237,8 @@ def test_emptiness_is_found_among_many_rows(solver: type[Dense]) -> None:
 
 def test_a_program_that_holds_one_point_alone_is_not_proved_empty() -> None:
     """x >= 1 in [-1, 1], with the multiplier that would exclude anything less."""
-    box, above = Box(("x",), [-1.0], [1.0]), Polyhedron(("x",), np.array([[-1.0]]), np.array([-1.0]))
-    program = PolyhedralPrograms("krawczyk", above, np.array([[0, 0]]), box)
+    above = Polyhedron(np.array([[-1.0]]), np.array([-1.0]), np.array([[0, 0]]))
+    program = PolyhedralPrograms("krawczyk", above, Box(("x",), [-1.0], [1.0]))
     only = LinearSolution(LinearStatus.INFEASIBLE, np.zeros(1), np.array([0]), np.ones(1))
     assert program.empty(only) is None
 

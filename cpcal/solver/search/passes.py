@@ -239,7 +239,7 @@ def light(decision: Decision) -> Decision:
     """Without what only the contractors needed."""
     steps = tuple(replace(step, weights=None) for step in decision.contraction.steps)
     pieces = tuple(p if p.decided is None else replace(p, decided=light(p.decided)) for p in decision.pieces)
-    contraction = replace(decision.contraction, steps=steps, point=None, polyhedron=None)
+    contraction = replace(decision.contraction, steps=steps, point=None)
     return replace(decision, contraction=contraction, pieces=pieces)
 
 

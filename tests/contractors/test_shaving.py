@@ -1,4 +1,4 @@
-"""What hc4 alone can not do: shaving and constructive disjunction go beyond its fixpoint."""
+"""What hc4 alone can not do: constructive disjunction goes beyond its fixpoint."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Cid, Newton, Shaving
-from contractors.shaving import cuts
-from cpcal.solver.contract import Contraction, Contractor, Repeat
-from cpcal.solver.interval import Box, IntervalArray
+from contractors import HC4, Cid, Newton
+from contractors.shaving import cid, cuts
+from cpcal.solver.contract import Contraction, Repeat
+from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, sqr
-
-ENGINES = ["float64", "arb"]
 
 
 def crossing(half: float = 3.0) -> ConstraintNetwork:
@@ -30,29 +28,28 @@ def stuck(net: ConstraintNetwork) -> bool:
     return Repeat(HC4(net), 0.999).contract(net.domain).box == net.domain
 
 
-def test_shaving_where_hc4_is_stuck() -> None:
+def test_slices_where_hc4_is_stuck() -> None:
     net = crossing()
     assert stuck(net)
-    result = Shaving(HC4(net)).contract(net.domain)
+    result = Cid(HC4(net)).contract(net.domain)
     assert result.box.width.max() < 1e-9
     assert (0.0, 0.0) in result.box
     assert {(step.variable, step.side) for step in result.steps} == {(n, s) for n in "xy" for s in ("lo", "hi")}
 
 
 def test_cid_keeps_what_all_slices_agree_on() -> None:
-    """x^2 = 1 leaves x = -1 or 1, and x * x = z in both: hc4 and shaving know only that z is between -1 and 1."""
+    """x^2 = 1 leaves x = -1 or 1, and x * x = z in both: hc4 knows only that z is between -1 and 1."""
     net = ConstraintNetwork()
     x, z = net.variable("x", (), (-1, 1)), net.variable("z", (), (-1, 1))
     net.add([sqr(x) == 1, z == x * x])
     assert stuck(net)
-    assert Shaving(HC4(net)).contract(net.domain).box == net.domain
     box = Cid(HC4(net)).contract(net.domain).box
     assert box["z"].lo == pytest.approx(1.0, abs=1e-9)
     assert (1.0, 1.0) in box
     assert (-1.0, 1.0) in box
 
 
-@pytest.mark.parametrize("make", [lambda n: Shaving(HC4(n)), lambda n: Cid(HC4(n)), Newton])
+@pytest.mark.parametrize("make", [cid, Newton])
 def test_unbounded_and_single_boxes_are_no_obstacle(make: type[Newton]) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x"), net.variable("y", (), (1, 1))
@@ -74,8 +71,7 @@ def test_no_solution_of_a_random_system_is_lost(seed: int) -> None:
     net = ConstraintNetwork()
     x = net.variable("x", n, (-10, 10))
     net.add(a @ x + b @ (x * x) == a @ solution + b @ solution**2)
-    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net)), Newton(net)]
-    for contractor in many:
+    for contractor in (cid(net), Newton(net)):
         assert solution in contractor.contract(net.domain).box
 
 
@@ -92,10 +88,8 @@ def test_cuts_cover_and_batches_agree_with_single_boxes(monkeypatch: pytest.Monk
 
     monkeypatch.setattr("contractors.shaving._PASSES", 1)
     net = crossing()
-    slices = IntervalArray(np.array([-3.0, -1.0, 2.0, -3.0]), np.array([-1.0, 1.0, 3.0, -2.5]))
-    at_once, singly = (
-        Shaving(inner).slices(net.domain, np.array([0, 0, 0, 1]), slices) for inner in (HC4(net), Single())
-    )
+    ends = np.array([-3.0, -1.0, 2.0, 3.0])
+    at_once, singly = (Cid(inner).slices(net.domain, 0, ends) for inner in (HC4(net), Single()))
     np.testing.assert_array_equal(at_once.lo, singly.lo)
     np.testing.assert_array_equal(at_once.hi, singly.hi)
 
