@@ -11,27 +11,21 @@ import math
 import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, narrowed
-from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, newton_all, stop_flag
+from cpcal.solver.existence import Equalities, newton_all, stop_flag
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
+_MOST = 10  # times that the operator is applied to a box
+
 
 class Newton(Composable):
-    """Repeats the operator (`hansen_sengupta` or `krawczyk`) while it halves some width. Bounded boxes only.
+    """Repeats the operator while it halves some width. Bounded boxes only.
 
     With more equations than unknowns the best conditioned ones are taken; with fewer, some components stay as they
     are and count as parameters. Inequalities are ignored.
     """
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        *,
-        objective: str | None = None,
-        operator: Operator = hansen_sengupta,
-        most: int = 10,
-    ) -> None:
-        self._operator, self._most = operator, most
+    def __init__(self, network: ConstraintNetwork, *, objective: str | None = None) -> None:
         self._equalities = Equalities.of(network)
         self.unused_constraints = self._equalities.inequalities
 
@@ -46,5 +40,5 @@ class Newton(Composable):
             return boxes
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
         with stop_flag(deadline, boxes.shape[1], len(bounds)) as stop:
-            newton_all(self._equalities.program, self._operator.value, self._most, stop, bounds)
+            newton_all(self._equalities.program, _MOST, stop, bounds)
         return IntervalArray(bounds[..., 0], bounds[..., 1])

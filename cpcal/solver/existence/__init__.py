@@ -11,9 +11,6 @@ row at all (`sides`).
 
 from cpcal.solver.existence.operators import (
     Equalities,
-    Operator,
-    hansen_sengupta,
-    krawczyk,
     newton_all,
     stop_flag,
 )
@@ -33,14 +30,11 @@ from cpcal.solver.existence.unique import (
 __all__ = [
     "Equalities",
     "Inside",
-    "Operator",
     "ReadingConstraint",
     "Unique",
     "UniquenessProver",
     "excess_for_some",
-    "hansen_sengupta",
     "highest",
-    "krawczyk",
     "newton_all",
     "prove_unique",
     "reads",

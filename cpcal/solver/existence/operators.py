@@ -1,16 +1,15 @@
-"""The interval Newton operators of Hansen and Sengupta, and of Krawczyk.
+"""The interval Newton operator of Hansen and Sengupta.
 
-Both take m equations `F(x) in value + jacobian (x - c)` and m unknowns, the `columns` of the box X, multiply by the
-approximate inverse C of the Jacobian's midpoint, and give a box N(X) that holds every zero of F in X. With
+It takes m equations `F(x) in value + jacobian (x - c)` and m unknowns, the `columns` of the box X, multiplies by the
+approximate inverse C of the Jacobian's midpoint, and gives a box N(X) that holds every zero of F in X. With
 y = C F(c), A = C J:
 
-    Hansen-Sengupta    N_i = c_i - (y_i + sum_{j != i} A_ij (x_j - c_j)) / A_ii, one i after the other, each using
-                       the narrowed x_j before it (Gauss-Seidel); cut off (to rounding) at the ends of X
-    Krawczyk           N   = c - y + (I - A) (X - c); not intersected with X
+    N_i = c_i - (y_i + sum_{j != i} A_ij (x_j - c_j)) / A_ii, one i after the other, each using the narrowed x_j before
+    it (Gauss-Seidel); cut off (to rounding) at the ends of X
 
 If F is continuous on X and N(X) lies in the interior of X, X holds exactly one zero of F, and it lies in N(X)
 (Neumaier, Interval Methods for Systems of Equations, 1990, chapter 5; any matrix of slopes serves as J). For columns
-that are not unknowns both hold for every value of them in X.
+that are not unknowns it holds for every value of them in X.
 
 The computation itself comes last, in compiled functions. Bounds are the last axis of an array there: `value` (m, 2),
 `jacobian` (m, n, 2), and so on.
@@ -22,7 +21,6 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import Enum
 from functools import cached_property
 from threading import Timer
 
@@ -63,23 +61,13 @@ def stop_flag(deadline: float, unknowns: int, boxes: int = 1) -> Iterator[Ints]:
         timer.cancel()
 
 
-class Operator(Enum):
-    """Which of the two."""
-
-    HANSEN_SENGUPTA = 0
-    KRAWCZYK = 1
-
-
-hansen_sengupta, krawczyk = Operator
-
-
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:
     """Whether the unknowns of one box lie in the interior of another."""
     return bool((inner.lo > outer.lo)[columns].all() and (inner.hi < outer.hi)[columns].all())
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The equalities `F(x) = 0` among the constraints of a network, and the operators on a box.
+# The equalities `F(x) = 0` among the constraints of a network, and the operator on a box.
 
 
 class Equalities:
@@ -112,14 +100,7 @@ class Equalities:
         """Those of a network, written once."""
         return network.once("equalities", lambda: cls(network))
 
-    def image(
-        self,
-        operator: Operator,
-        box: Box,
-        center: Floats,
-        columns: Indices,
-        deadline: float = math.inf,
-    ) -> IntervalArray | None:
+    def image(self, box: Box, center: Floats, columns: Indices, deadline: float = math.inf) -> IntervalArray | None:
         """N(X) about a point of a bounded box X, for as many equations as `columns`; NaN where X holds no zero.
 
         None where F or a derivative is not defined or not bounded, where there is no inverse, or where it was not
@@ -134,7 +115,7 @@ class Equalities:
         out = np.full(bounds.shape, np.nan)
         with stop_flag(deadline, len(columns)) as stop:
             given = (value, jacobian, center, rows, np.array(columns), stop, bounds, out)
-            found = newton_image(operator.value, *given)
+            found = newton_image(*given)
         return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
     @cached_property
@@ -363,22 +344,7 @@ def gauss_seidel(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool
 
 
 @compiled
-def centred_image(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool:
-    """The unknowns of `away` = X - c become -y + (I - A) (X - c)."""
-    before = away.copy()
-    for i in range(len(y)):
-        k = columns[i]
-        total = neg(pair(y, i))
-        for j in range(len(away)):
-            one = 1.0 if j == k else 0.0
-            total = add(total, mul(sub((one, one), entry(matrix, i, j)), pair(before, j)))
-        away[k, 0], away[k, 1] = total
-    return True
-
-
-@compiled
 def newton_image(
-    operator: int,
     value: Floats,
     jacobian: Floats,
     center: Floats,
@@ -400,8 +366,7 @@ def newton_image(
         return -1
     for j in range(n):
         away[j, 0], away[j, 1] = sub(pair(box, j), (center[j], center[j]))
-    some = centred_image(y, matrix, columns, away) if operator else gauss_seidel(y, matrix, columns, away)
-    if not some:
+    if not gauss_seidel(y, matrix, columns, away):
         return 0
     out[:] = box
     for k in columns:
@@ -416,7 +381,7 @@ def middle(lo: float, hi: float) -> float:
 
 
 @compiled
-def newton_all(equations: Equations, operator: int, most: int, stop: Ints, boxes: Floats) -> None:
+def newton_all(equations: Equations, most: int, stop: Ints, boxes: Floats) -> None:
     """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero.
 
     Boxes that are left when `stop` (1,) is not 0 stay as they are.
@@ -436,7 +401,7 @@ def newton_all(equations: Equations, operator: int, most: int, stop: Ints, boxes
             if size == 0:
                 break
             square_rows, unknowns = rows[:size], columns[:size]
-            found = newton_image(operator, value, jacobian, center, square_rows, unknowns, stop, box, image)
+            found = newton_image(value, jacobian, center, square_rows, unknowns, stop, box, image)
             if found < 0:
                 break
             halved = False

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.existence.operators import Equalities, Operator, hansen_sengupta, inside, krawczyk
+from cpcal.solver.existence.operators import Equalities, inside
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
 from cpcal.solver.network.forms import exactly_zero
@@ -163,13 +163,8 @@ class UniquenessProver:
     more is proved at the `deadline` (of time.monotonic()).
     """
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        operator: Operator = hansen_sengupta,
-        deadline: float = math.inf,
-    ) -> None:
-        self._operator, self._network, self._deadline = operator, network, deadline
+    def __init__(self, network: ConstraintNetwork, deadline: float = math.inf) -> None:
+        self._network, self._deadline = network, deadline
         self._domain = network.domain
         self._equalities = Equalities.of(network)
         self._rest = Inside(self._equalities.rest)
@@ -225,7 +220,7 @@ class UniquenessProver:
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
         """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""
         for _ in range(_REFINEMENTS):
-            moved = self._image(self._operator, x, x.mid)
+            moved = self._image(x, x.mid)
             if moved is None:
                 break
             moved = moved.intersect(x)
@@ -257,20 +252,18 @@ class UniquenessProver:
         return point
 
     def _grown(self, start: IntervalArray, center: Floats, tries: int) -> Unique | None:
-        """Epsilon-inflation: a region that grows by its own image until N(region) lies in its interior."""
+        """Epsilon-inflation: a region that grows until N(region) lies in its interior."""
         region = self._inflated(start)
         for _ in range(tries):
-            moved = self._image(self._operator, region, center)
+            moved = self._image(region, center)
             if moved is None or bool(moved.empty.any()):
                 return None
             if inside(moved, region, self._columns):
                 return self._checked(moved, region)
-            larger = self._image(krawczyk, region, center)
-            if larger is None:
-                return None
             # only where it has to be: what one component gains makes the image of the others larger
-            tight = (larger.lo <= region.lo) | (larger.hi >= region.hi)
-            grown = self._inflated(region.hull(larger))
+            tight = (moved.lo <= region.lo) | (moved.hi >= region.hi)
+            width = (region.hi - region.lo) * self._free
+            grown = self._inflated(IntervalArray(region.lo - width, region.hi + width))
             region = IntervalArray(np.where(tight, grown.lo, region.lo), np.where(tight, grown.hi, region.hi))
         return None
 
@@ -291,12 +284,12 @@ class UniquenessProver:
         zero = exactly_zero(self._network, self._equalities.roots, point)
         return tight.with_bounds(point, point) if zero and point in tight else Box.empty(tight.names)
 
-    def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
+    def _image(self, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""
         box = self._domain.with_bounds(region.lo, region.hi)
         if not box.is_bounded:
             return None
-        return self._equalities.image(operator, box, center, self._columns, self._deadline)
+        return self._equalities.image(box, center, self._columns, self._deadline)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""
