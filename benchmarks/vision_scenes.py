@@ -40,7 +40,7 @@ from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import PoseEstimate
-from cpcal.vision.projection import centers_of, predicted_centers
+from cpcal.vision.projection import centers_by_pose, predicted_centers
 from cpcal.vision.render import Scene, contours, render
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -85,7 +85,7 @@ def found_dots(
     """
     numbers, places = spoiled_dots(rng, target, camera, pose, missing, false, on_rows)
     centers = predicted_centers(target, camera, pose)
-    added = centers_of(places, target.radius, camera, pose)
+    added = centers_by_pose(places, target.radius, camera.packed, pose)[0]
     added = added[(added > 0.0).all(axis=1) & (added < [camera.width, camera.height]).all(axis=1)]
     points = np.concatenate([centers[numbers], added])
     labels = np.concatenate([numbers, np.full(len(added), -1)])

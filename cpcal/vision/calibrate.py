@@ -136,10 +136,12 @@ class CameraFit:
 
     def blocks(self, loss: float | None = None) -> Blocks:
         """The normal equations of the cost (of its Gauss-Newton model, with `loss` reweighted)."""
-        given = self.target.dots, self.target.radius, self.state.camera, self.state.poses
-        centers, by_pose = centers_by_pose(*given)
+        dots, radius, camera, poses = self.target.dots, self.target.radius, self.state.camera, self.state.poses
+        centers, by_pose = centers_by_pose(dots, radius, camera.packed, poses)
         used = self.used[..., None]
-        slopes = np.where(used[..., None], np.concatenate([by_camera(*given, centers), by_pose], axis=-1), 0.0)
+        slopes = np.where(
+            used[..., None], np.concatenate([by_camera(dots, radius, camera, poses, centers), by_pose], axis=-1), 0.0
+        )
         off, weight = np.where(used, self.centers - centers, 0.0), self.weight
         if loss is not None:
             weight = weight / (1.0 + _squares(off, weight) / loss**2)[..., None, None]

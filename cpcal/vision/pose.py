@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cpcal.common.errors import CpcalError, InputError, Problem, unusable
+from cpcal.common.errors import CpcalError
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import (
     Pose,
-    normalised,
     quaternion_conjugate,
+    quaternion_from_matrix,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_vector,
@@ -31,8 +31,6 @@ from cpcal.vision.opencv import opencv
 from cpcal.vision.projection import (
     by_camera,
     centers_by_pose,
-    centers_of,
-    determinants,
     eigenvalues,
     median,
     placed_centers,
@@ -102,13 +100,14 @@ def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Fl
 # ------------------------------------------------------------------------------------------------------------------
 # The Levenberg-Marquardt fit of a pose to the pixels of dots, compiled.
 #
-# A pose is packed as (7,): position (mm) and unit quaternion, scalar first. A step is (6,): of the position, and a
-# rotation vector in the camera frame.
+# A step is (6,): of the position (mm), and a rotation vector in the camera frame.
 
 DONE, SINGULAR, ENDLESS, NOWHERE = 0, 1, 2, 3  # how a fit ends
 STEPS = 200  # most fits need five, those of a small distant target a hundred
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
 _ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals are large
+_SLACK = 1e-5  # of chi-square, by which it may grow: derivatives that are a thousandth off do so next to the end
+_NO_ANGLE = 1e-6
 
 
 @compiled
@@ -118,19 +117,21 @@ def fit_pose(
     factors: Floats,
     radius: float,
     camera: Floats,
-    pose: Floats,
+    turn: Floats,
+    place: Floats,
     residuals: Floats,
     normal: Floats,
 ) -> tuple[int, float]:
-    """Fits `pose` in place, fills in residuals (2 n,) and normal matrix (6, 6); returns how it ended and chi-square.
+    """Fits `turn` (1, 3, 3) and `place` (1, 3) in place, fills in residuals (2 n,) and normal matrix (6, 6); returns
+    how it ended and chi-square.
 
     Residuals are of dots (n, 2) mm seen at (n, 2) pixels, in standard deviations by lower triangular factors (n, 2, 2)
     of the covariances.
     """
     size = len(residuals)
     slope, trial, trial_slope = np.empty((size, 6)), np.empty(size), np.empty((size, 6))
-    moved, right, step = np.empty(7), np.empty(6), np.empty(6)
-    _evaluate(dots, seen, factors, radius, camera, pose, residuals, slope)
+    right, step = np.empty(6), np.empty(6)
+    _evaluate(dots, seen, factors, radius, camera, turn, place, residuals, slope)
     chi_square, damping = np.dot(residuals, residuals), 0.0
     if not np.isfinite(chi_square):
         return NOWHERE, np.inf
@@ -138,15 +139,16 @@ def fit_pose(
         normal[:], right[:] = np.dot(slope.T, slope), np.dot(slope.T, residuals)
         if not solved(normal, 6, damping, 0.0, right, step):
             return SINGULAR, chi_square
-        _moved(pose, step, moved)
+        moved, turned = place + step[:3], turn.copy()
+        turned[0] = _turned(turn[0], step[3:])
         gain = np.dot(step, np.dot(normal, step))
         if gain < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
-            pose[:], residuals[:] = moved, residuals - np.dot(slope, step)
+            place[:], turn[:], residuals[:] = moved, turned, residuals - np.dot(slope, step)
             return DONE, np.dot(residuals, residuals)
-        _evaluate(dots, seen, factors, radius, camera, moved, trial, trial_slope)
+        _evaluate(dots, seen, factors, radius, camera, turned, moved, trial, trial_slope)
         square = np.dot(trial, trial)
-        if square <= chi_square:
-            pose[:], residuals[:], slope[:] = moved, trial, trial_slope
+        if square <= (1.0 + _SLACK) * chi_square:
+            place[:], turn[:], residuals[:], slope[:] = moved, turned, trial, trial_slope
             chi_square, damping = square, 0.1 * damping
         else:
             damping = max(10.0 * damping, 1e-4)
@@ -160,51 +162,32 @@ def _evaluate(
     factors: Floats,
     radius: float,
     camera: Floats,
-    pose: Floats,
+    turn: Floats,
+    place: Floats,
     residuals: Floats,
     slope: Floats,
 ) -> None:
     """Residuals (2 n,), and minus their derivatives (2 n, 6)."""
     count = len(dots)
-    centers, by_pose = np.empty((count, 2)), np.empty((count, 2, 6))
-    placed_centers(dots, radius, camera, _rotation(pose), pose[:3], True, centers, by_pose)
+    centers, by_pose = np.empty((1, count, 2)), np.empty((1, count, 2, 6))
+    placed_centers(dots, radius, camera, turn, place, centers, by_pose)
     for i in range(count):
         a, b, c = factors[i, 0, 0], factors[i, 1, 0], factors[i, 1, 1]
-        residuals[2 * i] = (seen[i, 0] - centers[i, 0]) / a
-        residuals[2 * i + 1] = (seen[i, 1] - centers[i, 1] - b * residuals[2 * i]) / c
-        for j in range(6):
-            slope[2 * i, j] = by_pose[i, 0, j] / a
-            slope[2 * i + 1, j] = (by_pose[i, 1, j] - b * slope[2 * i, j]) / c
+        residuals[2 * i] = (seen[i, 0] - centers[0, i, 0]) / a
+        residuals[2 * i + 1] = (seen[i, 1] - centers[0, i, 1] - b * residuals[2 * i]) / c
+        slope[2 * i] = by_pose[0, i, 0] / a
+        slope[2 * i + 1] = (by_pose[0, i, 1] - b * slope[2 * i]) / c
 
 
 @compiled
-def _rotation(pose: Floats) -> Floats:
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    scale = 2.0 / (w * w + x * x + y * y + z * z)
-    out = np.empty((3, 3))
-    out[0, 0], out[0, 1], out[0, 2] = 1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)
-    out[1, 0], out[1, 1], out[1, 2] = scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)
-    out[2, 0], out[2, 1], out[2, 2] = scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)
+def _turned(turn: Floats, by: Floats) -> Floats:
+    """R(by) turn."""
+    angle = np.sqrt(np.dot(by, by))
+    near = angle < _NO_ANGLE
+    a, b = (1.0, 0.5) if near else (np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2)
+    cross = np.array([[0.0, -by[2], by[1]], [by[2], 0.0, -by[0]], [-by[1], by[0], 0.0]])
+    out: Floats = turn + np.dot(cross, a * turn + b * np.dot(cross, turn))
     return out
-
-
-@compiled
-def _moved(pose: Floats, step: Floats, out: Floats) -> None:
-    """position + step[:3], and R(step[3:]) R."""
-    for k in range(3):
-        out[k] = pose[k] + step[k]
-    x, y, z = step[3], step[4], step[5]
-    angle = np.sqrt(x * x + y * y + z * z)
-    c, s = np.cos(0.5 * angle), (0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle)
-    x, y, z = s * x, s * y, s * z
-    w0, x0, y0, z0 = pose[3], pose[4], pose[5], pose[6]
-    out[3] = c * w0 - x * x0 - y * y0 - z * z0
-    out[4] = c * x0 + x * w0 + y * z0 - z * y0
-    out[5] = c * y0 + y * w0 + z * x0 - x * z0
-    out[6] = c * z0 + z * w0 + x * y0 - y * x0
-    length = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
-    for k in range(3, 7):
-        out[k] /= length
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -228,15 +211,12 @@ class Pixels:
 
     def residuals(self, pose: Pose) -> Floats:
         """(n, 2) at a pose."""
-        centers = centers_of(self.dots, self.radius, self.camera, pose)
+        centers = centers_by_pose(self.dots, self.radius, self.camera.packed, pose)[0]
         return self.whitened((self.seen - centers)[..., None])[..., 0]
 
     def whitened(self, pixels: Floats) -> Floats:
         """The factors' inverses times (n, 2, k)."""
-        out = np.empty_like(pixels)
-        out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
-        out[:, 1] = (pixels[:, 1] - self.factors[:, 1, 0, None] * out[:, 0]) / self.factors[:, 1, 1, None]
-        return out
+        return np.asarray(np.linalg.solve(self.factors, pixels), dtype=np.float64)
 
     def only(self, used: Bools) -> Pixels:
         """Of some (n,) of the dots."""
@@ -253,15 +233,15 @@ class PoseFit:
 
 def fit(model: Pixels, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
-    packed = np.concatenate([pose.position, pose.quaternion])
+    turn, place = pose.rotation[None].copy(), pose.position[None].copy()
     normal, residuals = np.eye(6), np.empty(2 * len(model.dots))
     given = model.dots, model.seen, model.factors, model.radius, model.camera.packed
-    ended, square = fit_pose(*given, packed, residuals, normal)
+    ended, square = fit_pose(*given, turn, place, residuals, normal)
     if ended == SINGULAR:
         raise NoPose("the dots do not determine the pose")
     if ended == ENDLESS:
         raise NoPose(f"the fit has not ended after {STEPS} steps")
-    return PoseFit(Pose(packed[:3], packed[3:]), float(square), normal, residuals)
+    return PoseFit(Pose(place[0], quaternion_from_matrix(turn[0])), float(square), normal, residuals)
 
 
 def plane_poses(dots: Floats, rays: Floats) -> list[Pose]:
@@ -298,7 +278,7 @@ def shared_part(
     if covariance is None and not target.scale_sigma and not target.dot_sigma:
         return np.zeros((6, 6)), found.chi_square
     count, pose = len(dots), found.pose
-    centers, by_pose = centers_by_pose(dots, target.radius, camera, pose)
+    centers, by_pose = centers_by_pose(dots, target.radius, camera.packed, pose)
     sources: list[Floats] = []  # derivatives (m, 2, k) of the centres by k errors of deviation 1
     if covariance is not None:
         values, vectors = np.linalg.eigh(covariance)
@@ -366,20 +346,14 @@ class PoseEstimate:
 
 
 def estimate_pose(
-    centers: npt.ArrayLike,
-    covariance: npt.ArrayLike,
-    numbers: npt.ArrayLike,
-    target: Target,
-    camera: Camera,
-    camera_covariance: Floats | None = None,
+    seen: Floats, spread: Floats, which: Ints, target: Target, camera: Camera, camera_covariance: Floats | None = None
 ) -> PoseEstimate:
-    """The pose that fits centres (m, 2) px with covariances (m, 2, 2) px^2 of the target's dots `numbers` (m,).
+    """The pose that fits the target's dots `which` (m,), each once, seen at (m, 2) px with covariances (m, 2, 2) px^2.
 
     `camera_covariance` (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; left out: the camera is exact.
 
-    Raises NoPose with the reason, InputError when the arrays do not belong together.
+    Raises NoPose with the reason.
     """
-    seen, spread, which = _checked(centers, covariance, numbers, target)
     if len(which) < FEWEST:
         raise NoPose(f"{len(which)} dots are too few for a pose: at least {FEWEST} are needed")
     rays = camera.normalised(seen)
@@ -407,7 +381,7 @@ def estimate_pose(
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     common = _common(kept.dots, final.residuals.reshape(-1, 2), degrees) if scale > DOUBTFUL else 1.0
     return PoseEstimate(
-        pose=Pose(final.pose.position, normalised(final.pose.quaternion)),
+        pose=final.pose,
         covariance=np.asarray(scale * common * np.linalg.inv(final.normal) + part, dtype=np.float64),
         shared_part=part,
         residuals=residuals,
@@ -442,25 +416,6 @@ def _other(pixels: Pixels, final: PoseFit, starts: list[Pose]) -> PoseFit | None
         if not step @ final.normal @ step < 1.0:
             return found
     return None
-
-
-def _checked(
-    centers: npt.ArrayLike, covariance: npt.ArrayLike, numbers: npt.ArrayLike, target: Target
-) -> tuple[Floats, Floats, Ints]:
-    seen, spread = np.asarray(centers, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
-    which = np.asarray(numbers, dtype=np.int64)
-    if which.ndim != 1 or seen.shape != (len(which), 2) or spread.shape != (len(which), 2, 2):
-        raise unusable("dots", "centres, covariances and numbers differ in length", "give m of each")
-    problems = []
-    if not np.isfinite(seen).all():
-        problems.append(Problem("dots", "some centres are not finite", "leave those dots out"))
-    if len(np.unique(which)) < len(which) or not ((which >= 0) & (which < len(target.dots))).all():
-        problems.append(Problem("dots", "the numbers are not different dots of the target", "number dots from 0"))
-    if not (np.isfinite(spread).all() and (determinants(spread) > 0.0).all() and (spread[:, 0, 0] > 0.0).all()):
-        problems.append(Problem("dots", "some covariances are not positive definite", "give pixels squared"))
-    if problems:
-        raise InputError(problems)
-    return seen, spread, which
 
 
 def _check_spread(dots: Floats) -> None:

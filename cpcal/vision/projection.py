@@ -72,87 +72,53 @@ def inverses(matrices: Floats) -> Floats:
 #
 # A camera is packed as (13,): fx, fy, cx, cy and its lens (`cpcal.vision.camera`).
 
-Four = tuple[float, float, float, float]
-_ASIDE = 1e-4  # of a normalised coordinate and of a lens's number: derivatives by differences are good to 1e-8
-
-
-@compiled
-def _dual(square: float, x: float, y: float, z: float, turn: Floats) -> tuple[float, float, float, float, float, float]:
-    """D[2, 2], D[:2, :2] (xx, xy, yy) and the centre of a dot at (x, y, z); D[2, 2] is 0 where it is not wholly before
-    the camera: it touches the plane Z = 0 where Z <= rho sqrt(1 - n_z^2)."""
-    nx, ny, nz = turn[0, 2], turn[1, 2], turn[2, 2]
-    w = square * (1.0 - nz * nz) - z * z
-    if not (z > 0.0 and w < 0.0):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    xx, xy, yy = square * (1.0 - nx * nx) - x * x, -square * nx * ny - x * y, square * (1.0 - ny * ny) - y * y
-    return w, xx, xy, yy, (-square * nx * nz - x * z) / w, (-square * ny * nz - y * z) / w
+_ASIDE = 1e-4  # of a lens's number: derivatives by differences are good to 1e-8
 
 
 @compiled
 def placed_centers(
-    dots: Floats, radius: float, camera: Floats, turn: Floats, at: Floats, slope: bool, centers: Floats, by_pose: Floats
+    dots: Floats, radius: float, camera: Floats, turns: Floats, places: Floats, centers: Floats, by_pose: Floats
 ) -> None:
-    """The centres (n, 2) pixels of dots (n, 2) mm under the rotation (3, 3) and the position (3,) mm; with `slope`
-    their derivatives (n, 2, 6) by position and rotation vector. nan where a dot is not wholly before the camera."""
+    """The centres (m, n, 2) pixels of dots (n, 2) mm under rotations (m, 3, 3) and positions (m, 3) mm, and their
+    derivatives (m, n, 2, 6) by position and rotation vector, those of d(c): a thousandth off at most. nan where a dot
+    is not wholly before the camera."""
     square = radius * radius
-    lens, nx, ny, nz = camera[4:], turn[0, 2], turn[1, 2], turn[2, 2]
-    bend, shape, by = np.empty(JET), np.empty(3), np.empty((2, 5))
-    for i in range(len(dots)):
-        arm_x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1]
-        arm_y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1]
-        arm_z = turn[2, 0] * dots[i, 0] + turn[2, 1] * dots[i, 1]
-        x, y, z = arm_x + at[0], arm_y + at[1], arm_z + at[2]
-        w, bxx, bxy, byy, cx, cy = _dual(square, x, y, z, turn)
-        if w == 0.0:
-            centers[i] = np.nan
-            if slope:
-                by_pose[i] = np.nan
-            continue
-        shape[0], shape[1], shape[2] = cx * cx - bxx / w, cx * cy - bxy / w, cy * cy - byy / w
-        u, v, gx, gy = _center(lens, cx, cy, shape, bend)
-        centers[i, 0], centers[i, 1] = camera[2] + camera[0] * u, camera[3] + camera[1] * v
-        if slope:
-            xx, xy, yy = bend[2], bend[3], bend[4]
-            by[0, 2], by[0, 3] = 0.125 * (bend[5] + 2.0 * xx * gx), 0.125 * (bend[6] + xx * gy + xy * gx)
-            by[0, 4] = 0.125 * (bend[7] + 2.0 * xy * gy)
-            by[1, 2], by[1, 3] = 0.125 * (bend[6] + 2.0 * xy * gx), 0.125 * (bend[7] + xy * gy + yy * gx)
-            by[1, 4] = 0.125 * (bend[8] + 2.0 * yy * gy)
-            for m in range(2):
-                dx, dy = (_ASIDE, 0.0) if m == 0 else (0.0, _ASIDE)
-                ahead = _center(lens, cx + dx, cy + dy, shape, bend)
-                behind = _center(lens, cx - dx, cy - dy, shape, bend)
-                by[0, m], by[1, m] = 0.5 * (ahead[0] - behind[0]) / _ASIDE, 0.5 * (ahead[1] - behind[1]) / _ASIDE
+    bend, shape = np.empty(JET), np.empty(3)
+    for m in range(len(places)):
+        turn = turns[m]
+        nx, ny, nz = turn[0, 2], turn[1, 2], turn[2, 2]
+        for i in range(len(dots)):
+            arm_x = turn[0, 0] * dots[i, 0] + turn[0, 1] * dots[i, 1]
+            arm_y = turn[1, 0] * dots[i, 0] + turn[1, 1] * dots[i, 1]
+            arm_z = turn[2, 0] * dots[i, 0] + turn[2, 1] * dots[i, 1]
+            x, y, z = arm_x + places[m, 0], arm_y + places[m, 1], arm_z + places[m, 2]
+            w = square * (1.0 - nz * nz) - z * z  # D[2, 2]
+            if not (z > 0.0 and w < 0.0):  # it touches the plane Z = 0 where Z <= rho sqrt(1 - n_z^2)
+                centers[m, i], by_pose[m, i] = np.nan, np.nan
+                continue
+            cx, cy = (-square * nx * nz - x * z) / w, (-square * ny * nz - y * z) / w
+            shape[0] = cx * cx - (square * (1.0 - nx * nx) - x * x) / w
+            shape[1] = cx * cy + (square * nx * ny + x * y) / w
+            shape[2] = cy * cy - (square * (1.0 - ny * ny) - y * y) / w
+            u, v = _center(camera[4:], cx, cy, shape, bend)
+            centers[m, i, 0], centers[m, i, 1] = camera[2] + camera[0] * u, camera[3] + camera[1] * v
             for k in range(2):
-                # how the centre moves with the dual conic D: M : dD; with the point -2 M P, with the normal -2 r^2 M n
-                sxx, sxy, syy = by[k, 2], by[k, 3], by[k, 4]
-                to_x, to_y = by[k, 0] + 2.0 * (sxx * cx + sxy * cy), by[k, 1] + 2.0 * (sxy * cx + syy * cy)
-                last = ((sxx * bxx + 2.0 * sxy * bxy + syy * byy) / w - to_x * cx - to_y * cy) / w
-                mxx, mxy, myy, mxz, myz = -sxx / w, -sxy / w, -syy / w, 0.5 * to_x / w, 0.5 * to_y / w
-                f = -2.0 * camera[k]
-                px, py = f * (mxx * x + mxy * y + mxz * z), f * (mxy * x + myy * y + myz * z)
-                pz = f * (mxz * x + myz * y + last * z)
-                f *= square
-                qx, qy = f * (mxx * nx + mxy * ny + mxz * nz), f * (mxy * nx + myy * ny + myz * nz)
-                qz = f * (mxz * nx + myz * ny + last * nz)
-                by_pose[i, k, 0], by_pose[i, k, 1], by_pose[i, k, 2] = px, py, pz
-                by_pose[i, k, 3] = arm_y * pz - arm_z * py + ny * qz - nz * qy
-                by_pose[i, k, 4] = arm_z * px - arm_x * pz + nz * qx - nx * qz
-                by_pose[i, k, 5] = arm_x * py - arm_y * px + nx * qy - ny * qx
+                # J dc = M : dD; with the point -2 M P, with the normal -2 rho^2 M n
+                a, b = -camera[k] * bend[2 + k] / w, -camera[k] * bend[3 + k] / w
+                c = -2.0 * (a * cx + b * cy)
+                px, py, pz = a * z, b * z, a * x + b * y + c * z
+                qx, qy, qz = square * a * nz, square * b * nz, square * (a * nx + b * ny + c * nz)
+                slope = by_pose[m, i, k]
+                slope[0], slope[1], slope[2] = px, py, pz
+                slope[3] = arm_y * pz - arm_z * py + ny * qz - nz * qy
+                slope[4] = arm_z * px - arm_x * pz + nz * qx - nx * qz
+                slope[5] = arm_x * py - arm_y * px + nx * qy - ny * qx
 
 
 @compiled
-def all_placed_centers(
-    dots: Floats, radius: float, camera: Floats, turns: Floats, places: Floats, slope: bool, centers: Floats, by: Floats
-) -> None:
-    """`placed_centers` of rotations (m, 3, 3) and positions (m, 3): (m, n, 2) and, with `slope`, (m, n, 2, 6)."""
-    for k in range(len(places)):
-        placed_centers(dots, radius, camera, turns[k], places[k], slope, centers[k], by[k])
-
-
-@compiled
-def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> Four:
-    """The distorted centre, see above, of an ellipse about (x, y) with the shape's xx, xy, yy; and g. The jet of d
-    goes into `bend`."""
+def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> tuple[float, float]:
+    """The distorted centre, see above, of an ellipse about (x, y) with the shape's xx, xy, yy. The jet of d goes into
+    `bend`."""
     jet(lens, x, y, bend)
     xx, xy, yy = bend[2], bend[3], bend[4]
     sxx, sxy, syy = shape[0], shape[1], shape[2]
@@ -162,24 +128,24 @@ def _center(lens: Floats, x: float, y: float, shape: Floats, bend: Floats) -> Fo
     ax, ay = sxx * gx + sxy * gy, sxy * gx + syy * gy  # S g
     u = bend[0] + 0.125 * (bend[5] * sxx + 2.0 * bend[6] * sxy + bend[7] * syy + 2.0 * (xx * ax + xy * ay))
     v = bend[1] + 0.125 * (bend[6] * sxx + 2.0 * bend[7] * sxy + bend[8] * syy + 2.0 * (xy * ax + yy * ay))
-    return u, v, gx, gy
+    return u, v
 
 
 def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
     """Centres (..., n, 2) of the conics through the dots' contours, pixels, for poses of the target in the camera frame
     with any leading axes; nan where a dot is not wholly before the camera."""
-    return centers_of(target.dots, target.radius, camera, pose)
+    return centers_by_pose(target.dots, target.radius, camera.packed, pose)[0]
 
 
-def centers_of(dots: Floats, radius: float, camera: Camera, pose: Pose) -> Floats:
-    """`predicted_centers` for dots (n, 2) mm of a given radius."""
-    return _placed_centers(dots, radius, camera.packed, pose, False)[0]
-
-
-def centers_by_pose(dots: Floats, radius: float, camera: Camera, pose: Pose) -> tuple[Floats, Floats]:
-    """`centers_of`, and their derivatives (..., n, 2, 6) by position (mm) and by the rotation vector w (rad) in the
-    camera frame: R becomes R(w) R."""
-    return _placed_centers(dots, radius, camera.packed, pose, True)
+def centers_by_pose(dots: Floats, radius: float, camera: Floats, pose: Pose) -> tuple[Floats, Floats]:
+    """`predicted_centers` of dots (n, 2) mm by a packed camera, and their derivatives (..., n, 2, 6) by position (mm)
+    and by the rotation vector w (rad) in the camera frame: R becomes R(w) R."""
+    # not read-only, for which would be compiled once more
+    places, dots = np.array(pose.position).reshape(-1, 3), np.array(dots, dtype=np.float64)
+    shape = *np.shape(pose.position)[:-1], len(dots), 2
+    centers, by_pose = np.empty((len(places), len(dots), 2)), np.empty((len(places), len(dots), 2, 6))
+    placed_centers(dots, radius, camera, pose.rotation.reshape(-1, 3, 3), places, centers, by_pose)
+    return centers.reshape(shape), by_pose.reshape(*shape, 6)
 
 
 def by_camera(dots: Floats, radius: float, camera: Camera, pose: Pose, centers: Floats) -> Floats:
@@ -190,24 +156,13 @@ def by_camera(dots: Floats, radius: float, camera: Camera, pose: Pose, centers: 
     out[..., [0, 1], [2, 3]] = 1.0
     for k, name in enumerate(CAMERA_NUMBERS[4:], start=4):
         step = _ASIDE * np.eye(len(camera.packed))[4 + PACKED.index(name)]
-        ahead, behind = (_placed_centers(dots, radius, camera.packed + s * step, pose, False)[0] for s in (1.0, -1.0))
+        ahead, behind = (centers_by_pose(dots, radius, camera.packed + s * step, pose)[0] for s in (1.0, -1.0))
         out[..., k] = 0.5 * (ahead - behind) / _ASIDE
     return out
 
 
-def _placed_centers(dots: Floats, radius: float, camera: Floats, pose: Pose, slope: bool) -> tuple[Floats, Floats]:
-    """Centres (..., n, 2) by a packed camera, and derivatives (..., n, 2, 6) when they are asked for."""
-    # not read-only, for which would be compiled once more
-    places, dots = np.array(pose.position).reshape(-1, 3), np.array(dots, dtype=np.float64)
-    count, shape = len(dots), (*np.shape(pose.position)[:-1], len(dots))
-    centers = np.empty((len(places), count, 2))
-    by_pose = np.empty((len(places), count if slope else 1, 2, 6))
-    all_placed_centers(dots, radius, camera, pose.rotation.reshape(-1, 3, 3), places, slope, centers, by_pose)
-    return centers.reshape(*shape, 2), by_pose.reshape(*shape, 2, 6) if slope else by_pose
-
-
 # ------------------------------------------------------------------------------------------------------------------
-# Plane homographies: applied, fitted, and the one-dimensional kind along a line.
+# Plane homographies.
 
 
 def mapped(homography: Floats, points: Floats) -> Floats:
@@ -225,9 +180,3 @@ def fitted(points: Floats, images: Floats) -> Floats:
         return np.full((3, 3), np.nan)
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
-
-
-def orientation(homography: Floats, points: Floats) -> Floats:
-    """The sign (n,) of the area that H gives to a small positive area at each of the points (n, 2)."""
-    depth = points @ homography[2, :2] + homography[2, 2]
-    return np.asarray(np.sign(np.linalg.det(homography) * depth))

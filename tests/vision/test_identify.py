@@ -23,7 +23,7 @@ from cpcal.vision.identify import (
     turned,
     view_of,
 )
-from cpcal.vision.projection import centers_of, mapped, predicted_centers
+from cpcal.vision.projection import centers_by_pose, mapped, predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(
@@ -161,7 +161,9 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
             labels = np.concatenate([numbers, np.full(count, -1)])
             spoilt = np.concatenate([dots[numbers], only_turned[:count]])
             try:
-                centers = centers_of(spoilt, DELTALAB_TARGET.radius, DELTALAB_CAMERA, one(poses, count % 3))
+                centers = centers_by_pose(
+                    spoilt, DELTALAB_TARGET.radius, DELTALAB_CAMERA.packed, one(poses, count % 3)
+                )[0]
                 found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
             except Unidentified:
                 assert count >= 2

@@ -12,7 +12,7 @@ from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots.segmentation import ellipses, noise_level
 from cpcal.vision.identify import View, pairs
 from cpcal.vision.pose import Pixels, fit, fit_pose
-from cpcal.vision.projection import determinants, eigenvalues, inverses, median, placed_centers
+from cpcal.vision.projection import centers_by_pose, determinants, eigenvalues, inverses, median, placed_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
@@ -25,9 +25,8 @@ def test_the_plain_python_of_a_kernel_says_the_same(camera):
     pose = one(facing_poses(np.random.default_rng(1), 1), 0)
     answers = []
     for run in (placed_centers, plain(placed_centers)):
-        centers, by_pose = np.empty((len(DOTS), 2)), np.empty((len(DOTS), 2, 6))
-        run(DOTS, RADIUS, camera.packed, pose.rotation, pose.position, True, centers, by_pose)
-        answers.append((centers, by_pose))
+        answers.append((np.empty((1, len(DOTS), 2)), np.empty((1, len(DOTS), 2, 6))))
+        run(DOTS, RADIUS, camera.packed, pose.rotation[None], pose.position[None], *answers[-1])
     np.testing.assert_allclose(answers[0][0], answers[1][0], rtol=1e-12)
     np.testing.assert_allclose(answers[0][1], answers[1][1], rtol=1e-9, atol=1e-9)
 
@@ -36,22 +35,20 @@ def test_the_plain_python_of_a_kernel_says_the_same(camera):
 def test_a_fit_ends_where_the_gradient_vanishes(camera):
     rng = np.random.default_rng(2)
     pose = one(facing_poses(rng, 1), 0)
-    centers, by_pose = np.empty((len(DOTS), 2)), np.empty((len(DOTS), 2, 6))
-    placed_centers(DOTS, RADIUS, camera.packed, pose.rotation, pose.position, True, centers, by_pose)
-    seen = centers + 0.01 * rng.standard_normal(centers.shape)
+    seen = centers_by_pose(DOTS, RADIUS, camera.packed, pose)[0] + 0.01 * rng.standard_normal((len(DOTS), 2))
     factors = np.tile(0.01 * np.eye(2), (len(DOTS), 1, 1))
     away = type(pose)(pose.position + [20.0, -10.0, 30.0], pose.quaternion)
     found = fit(Pixels(DOTS, seen, factors, RADIUS, camera), away)
-    placed_centers(DOTS, RADIUS, camera.packed, found.pose.rotation, found.pose.position, True, centers, by_pose)
+    centers, by_pose = centers_by_pose(DOTS, RADIUS, camera.packed, found.pose)
     residuals, slope = ((seen - centers) / 0.01).ravel(), (by_pose / 0.01).reshape(-1, 6)
     step = np.linalg.solve(slope.T @ slope, slope.T @ residuals)
     assert step @ slope.T @ slope @ step < 1e-6  # of a standard deviation, squared
     assert found.chi_square == pytest.approx(float(residuals @ residuals), rel=1e-6)
     np.testing.assert_allclose(found.normal, slope.T @ slope, rtol=1e-2, atol=1e-2 * np.abs(found.normal).max())
-    packed = np.concatenate([away.position, away.quaternion])
+    turn, place = away.rotation[None].copy(), away.position[None].copy()
     given = DOTS, seen, factors, RADIUS, camera.packed
-    plain(fit_pose)(*given, packed, np.empty(2 * len(DOTS)), np.empty((6, 6)))
-    np.testing.assert_allclose(packed[:3], found.pose.position, atol=1e-9)
+    plain(fit_pose)(*given, turn, place, np.empty(2 * len(DOTS)), np.empty((6, 6)))
+    np.testing.assert_allclose(place[0], found.pose.position, atol=1e-9)
 
 
 def test_moments_of_outlines_are_opencvs():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import FACING, facing_poses, one, pose_error
-from cpcal.common.errors import InputError
 from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
@@ -186,15 +185,3 @@ def test_too_few_dots_and_dots_on_a_line_are_refused() -> None:
         estimated(centers[:5], 0.01, ALL[:5])
     with pytest.raises(NoPose, match="on a line"):
         estimated(centers[:7], 0.01, ALL[:7])
-
-
-def test_arrays_that_do_not_belong_together_are_refused() -> None:
-    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
-    with pytest.raises(InputError, match="differ in length"):
-        estimated(centers, 0.01, ALL[:-1])
-    with pytest.raises(InputError, match="different dots"):
-        estimated(centers, 0.01, np.where(ALL == 7, 8, ALL))
-    with pytest.raises(InputError, match="positive definite"):
-        estimated(centers, 0.0)
-    with pytest.raises(InputError, match="not finite"):
-        estimated(np.where(ALL[:, None] == 3, np.nan, centers), 0.01)
