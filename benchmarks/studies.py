@@ -150,7 +150,7 @@ def accuracy(asked: argparse.Namespace) -> None:
         known, here = np.stack([fit_model(campaign, leg) for leg in range(1, 7)]), every.rows(np.arange(asked.poses))
         robot = Robot.from_parameters("controller", known)
         commanded = forward_kinematics(robot, readings[: asked.poses], here)
-        (position, angle), u = distances(here, commanded), expanded_uncertainty(campaign, robot, commanded)[0]
+        (position, angle), u = distances(here, commanded), expanded_uncertainty(campaign, robot, commanded)
         errors = [_true_error(campaign, others, leg) for leg in range(1, 7)]
         sets = _sets(campaign, errors, known)
         found = pose_bounds(commanded, sets)

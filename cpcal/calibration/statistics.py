@@ -8,7 +8,7 @@ in the mean and cannot be seen here.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -298,16 +298,13 @@ def _usual_distance(repeats: int) -> float:
 #     pose     c + J_k^-1 m             J_k: derivative of the leg lengths by the pose (n, 6)
 #     lengths  s + m                    so that   J_k (pose) - (lengths) = J_k c - s     is free of the motion
 #
-# and their covariance is linear in those of the three sources,
-#
-#     Sigma_k = [C 0; 0 S] + [J_k^-1; 1] M [J_k^-1; 1]'
-#
-# which are estimated by maximum likelihood (Fisher scoring) from the scatter of all configurations. What camera and
+# so the products of J_k (pose) and (lengths) tell the variances of m alone, and those of their difference are linear in
+# the covariances of the other two, J_k C J_k' + S: by weighted least squares over all configurations. What camera and
 # sensors see differently and noise does not explain, such as backlash, ends up in C and S.
 
-_ROUNDS = 6  # of Fisher scoring: the last one changes standard deviations by well below a percent
 _FEWEST = 40  # degrees of freedom of the repeats from which three sources are told apart
-_FLOOR = 1e-3  # of a channel's variance, below which scoring does not let its noise fall
+_ROUNDS = 3  # of weights
+_FLOOR = 1e-3  # of a channel's variance, below which its noise is not said to be
 _SEEN = 3.0  # standard errors from which the robot's own scatter is said to be seen
 
 
@@ -367,16 +364,21 @@ def repeatability(campaign: Campaign) -> Repeatability:
     # the mean derivative of each configuration's repeats
     middle = group_means(by_pose.reshape(len(by_pose), -1), spread.group, len(spread.names))
     middle = middle.reshape(-1, *by_pose.shape[1:])
-    parts = _told_apart(middle, spread)
-    if parts is None or not parts[2].any():  # the scatter itself tells the noise best
-        camera, robot = spread.values[:, :6].T @ spread.values[:, :6] / spread.freedom, np.zeros(campaign.legs)
-        sensors = spread.sigma[6:] ** 2
-    else:
-        camera, sensors, robot = parts
+    # the scatter itself tells the noise best, unless the robot is seen to add to it
+    camera, sensors = spread.values[:, :6].T @ spread.values[:, :6] / spread.freedom, spread.sigma[6:] ** 2
+    robot, legs = np.zeros(campaign.legs), spread.values[:, 6:]
+    told = bool(spread.freedom >= _FEWEST and len(spread.names) > 6 and (spread.sigma > 0.0).all())
+    if told:
+        moved = legs + equations
+        common = np.sum(moved * legs, axis=0) / spread.freedom
+        error = np.sqrt(np.sum(moved**2, axis=0) * np.sum(legs**2, axis=0) / spread.freedom**3)
+        if (common > _SEEN * error).any():
+            robot = np.maximum(common, 0.0)
+            camera, sensors = _camera_and_sensors(middle, equations, spread)
     of_mean = np.einsum("kij,jl,kil->ki", middle, camera, middle) + sensors
     return Repeatability(
         camera=camera,
-        told=parts is not None,
+        told=told,
         noise_sigma=np.sqrt(np.concatenate([np.diagonal(camera), sensors])),
         robot_sigma=np.sqrt(robot),
         equation_sigma=np.sqrt(np.sum(equations**2, axis=0) / spread.freedom),
@@ -386,62 +388,28 @@ def repeatability(campaign: Campaign) -> Repeatability:
     )
 
 
-def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Floats] | None:
-    """The camera's covariance, and the variances (n,) of the sensors and of the robot's legs, these zero where none is
-    seen; None where there is too little."""
-    scale = spread.sigma
-    if spread.freedom < _FEWEST or not (scale > 0.0).all() or len(spread.names) < 7:
-        return None
-    count, legs = by_pose.shape[:2]
-    size = 6 + legs
-    # channels in units of their own scatter, so that nothing depends on mm against rad
-    unit = float(np.median(scale[6:]))
-    still = np.broadcast_to(np.eye(legs), (count, legs, legs)) / scale[6:, None]
-    motion = unit * np.concatenate([np.linalg.pinv(by_pose * scale[:6]), still], 1)
-    # what each unknown adds to the covariance of a configuration: 21 of the camera, those of sensors and of the robot
-    camera, leg = _symmetric(6), _symmetric(legs)
-    own = slice(21 + legs, None)
-    basis = np.zeros((count, 21 + legs + len(leg), size, size))
-    basis[:, :21, :6, :6], basis[:, 21 : own.start, 6:, 6:] = camera, np.eye(legs)[:, None] * np.eye(legs)
-    basis[:, own] = np.einsum("kai,pij,kbj->kpab", motion, leg, motion, optimize=True)
-    scatter = np.zeros((count, size, size))
-    values = spread.values / scale
-    np.add.at(scatter, spread.group, values[:, :, None] * values[:, None, :])
-    freedom = np.asarray(spread.repeats - 1.0, dtype=np.float64)
-    covariance = np.broadcast_to(np.eye(size), (count, size, size))
-    for _ in range(_ROUNDS):  # Fisher scoring of sums of squares with so many degrees of freedom each
-        whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
-        seen = (whiten @ basis @ np.swapaxes(whiten, -1, -2)).reshape(count, -1, size * size)
-        given = (whiten[:, 0] @ scatter @ np.swapaxes(whiten[:, 0], -1, -2)).reshape(count, size * size)
-        information = 0.5 * np.einsum("k,kpa,kqa->pq", freedom, seen, seen, optimize=True)
-        found = np.linalg.lstsq(information, 0.5 * np.einsum("kpa,ka->p", seen, given), rcond=None)[0]
-        of_camera, of_robot = (
-            _positive(np.einsum("p,pij->ij", some, unknowns))
-            for some, unknowns in ((found[:21], camera), (found[own], leg))
-        )
-        of_sensors = np.maximum(found[21 : own.start], _FLOOR)
-        flat = [part[np.triu_indices(len(part))] for part in (of_camera + _FLOOR * np.eye(6), of_robot)]
-        covariance = np.einsum("p,kpab->kab", np.concatenate([flat[0], of_sensors, flat[1]]), basis)
-    error = np.sqrt(np.diagonal(np.linalg.inv(information)))[own]
-    variance = np.diagonal(of_robot)
-    visible = variance > _SEEN * error[np.flatnonzero(np.equal(*np.triu_indices(legs)))]
-    of_camera = of_camera * np.outer(scale[:6], scale[:6])
-    return of_camera, of_sensors * scale[6:] ** 2, variance * unit**2 * visible.any()
-
-
-def _symmetric(size: int) -> Floats:
-    """(size (size + 1) / 2, size, size): the unit symmetric matrices, row by row of the upper triangle."""
-    rows, columns = np.triu_indices(size)
-    out = np.zeros((len(rows), size, size))
-    each = np.arange(len(rows))
-    out[each, rows, columns] = out[each, columns, rows] = 1.0
-    return out
-
-
-def _positive(matrix: Floats) -> Floats:
-    """The nearest positive semidefinite matrix."""
-    values, axes = np.linalg.eigh(matrix)
-    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)
+def _camera_and_sensors(by_pose: Floats, equations: Floats, spread: Deviations) -> tuple[Floats, Floats]:
+    """The camera's covariance (6, 6) and the variances (n,) of the sensors, of what is free of the robot's motion."""
+    scale, (rows, columns), still = spread.sigma, np.triu_indices(6), np.eye(by_pose.shape[1])
+    scatter = np.zeros((len(by_pose), *still.shape))
+    np.add.at(scatter, spread.group, equations[:, :, None] * equations[:, None, :])
+    # what each unknown adds to the covariance of a configuration, in units of its channels' scatter
+    seen = by_pose * scale[:6]
+    both = seen[:, :, None, rows] * seen[:, None, :, columns]
+    own = np.broadcast_to(still[:, None] * still * scale[6:] ** 2, (len(seen), *still.shape, len(still)))
+    basis = np.concatenate([both + both.swapaxes(1, 2), own], axis=3)
+    weight = np.linalg.inv(scatter.sum(axis=0) / spread.freedom) + 0.0 * scatter
+    for _ in range(_ROUNDS):
+        part = np.einsum("kab,kbcp,kcd->kadp", weight, basis, weight, optimize=True)
+        information = np.einsum("k,kabp,kabq->pq", spread.repeats - 1.0, part, basis, optimize=True)
+        found = np.linalg.lstsq(information, np.einsum("kabp,kab->p", part, scatter), rcond=None)[0]
+        half = np.zeros((6, 6))
+        half[rows, columns] = found[:21]
+        values, axes = np.linalg.eigh(half + half.T)
+        camera = (axes * np.maximum(values, _FLOOR)) @ axes.T
+        sensors = np.maximum(found[21:], _FLOOR)
+        weight = np.linalg.inv(seen @ camera @ seen.swapaxes(1, 2) + np.diag(sensors * scale[6:] ** 2))
+    return camera * np.outer(scale[:6], scale[:6]), sensors * scale[6:] ** 2
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -463,47 +431,14 @@ KINDS = {  # what is said where a test says no, where all say yes, and what may 
     RUNS: ("RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
     VARIANCES: ("CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
 }
-
-
-@dataclass(frozen=True)
-class RepeatTest:
-    """One test of one channel; `p` is corrected for the number of tests."""
-
-    kind: str
-    channel: str
-    p: float
-
-    def __post_init__(self) -> None:
-        """Raises ValueError where p is none."""
-        if not 0.0 <= self.p <= 1.0:
-            raise ValueError("a test's p is not between 0 and 1")
-
-
-Tests = tuple[RepeatTest, ...]
-
-
-def unusual(tests: Tests, kind: str) -> list[RepeatTest]:
-    """The tests of that kind that say no, the clearest first."""
-    return sorted((test for test in tests if test.kind == kind and test.p < LEVEL), key=lambda test: test.p)
-
-
-def sentences_of(tests: Tests) -> Iterator[tuple[bool, str]]:
-    """One for each kind of test that was made: whether some channel says no, and which."""
-    for kind, (bad, good, cause) in KINDS.items():
-        made, found = [test.p for test in tests if test.kind == kind], unusual(tests, kind)
-        about = f"corrected for {len(tests)} tests"
-        if found:
-            names = listed([test.channel for test in found], 6)
-            yield True, f"{bad}: {cause}? {names} (p {found[0].p:.2g}, {about})."
-        elif made:
-            yield False, f"{good}: of {len(made)} channels none beyond chance (least p {min(made):.2g}, {about})."
+Tests = tuple[tuple[bool, str], ...]
 
 
 def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
-    """Of repeats whose rows have these runs."""
+    """Of repeats whose rows have these runs: for each kind of test whether some channel says no, and a sentence."""
     from scipy import linalg, stats  # here: it takes half a second to load, which certification need not wait for
 
-    spread, made = found.spread, list[tuple[str, str, float]]()
+    spread, made = found.spread, dict[str, list[tuple[float, str]]]({RUNS: [], VARIANCES: []})
     scaled = found.equations / np.where(found.expected > 0.0, found.expected, 1.0)
     legs = [f"g of leg {k}" for k in range(1, scaled.shape[1] + 1)]
     # a two-way table without interaction: what runs explain beside configurations
@@ -519,10 +454,19 @@ def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
         for name, part, whole in zip((*spread.channels, *legs), explained, total, strict=True):
             if rest > 0 and whole - part > 1e-12 * whole:
                 f = (part / between) / ((whole - part) / rest)
-                made.append((RUNS, name, float(stats.f.sf(f, between, rest))))
+                made[RUNS].append((float(stats.f.sf(f, between, rest)), name))
     several = np.flatnonzero(spread.repeats > 2)
     for name, column in zip(legs, scaled.T, strict=True):
         groups = [column[spread.group == k] for k in several]
         if len(groups) > 1 and min(np.var(one) for one in groups) > 0.0:
-            made.append((VARIANCES, name, float(stats.bartlett(*groups).pvalue)))
-    return tuple(RepeatTest(kind, name, min(1.0, len(made) * p)) for kind, name, p in made)
+            made[VARIANCES].append((float(stats.bartlett(*groups).pvalue), name))
+    tests, said = sum(map(len, made.values())), list[tuple[bool, str]]()
+    for kind, (bad, good, cause) in KINDS.items():
+        ordered = sorted((min(1.0, tests * p), name) for p, name in made[kind])
+        wrong = [name for p, name in ordered if p < LEVEL]
+        least = f"p {ordered[0][0]:.2g}, corrected for {tests} tests" if ordered else ""
+        if wrong:
+            said.append((True, f"{bad}: {cause}? {listed(wrong, 6)} ({least})."))
+        elif ordered:
+            said.append((False, f"{good}: of {len(ordered)} channels none beyond chance (least {least})."))
+    return tuple(said)

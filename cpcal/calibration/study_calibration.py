@@ -31,8 +31,8 @@ from cpcal.calibration.frames import (
 from cpcal.calibration.statistics import (
     Of,
     Repeatability,
-    RepeatTest,
     Screening,
+    Tests,
     averaged,
     campaign_deviations,
     group_means,
@@ -42,7 +42,6 @@ from cpcal.calibration.statistics import (
     repeatability,
     scores,
     screen,
-    sentences_of,
 )
 from cpcal.calibration.validation import Validation, validate
 from cpcal.common.numbers import about
@@ -168,7 +167,7 @@ class RepeatRecord:
     equation_sigma   (n,) mm: scatter of g between repeats
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     scatter          whose scatter it is, in words
-    tests            drift, play
+    tests            on drift and play: whether one says no, and a sentence
     shared           (6,) mm and rad, of the poses' errors, by camera and target: root mean squares of the deviations
                      over the runs; None where the study states none
     """
@@ -181,7 +180,7 @@ class RepeatRecord:
     equation_sigma: Numbers
     robot_sigma: Numbers
     scatter: str
-    tests: tuple[RepeatTest, ...]
+    tests: Tests
     shared: Numbers | None
 
     @property
@@ -308,7 +307,7 @@ class CalibrationRecord:
         """What the steps say of themselves, in their order."""
         repeats, check = self.repeats, self.validation
         yield from (repeats.screening, repeats.scatter, *filter(None, [repeats.shared_sentence]))
-        yield from (sentence for _, sentence in sentences_of(repeats.tests))
+        yield from (sentence for _, sentence in repeats.tests)
         yield from (self.sets, self.frames, f"x_c: {self.x_c.sentence}", f"x_c_sigma: {self.x_c_sigma.sentence}")
         yield f"Validation poses: {check.screening}"
         yield f"Validation of x_c: {check.x_c.sentence}"
@@ -317,7 +316,7 @@ class CalibrationRecord:
             yield self.budget.sentence
 
 
-FORMAT = "cpcal-calibration/11"
+FORMAT = "cpcal-calibration/12"
 RECORD_NAME = "calibration.json"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +34,7 @@ from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
 from cpcal.report.run_page import render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
-from cpcal.simulate import reached_poses, true_robot
+from cpcal.simulate import true_robot
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is refused has no page, and no parameters.
@@ -183,7 +182,6 @@ def accuracy(
             cells=cells,
             next_poses=count,
             certificates=draft,
-            truth=partial(reached_poses, campaign),
             tell=talk.progress(),
         )
 

@@ -48,7 +48,7 @@ from cpcal.solver.certificate.exact_network import free
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/9"
+FORMAT = "cpcal-accuracy/10"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -80,17 +80,12 @@ class AssumedLeg:
 
 @dataclass(frozen=True)
 class Estimated:
-    """Estimates for one pose, which prove nothing. `u_position`, `u_rotation`: 95 % of poses are off by no more, by the
-    residuals of least squares. `attained`: to first order some parameters that the measurements allow, and errors up to
-    eps, move the platform so far, mm. `true_position`, `true_rotation`: the simulator's own error; None where the truth
-    is not known.
-    """
+    """Estimates for one pose, mm, which prove nothing. `u_position`: 95 % of poses are off by no more, by the residuals
+    of least squares. `attained`: to first order some parameters that the measurements allow, and errors up to eps, move
+    the platform so far."""
 
     u_position: float
-    u_rotation: float
     attained: float
-    true_position: float | None = None
-    true_rotation: float | None = None
 
 
 _AGAIN = "computed again from the claims of the certificates"
@@ -116,14 +111,6 @@ class PoseAccuracy:
     rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
     far: Informed[float]
     estimated: Informed[Estimated]
-
-    @property
-    def violated(self) -> bool:
-        """Whether the simulator's truth lies outside of what is proved: then the assumption does not hold."""
-        e = self.estimated
-        if e.true_position is None or e.true_rotation is None or not self.proved:
-            return False
-        return e.true_position > self.position_bound or e.true_rotation > self.rotation_bound
 
 
 @dataclass(frozen=True)
@@ -171,7 +158,7 @@ class WorkspaceAccuracy:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions.
+    """The answer: of which campaign, and a controller with these `parameters` (n, 7), under which assumptions.
 
     The parameters that are spoken of lie within `delta` mm of the center of the run, the poses `within` so many mm and
     rad (each component of a rotation vector) of those that are commanded. ASSUMED: of a robot with fewer than six legs
@@ -179,7 +166,6 @@ class Accuracy:
 
     campaign: CampaignNote
     version: Informed[str]
-    controller: Informed[str]
     parameters: Annotated[tuple[tuple[float, ...], ...], checked("the forms of the certificates")]
     delta: Annotated[float, checked("the box of each certificate")]
     within: Annotated[tuple[float, float], checked("what is computed again begins with it")]
@@ -189,7 +175,6 @@ class Accuracy:
     workspace: Informed[WorkspaceAccuracy | None]
     next_poses: Informed[tuple[NextPose, ...]]
     simulated: Informed[bool]
-    truth_known: Informed[bool]
     seconds: Informed[float]
 
     @property
@@ -205,10 +190,6 @@ class Accuracy:
     def worst_pose(self) -> PoseAccuracy | None:
         """Of the poses, that with the largest proved bound."""
         return max(self.proved_poses, key=lambda pose: pose.position_bound, default=None)
-
-    @property
-    def violated(self) -> tuple[PoseAccuracy, ...]:
-        return tuple(pose for pose in self.poses if pose.violated)
 
 
 def save_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
@@ -227,13 +208,11 @@ def load_accuracy(folder: str | os.PathLike[str]) -> Accuracy:
 PREFIX = "set-"  # of the certificates' names
 WITHIN = 20.0, 0.1  # mm, rad: of the poses that are commanded; about others nothing is said
 MOST_POSES = 993  # which a certificate can hold, with the directions
-CONTROLLERS = ("recommended", "nominal")
 _WORST = 4  # poses, for which next poses are chosen
 _MEASURED = 64  # poses of the campaign, where none are asked about
 _SHRINKS = 8  # by a quarter each, of a workspace that is proposed
 _SAMPLE = 300  # poses of a workspace, for estimates
 Told = Callable[[str], None]
-Truth = Callable[[Robot, Pose], Pose | None]
 
 
 @dataclass(frozen=True)
@@ -251,12 +230,10 @@ def certify_accuracy(
     poses: NamedPoses | None = None,
     workspace: Workspace | None = None,
     assume: float | Sequence[float] | None = None,
-    controller: str = "recommended",
     gap: float = 0.2,
     cells: int = 600,
     next_poses: int = 4,
     certificates: str | os.PathLike[str] | None = None,
-    truth: Truth | None = None,
     tell: Told | None = None,
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
@@ -270,28 +247,25 @@ def certify_accuracy(
     than six legs holds the coordinates that no measured pose varies. `assume` is one number, or one for each leg; left
     out, it is suggested by the residuals of least squares, and raised where lengths are far from every measured one.
 
-    `controller` is what computes readings from poses: the "recommended" parameters of the run, or "nominal", the
-    drawing. `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
-    is within the gap of what a pose attains, or at so many cells. `next_poses`: so many to measure next are chosen
-    (estimates). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
-    leg that its parameters lie in a box, and how far they let it deviate at each pose; from these the checker computes
-    the bounds of poses again. The bounds of a workspace are proved in interval arithmetic, without certificates.
-    `truth` says where a simulated platform really is when a controller commands some poses; None: nobody knows.
+    The controller computes readings from poses by the run's recommended parameters. `gap` and `cells`: the search for
+    the worst of the workspace ends when the bound of all cells is within the gap of what a pose attains, or at so many
+    cells. `next_poses`: so many to measure next are chosen (estimates). `certificates`: a folder for
+    `set-legN.cert.jsonl`, which prove for each leg that its parameters lie in a box, and how far they let it deviate at
+    each pose; from these the checker computes the bounds of poses again. The bounds of a workspace are proved in
+    interval arithmetic, without certificates.
 
     Raises InputError for a run that this cannot be asked of: of another campaign or model, without all legs, or with a
     leg that failed, unless `assume` says what to assume of it.
     """
     began, say = time.monotonic(), tell or (lambda _: None)
     held = held_coordinates(campaign)
-    problems = _problems(campaign, result, controller, assume, held)
+    problems = _problems(campaign, result, assume, held)
     if poses is not None and len(poses.names) > MOST_POSES:
         what = f"are {len(poses.names)}, and certificates hold {MOST_POSES} at most"
         problems.append(Problem("poses", what, "ask for some of them at a time"))
     if problems:
         raise InputError(problems)
-    known = campaign.robot.parameters
-    if controller == "recommended":
-        known = np.array([leg.recommended.point for leg in result.legs if leg.recommended is not None])
+    known = np.array([leg.recommended.point for leg in result.legs if leg.recommended is not None])
     robot, proposal = Robot.from_parameters("controller", known), ""
     if poses is None and workspace is None:
         poses = measured_poses(campaign)
@@ -330,7 +304,9 @@ def certify_accuracy(
         polytopes = [Polytope.about(campaign.rows(only), one) for only, one in zip(rows, sets, strict=True)]
         fitted = campaign.rows(_kept(campaign, [name for leg in result.legs for name in leg.bracket.left_out]))
         say(f"{len(named.names)} poses")
-        for k, estimated in enumerate(_estimates(fitted, robot, sets, polytopes, named.poses, held, truth)):
+        u = expanded_uncertainty(fitted, robot, named.poses, held)
+        reached = attained(robot, polytopes, sets, named.poses, held)
+        for k, name in enumerate(named.names):
             legs = zip(robot.parameters, enclosed, errors, strict=True)
             rest = [
                 Leg(_exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
@@ -341,7 +317,7 @@ def certify_accuracy(
             x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
             at.append(
                 PoseAccuracy(
-                    name=named.names[k],
+                    name=name,
                     position=(x, y, z),
                     quaternion=(q[0], q[1], q[2], q[3]),
                     proved=bounds is not None,
@@ -350,17 +326,16 @@ def certify_accuracy(
                     position_bound=most[0],
                     rotation_bound=most[1],
                     far=float(away[0][k].max()),
-                    estimated=estimated,
+                    estimated=Estimated(float(u[k]), float(reached[k])),
                 )
             )
         worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
         position, quaternion = [p.position for p in worst], [p.quaternion for p in worst]
         if workspace is not None:
             over = _over(workspace, sets, gap, cells, held, say, proposal)
-            u = expanded_uncertainty(fitted, robot, places[-1], held)[0]
             last = rotated(np.array([over.worst_pose]))
-            reached = float(attained(robot, polytopes, sets, last, held)[0])
-            over = replace(over, u_position=float(u.max()), attained=reached)
+            largest = float(expanded_uncertainty(fitted, robot, places[-1], held).max())
+            over = replace(over, u_position=largest, attained=float(attained(robot, polytopes, sets, last, held)[0]))
             if over.worst_pose_bound:
                 position, quaternion = [*position, *last.position], [*quaternion, *last.quaternion]
         if next_poses > 0 and position:
@@ -369,7 +344,6 @@ def certify_accuracy(
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         version=__version__,
-        controller=controller,
         parameters=tuple(map(tuple, known.tolist())),
         delta=result.options.delta,
         within=WITHIN,
@@ -379,7 +353,6 @@ def certify_accuracy(
         workspace=over,
         next_poses=following,
         simulated=campaign.simulated,
-        truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
 
@@ -394,7 +367,7 @@ def _kept(campaign: Campaign, left_out: Collection[str]) -> Indices:
 
 
 def _problems(
-    campaign: Campaign, result: Result, controller: str, assume: float | Sequence[float] | None, held: tuple[int, ...]
+    campaign: Campaign, result: Result, assume: float | Sequence[float] | None, held: tuple[int, ...]
 ) -> list[Problem]:
     found, n = [], campaign.legs
     if campaign_sha256(campaign) != result.campaign.sha256:
@@ -409,18 +382,13 @@ def _problems(
     elif [leg.leg for leg in result.legs] != list(range(1, n + 1)):
         text = ", ".join(str(leg.leg) for leg in result.legs) or "none"
         found.append(Problem("run", f"holds these legs only: {text}", f"certify all {n}"))
-    if controller not in CONTROLLERS:
-        found.append(Problem("controller", f"{controller!r} is not known", f"use one of {', '.join(CONTROLLERS)}"))
-    elif controller == "recommended" and any(leg.recommended is None for leg in result.legs):
-        found.append(Problem("run", "recommends no parameters for some leg", "use the controller nominal"))
+    elif any(leg.recommended is None for leg in result.legs):
+        found.append(Problem("run", "recommends no parameters for some leg", "certify again"))
     if assume is None:
         failed = [str(leg.leg) for leg in result.legs if verdict_of(result, leg).word == "fail"]
         if failed:
-            what, remedy = (
-                f"fails its tolerance: leg {', '.join(failed)}",
-                "say what model error to assume: --assume MM",
-            )
-            found.append(Problem("run", what, remedy))
+            what = f"fails its tolerance: leg {', '.join(failed)}"
+            found.append(Problem("run", what, "say what model error to assume: --assume MM"))
         return found
     values = np.atleast_1d(np.asarray(assume, np.float64))
     if values.shape not in ((1,), (n,)) or not (np.isfinite(values) & (values >= 0.0)).all():
@@ -582,7 +550,7 @@ def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Beside what is proved: the prediction uncertainty of least squares, and the simulator's truth. Floating point.
+# Beside what is proved: the prediction uncertainty of least squares. Floating point.
 #
 # With C the covariance of the plain fit's residuals, leg by leg, G its pseudo-inverse and J+ that of the pose, a leg is
 # off by what the parameters' errors do to its length, and by a model error like those of the residuals:
@@ -593,54 +561,28 @@ def distance_from_measured(campaign: Campaign, length: Floats) -> Floats:
 # residuals'; U^2 is its 95 % quantile. What least squares and the controller differ by is added.
 
 
-def expanded_uncertainty(
-    campaign: Campaign, controller: Robot, poses: Pose, held: Sequence[int] = ()
-) -> tuple[Floats, Floats]:
-    """U of position, mm, and of rotation, rad, (K,) both: 95 % of unseen poses are expected to be off by no more.
+def expanded_uncertainty(campaign: Campaign, controller: Robot, poses: Pose, held: Sequence[int] = ()) -> Floats:
+    """U of position, mm, (K,): 95 % of unseen poses are expected to be off by no more.
 
     inf where the data do not determine what counts, or leave no residuals.
     """
     from scipy import special  # here: it takes a third of a second to load
 
     found = fit(campaign, covariance="residuals")
-    fitted, inverse = (
-        Robot.from_parameters("fit", found.parameters),
-        pose_inverse(pose_jacobian(controller, poses), held),
-    )
+    fitted = Robot.from_parameters("fit", found.parameters)
+    inverse = pose_inverse(pose_jacobian(controller, poses), held)[:, :3]
     offset = np.einsum("kin,kn->ki", inverse, inverse_kinematics(fitted, poses) - inverse_kinematics(controller, poses))
     count, legs = found.residuals.shape
     if found.freedom <= 0.0:
-        return np.full(len(offset), np.inf), np.full(len(offset), np.inf)
+        return np.full(len(offset), np.inf)
     (left, values, right), seen = found.svd, found.determined
     scatter = found.residuals.T @ found.residuals / found.freedom
-    moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 6, 7 * legs)
+    moves = (inverse[..., None] * leg_changes(fitted, poses)[:, None]).reshape(-1, 3, 7 * legs)
     along = (moves @ right[seen].T / values[seen]) @ left[:, seen].T
     blocks = along.reshape(*along.shape[:2], count, legs)
     variance = np.einsum("kipa,ab,kjpb->kij", blocks, scatter, blocks, optimize=True)
     variance += inverse @ scatter @ np.swapaxes(inverse, 1, 2)
     lost = np.linalg.norm(moves - moves @ right[seen].T @ right[seen], axis=2) > 1e-6 * np.linalg.norm(moves, axis=2)
-    out = []
-    for part in (slice(3), slice(3, 6)):
-        v = variance[:, part, part]
-        size = np.maximum(np.trace(v, axis1=1, axis2=2), 1e-300)
-        quantile = special.fdtri(size**2 / np.maximum(np.sum(v**2, axis=(1, 2)), 1e-300), found.freedom, 0.95)
-        u = np.linalg.norm(offset[:, part], axis=1) + np.sqrt(size * quantile)
-        out.append(np.where(lost[:, part].any(axis=1), np.inf, u))
-    return out[0], out[1]
-
-
-def _estimates(
-    fitted: Campaign,
-    robot: Robot,
-    sets: Sequence[CertifiedSet],
-    polytopes: Sequence[Polytope],
-    poses: Pose,
-    held: tuple[int, ...],
-    truth: Truth | None,
-) -> list[Estimated]:
-    if not len(poses.position):
-        return []
-    columns = [*expanded_uncertainty(fitted, robot, poses, held), attained(robot, polytopes, sets, poses, held)]
-    really = None if truth is None else truth(robot, poses)
-    columns += [] if really is None else distances(really, poses)
-    return [Estimated(*row) for row in np.stack(columns, axis=1).tolist()]
+    size = np.maximum(np.trace(variance, axis1=1, axis2=2), 1e-300)
+    quantile = special.fdtri(size**2 / np.maximum(np.sum(variance**2, axis=(1, 2)), 1e-300), found.freedom, 0.95)
+    return np.where(lost.any(axis=1), np.inf, np.linalg.norm(offset, axis=1) + np.sqrt(size * quantile))

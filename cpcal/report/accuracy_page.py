@@ -116,18 +116,6 @@ def sentences(found: Accuracy) -> list[str]:
             f"at the measured ones. Bounds are {times} times what parameters that the measurements allow attain, to "
             "first order."
         )
-    if found.violated:
-        names = listed([pose.name for pose in found.violated])
-        out.append(
-            f"THE ASSUMPTION FAILS: the simulator's truth violates the bound at {len(found.violated)} poses: {names}."
-        )
-    elif found.truth_known:
-        errors = [pose.estimated.true_position or 0.0 for pose in found.poses]
-        inside = sum(error <= pose.estimated.u_position for error, pose in zip(errors, found.poses, strict=True))
-        out.append(
-            f"SIMULATED: the truth is inside of the bound at every pose, and within U at {inside} of {len(errors)}; "
-            f"its largest error is {about(max(errors))} mm."
-        )
     return out
 
 
@@ -177,9 +165,7 @@ _KINDS = {
     "ASSUMED": "undecided",
     "PROVED": "explained",
     "ESTIMATED": "bounded",
-    "SIMULATED": "bounded",
     "REFUTED": "unexplained",
-    "THE ASSUMPTION": "unexplained",
     "FAR": "undetermined",
     "LEFT OUT": "undetermined",
 }
@@ -200,8 +186,8 @@ def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
 
 def answer(found: Accuracy) -> Section:
     note = (
-        f"Controller: {found.controller} parameters. Its own readings are taken to be reached; what the servo leaves "
-        "counts as model error. Poses are of the mobile frame in the campaign's base frame."
+        "Controller: recommended parameters. Its own readings are taken to be reached; what the servo leaves counts as "
+        "model error. Poses are of the mobile frame in the campaign's base frame."
     )
     said: list[Words] = []
     for sentence in (assumption(found), *sentences(found)):
@@ -232,12 +218,11 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     poses = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
     if not poses:
         return
-    truth = found.truth_known
-    head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "far [%]", "attained", "U [mm]", *["truth [mm]"] * truth]
+    head = ["pose", "bound [mm]", "[°]", "x", "y", "z [mm]", "far [%]", "attained", "U [mm]"]
     rows = []
     for pose in poses:
         box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
-        estimates = pose.estimated.attained, pose.estimated.u_position, *[pose.estimated.true_position or 0.0] * truth
+        estimates = pose.estimated.attained, pose.estimated.u_position
         bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
         rows.append((pose.name, *bounds, *box, str(round(100 * pose.far)), *map(about, estimates)))
     yield Section(

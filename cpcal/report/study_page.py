@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration import Budget, CalibrationRecord
-from cpcal.calibration.statistics import sentences_of
 from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
@@ -267,7 +266,7 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
         ],
     )
     said = [record.repeats.scatter, *filter(None, [record.repeats.shared_sentence])]
-    tests = [sentence for _, sentence in sentences_of(record.repeats.tests)]
+    tests = [sentence for _, sentence in record.repeats.tests]
     yield Section(sentences=said, items=tests, tables=[equations(record)])
     yield Section(sentences=[record.repeats.screening, record.frames, record.sets])
 
@@ -426,7 +425,7 @@ def _exact_sentence(result: Result) -> str:
 def summary(record: CalibrationRecord) -> tuple[str, ...]:
     """Sentences; lengths in mm and angles in degrees."""
     budget = () if record.budget is None else (record.budget.sentence,)
-    doubts = [sentence for bad, sentence in sentences_of(record.repeats.tests) if bad]
+    doubts = [sentence for bad, sentence in record.repeats.tests if bad]
     return (
         f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations. "
         f"{record.repeats.screening}",

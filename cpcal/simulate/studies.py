@@ -28,11 +28,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import CpcalError
 from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
-    Campaign,
     Pose,
     PoseTable,
     Robot,
@@ -40,8 +38,6 @@ from cpcal.robot import (
     Truth,
     central_pose,
     compose,
-    forward_kinematics,
-    inverse_kinematics,
     leg_vectors,
     normalised,
     pose_jacobian,
@@ -65,7 +61,6 @@ from cpcal.simulate.campaigns import (
     joint_phases,
     standard_noise,
     streams,
-    true_robot,
 )
 
 Stream = np.random.Generator
@@ -364,20 +359,3 @@ def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose,
     stretched = robot.offset + reference + (read - reference) / (1.0 + mechanisms.gain)
     sag = mechanisms.sag * (stretched / (robot.offset + reference)) ** 7 * sine_squared
     return np.asarray(stretched - sag + 0.5 * side * mechanisms.backlash - length)
-
-
-def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
-    """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
-    robot = true_robot(campaign)
-    if robot is None or robot.legs < 6:
-        return None
-    try:
-        options = json.loads(campaign.provenance["options"])
-        stream, error = streams(int(options["seed"]))[1], float(options["joint_error"])
-        mechanisms = Mechanisms.sampled(
-            robot.legs, np.random.default_rng(0), stream, joint_error=error, reference=0.5 * sum(options["stroke"])
-        )
-    except (KeyError, TypeError, ValueError, CpcalError):
-        return None
-    readings = inverse_kinematics(controller, poses)
-    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))

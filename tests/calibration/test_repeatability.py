@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import as_campaign, calibrate_study, redefined, repeat_tests, repeatability
-from cpcal.calibration.statistics import sentences_of, unusual
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
 from tests.changed import with_drift, with_pose_noise, with_robot_scatter
@@ -37,14 +36,14 @@ def test_scatter_of_the_robot_is_told_from_noise(perfect):
     assert found.spread.sigma[0] > 5 * quiet.spread.sigma[0]
     assert np.sqrt(np.mean((found.noise_sigma / quiet.noise_sigma - 1.0) ** 2)) < 0.25
     assert found.equation_sigma == pytest.approx(quiet.equation_sigma, rel=0.02)  # in leg space nothing has changed
-    assert "ROBOT ITSELF SCATTERS by 0.09" in found.sentence
+    assert "ROBOT ITSELF SCATTERS by 0.096" in found.sentence
 
 
 def test_standard_errors_and_sets_do_not_grow_with_the_robots_scatter(perfect):
     quiet, restless = (calibrate_study(s) for s in (perfect, with_robot_scatter(perfect, 0.1, seed=5)))
     ratio = restless.x_c_sigma.standard_errors / quiet.x_c_sigma.standard_errors
     assert 0.8 < ratio.min() < ratio.max() < 1.2
-    assert (restless.campaign.length_radius < 1.2 * quiet.campaign.length_radius).all()
+    assert (restless.campaign.length_radius < 1.25 * quiet.campaign.length_radius).all()
     assert "as expected" in restless.x_c_sigma.sentence
 
 
@@ -78,18 +77,18 @@ def simulated(seed, **options):
 @pytest.mark.parametrize("scatter", [0.0, 0.1])
 def test_good_studies_are_left_alone(seed, scatter):
     tests = examined(with_robot_scatter(simulated(seed), scatter, seed=seed))
-    assert len(tests) == 24  # 12 readings and 6 equations by runs, 6 equations by configurations
-    assert not any(says_no for says_no, _ in sentences_of(tests))
+    assert [says_no for says_no, _ in tests] == [False, False]
+    assert "corrected for 24 tests" in tests[0][1]  # 12 readings and 6 equations by runs, 6 equations by configurations
 
 
 def test_drift_of_a_sensor_is_seen_in_the_runs():
     tests = examined(with_drift(simulated(1), 0.02, leg=3))
-    assert unusual(tests, "runs")[0].channel == "L3"
-    assert unusual(tests, "runs")[0].p < 1e-6
-    assert next(sentences_of(tests))[1].startswith("RUNS DIFFER")
+    assert tests[0][0]
+    assert tests[0][1].startswith("RUNS DIFFER: drift, or something changed between them? L3")
 
 
 def test_play_that_some_loads_take_up_shows_in_leg_space():
-    tests = examined(simulated(1, backlash=0.4))
-    assert len(unusual(tests, "variances")) == 6
-    assert not unusual(tests, "runs")
+    runs, variances = examined(simulated(1, backlash=0.4))
+    assert not runs[0]
+    assert variances[0]
+    assert all(f"g of leg {leg}" in variances[1] for leg in range(1, 7))

@@ -36,9 +36,8 @@ from cpcal.robot import (
     quaternion_conjugate,
     quaternion_product,
 )
-from cpcal.simulate import reached_poses
 from cpcal.solver.certificate.exact_network import free
-from tests.models.known_robot import ERROR, known
+from tests.models.known_robot import ERROR, known, reached_poses
 from tests.remembered import verify_once
 
 __all__ = ["known"]

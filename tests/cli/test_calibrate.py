@@ -4,7 +4,6 @@ import pytest
 
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
-from cpcal.calibration.statistics import sentences_of
 from cpcal.files import campaign_sha256, save_study
 from cpcal.simulate import simulate_study
 from tests.cli.command import done, refused
@@ -39,7 +38,7 @@ def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path
     lines = said.splitlines()
     assert len(lines) <= 12
     record = load_record(tmp_path / "c")
-    doubts = [sentence for says_no, sentence in sentences_of(record.repeats.tests) if says_no]
+    doubts = [sentence for says_no, sentence in record.repeats.tests if says_no]
     assert doubts
     for sentence in (*doubts, record.budget.sentence):
         assert sentence in lines

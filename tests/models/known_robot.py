@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from cpcal.models import fit_model
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
-from cpcal.robot import Campaign, Robot
+from cpcal.robot import Campaign, Pose, Robot, forward_kinematics, inverse_kinematics
 from cpcal.simulate import simulate
-from cpcal.simulate.campaigns import true_robot
+from cpcal.simulate.campaigns import streams, true_robot
+from cpcal.simulate.studies import Mechanisms, assembled_with
 
 ERROR = 0.02  # mm: amplitude of the joint error, which is never exceeded
 
@@ -40,3 +42,14 @@ def known() -> Known:
     assert truth is not None
     assert all(one is not None for one in sets)
     return Known(campaign, Robot.from_parameters("fit", fitted), truth, tuple(s for s in sets if s is not None))
+
+
+def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose:
+    """Where the platform of a simulated campaign really is when the controller commands K poses."""
+    robot, options = true_robot(campaign), json.loads(campaign.provenance["options"])
+    assert robot is not None
+    sizes = {"joint_error": options["joint_error"], "reference": 0.5 * sum(options["stroke"])}
+    stream = streams(options["seed"])[1]
+    mechanisms = Mechanisms.sampled(robot.legs, np.random.default_rng(0), stream, **sizes)
+    readings = inverse_kinematics(controller, poses)
+    return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))

@@ -30,8 +30,8 @@ from cpcal.robot import (
     quaternion_conjugate,
     quaternion_product,
 )
-from cpcal.simulate import reached_poses
 from cpcal.solver.interval import IntervalArray
+from tests.models.known_robot import reached_poses
 
 
 def unseen(known, count, seed):
