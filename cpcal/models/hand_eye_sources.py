@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problems, unusable
-from cpcal.common.files import small_file
+from cpcal.common.errors import InputError, unusable
 from cpcal.common.numbers import at_most, nearest, stated
 from cpcal.common.values import Floats, Indices
 from cpcal.models.hand_eye import SETUPS, HandEyeStudy, Setup, study_of_board
@@ -234,11 +233,7 @@ _SHORTEST = 1e-6  # of a quaternion
 
 def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
     """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
-    problems = Problems()
-    content = small_file(path, problems, _REMEDY)
-    problems.raise_any()
-    assert content is not None
-    document = yaml_document(content, path)
+    document = yaml_document(path, _REMEDY)
     scale, names = 1000.0 if metres else 1.0, ("", "")
     try:
         if isinstance(document, dict) and "R_gripper2base" in document:

@@ -34,17 +34,16 @@ from cpcal.vision.target import Target
 # ------------------------------------------------------------------------------------------------------------------
 # From a start to a fit that views and dots which do not belong have no say in.
 
-DOTS_MIN = 8  # in a view
+DOTS_MIN, _VIEWS_MIN = 8, 3  # in a view; and views
 
-_ROUNDS = 12  # of the robust adjustment, and of leaving out
-_LOSS = 3.0  # robust standard deviations
 _MEDIAN = 1.1774  # of the length of a pair of standard normal numbers
 _SCALE_MIN = 0.01  # of the stated standard deviations: less is no measure
 _VIEW_LIMIT = 5.0  # a view is bad whose median residual is so many times that of all
 _DOT_LIMIT = 6.0  # a dot is bad so many robust standard deviations off
+_WORST = 0.3  # of the largest residual: bad dots that are left out together, since each moves others
 _CONDITION_MIN = 1e-14  # of the reduced normal matrix, its columns scaled
 _SETTLED = 1e-10  # the share of the cost that a step must gain, else it was the last
-_NEARLY_SETTLED = 1e-3  # with a loss, whose scale is to change anyway
+_STEPS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,106 +53,80 @@ class State:
     camera: Camera
     poses: Pose
 
+    def moved(self, step: Floats) -> State | None:
+        """By a step (9 + 6 v,); None where that makes no camera."""
+        own = step[9:].reshape(-1, 6)
+        try:
+            camera = self.camera.with_numbers(self.camera.numbers + step[:9])
+        except InputError:
+            return None
+        turned = quaternion_product(quaternion_from_rotation_vector(own[:, 3:]), self.poses.quaternion)
+        return State(camera, Pose(self.poses.position + own[:, :3], normalised(turned)))
+
 
 @dataclass(frozen=True, eq=False)
 class CameraFit:
     """A state fitted to what was found in the views `rows` (v,) of those given.
 
-    centers      (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used
-    plain        whether it is by least squares, of all dots that are used
+    centers  (v, n, 2) px of each target dot in each view
+    factor   (v, n, 2, 2) px^-1: makes standard deviations of pixels; 0: not used
     """
 
     rows: Ints
     centers: Floats
-    weight: Floats
+    factor: Floats
     state: State
     target: Target
     settled: bool = False
-    plain: bool = False
 
     @property
     def used(self) -> Bools:
         """(v, n)."""
-        return np.asarray(self.weight.any(axis=(2, 3)))
+        return np.asarray(self.factor.any(axis=(2, 3)))
 
-    def residuals(self) -> Floats:
+    def residuals(self, state: State | None = None) -> Floats:
         """Found minus predicted, (v, n, 2) px; nan where a dot is not used."""
-        off = self.centers - predicted_centers(self.target, self.state.camera, self.state.poses)
+        at = state or self.state
+        off = self.centers - predicted_centers(self.target, at.camera, at.poses)
         return np.where(self.used[..., None], off, np.nan)
 
-    def normalised(self) -> Floats:
-        """The residuals' lengths (v, n) in stated standard deviations."""
-        return np.sqrt(_squares(self.residuals(), self.weight))
+    def deviations(self, state: State | None = None) -> Floats:
+        """The residuals (v, n, 2) in stated standard deviations; 0 where a dot is not used, nan behind the camera."""
+        off = np.where(self.used[..., None], self.residuals(state), 0.0)
+        return np.asarray((self.factor @ off[..., None])[..., 0])
 
-    @property
-    def scale(self) -> float:
-        """The robust standard deviation of residuals, as a multiple of those stated."""
-        return max(float(np.nanmedian(self.normalised())) / _MEDIAN, _SCALE_MIN)
-
-    def only(self, keep: Bools, bad: Bools | bool = False) -> CameraFit:
-        """Without the views (v,) that are not kept, and the dots (v, n) that are bad."""
+    def without(self, views: Bools, dots: Bools) -> CameraFit:
+        """Without these views (v,) and dots (v, n), and then without views of too few dots."""
+        factor = np.where(dots[..., None, None], 0.0, self.factor)
+        keep = ~views & (factor.any(axis=(2, 3)).sum(axis=1) >= DOTS_MIN)
         poses = Pose(self.state.poses.position[keep], self.state.poses.quaternion[keep])
-        weight = np.where(np.asarray(bad)[..., None, None], 0.0, self.weight)[keep]
-        state, centers = replace(self.state, poses=poses), self.centers[keep]
-        return replace(self, state=state, rows=self.rows[keep], centers=centers, weight=weight, plain=False)
+        state = replace(self.state, poses=poses)
+        return replace(self, state=state, rows=self.rows[keep], centers=self.centers[keep], factor=factor[keep])
 
-    def adjusted(self, loss: float | None = None, steps: int = 50) -> CameraFit:
-        """At a minimum of the cost nearby, if it settles there within `steps`.
-
-        The cost is the sum of e^2 = r' weight r over the dots; with `loss` that of loss^2 log(1 + e^2 / loss^2), to
-        which a dot far off adds little.
-        """
-
-        def at(state: State) -> CameraFit:
-            return replace(self, state=state)
-
-        def cost(state: State) -> float:
-            off = at(state).residuals()
-            if np.isnan(off[self.used]).any():
-                return np.inf  # a dot that was seen would be behind the camera
-            square = _squares(np.nan_to_num(off), self.weight)
-            return float(square.sum() if loss is None else loss**2 * np.log1p(square / loss**2).sum())
-
-        def moved(state: State, step: Floats) -> State | None:
-            own = step[9:].reshape(-1, 6)
-            try:
-                camera = state.camera.with_numbers(state.camera.numbers + step[:9])
-            except InputError:
-                return None
-            turned = quaternion_product(quaternion_from_rotation_vector(own[:, 3:]), state.poses.quaternion)
-            return State(camera, Pose(state.poses.position + own[:, :3], normalised(turned)))
-
+    def adjusted(self) -> CameraFit:
+        """At the least sum of squared deviations nearby, if it settles there."""
         found = least_squares(
-            lambda state: at(state).residuals(),
-            lambda state: at(state).blocks(loss),
-            self.state,
-            tolerance=_SETTLED if loss is None else _NEARLY_SETTLED,
-            moved=moved,
-            cost=cost,
-            steps=steps,
+            self.deviations, self.blocks, self.state, tolerance=_SETTLED, moved=State.moved, steps=_STEPS
         )
-        return replace(self, state=found.at, settled=found.settled, plain=loss is None)
+        return replace(self, state=found.at, settled=found.settled)
 
-    def blocks(self, loss: float | None = None) -> Blocks:
-        """The normal equations of the cost (of its Gauss-Newton model, with `loss` reweighted)."""
-        dots, radius, camera, poses = self.target.dots, self.target.radius, self.state.camera, self.state.poses
+    def blocks(self, state: State) -> Blocks:
+        """The normal equations: nine numbers of the camera that all views share, and each view's pose."""
+        dots, radius, camera, poses = self.target.dots, self.target.radius, state.camera, state.poses
         centers, by_pose = centers_by_pose(dots, radius, camera.packed, poses)
-        used = self.used[..., None]
-        slopes = np.where(
-            used[..., None], np.concatenate([by_camera(dots, radius, camera, poses, centers), by_pose], axis=-1), 0.0
-        )
-        off, weight = np.where(used, self.centers - centers, 0.0), self.weight
-        if loss is not None:
-            weight = weight / (1.0 + _squares(off, weight) / loss**2)[..., None, None]
-        weighted = np.swapaxes(slopes, -1, -2) @ weight
-        normal, side = (weighted @ slopes).sum(axis=1), (weighted @ off[..., None])[..., 0].sum(axis=1)
+        used, of_camera = self.used[..., None], by_camera(dots, radius, camera, poses, centers)
+        slopes = np.where(used[..., None], np.concatenate([of_camera, by_pose], axis=-1), 0.0)
+        views = len(self.rows)
+        slopes, off = (self.factor @ slopes).reshape(views, -1, 15), self.deviations(state).reshape(views, -1, 1)
+        turned = np.swapaxes(slopes, 1, 2)
+        normal, side = turned @ slopes, (turned @ off)[..., 0]
         own = normal[:, 9:, :9], normal[:, 9:, 9:], side[:, 9:]
         return Blocks(normal[:, :9, :9].sum(axis=0), side[:, :9].sum(axis=0), *own)
 
     def covariance(self) -> Floats | None:
         """Of the camera (9, 9), by the stated covariances; None where the views leave it open."""
         try:
-            matrix, _ = self.blocks().reduced()
+            matrix, _ = self.blocks(self.state).reduced()
         except np.linalg.LinAlgError:
             return None
         scale = np.sqrt(np.diag(matrix))
@@ -169,48 +142,27 @@ class CameraFit:
     def excess(self) -> float:
         """The residuals' root mean square in stated standard deviations, degrees of freedom counted."""
         freedom = 2 * int(self.used.sum()) - 6 * len(self.rows) - 9
-        return float(np.sqrt(np.nansum(self.normalised() ** 2) / max(freedom, 1)))
-
-
-def _squares(off: Floats, weight: Floats) -> Floats:
-    """r' weight r (v, n) of residuals (v, n, 2); nan stays nan."""
-    return np.asarray(np.einsum("vni,vnij,vnj->vn", off, weight, off))
+        return float(np.sqrt((self.deviations() ** 2).sum() / max(freedom, 1)))
 
 
 def robust_fit(fit: CameraFit) -> CameraFit:
-    """The fit without the views and dots that do not belong."""
-    fit = _robustly(fit)
-    for _ in range(_ROUNDS):
-        medians = np.nanmedian(fit.normalised(), axis=1) / _MEDIAN
-        good = np.asarray(medians <= _VIEW_LIMIT * max(float(np.median(medians)), _SCALE_MIN))
-        if good.all() or good.sum() < 2:
+    """The fit without the views and dots that do not belong, which go one after the other, the worst first."""
+    while len(fit.rows) >= _VIEWS_MIN:
+        fit = fit.adjusted()
+        off = np.where(fit.used, np.linalg.norm(fit.deviations(), axis=2), np.nan)
+        medians = np.nanmedian(off, axis=1) / _MEDIAN
+        views = medians >= max(_VIEW_LIMIT * max(float(np.median(medians)), _SCALE_MIN), medians.max())
+        scale = max(float(np.nanmedian(off)) / _MEDIAN, _SCALE_MIN)
+        dots = np.nan_to_num(off) > max(_DOT_LIMIT * scale, _WORST * float(np.nanmax(off)))
+        if not views.any() and not dots.any():
             break
-        fit = _robustly(fit.only(good))
-    for _ in range(_ROUNDS):  # the first time by the robust fit, which bad dots have hardly moved
-        bad = fit.normalised() > _DOT_LIMIT * fit.scale
-        seen = (fit.used & ~bad).sum(axis=1) >= DOTS_MIN
-        if fit.plain and not bad.any() and seen.all():
-            break
-        fit = fit.only(seen, bad).adjusted()
-    return fit
-
-
-def _robustly(fit: CameraFit) -> CameraFit:
-    """Adjusted with a loss whose scale follows the residuals."""
-    last = np.inf
-    for _ in range(_ROUNDS):
-        scale = fit.scale
-        if fit.settled and scale > 0.99 * last:
-            break
-        last = scale
-        fit = fit.adjusted(_LOSS * scale, steps=10)
+        fit = fit.without(views, dots & ~views.any())
     return fit
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from views: a start, the fit, and what it is worth.
 
-_VIEWS_MIN = 3
 _HOMOGRAPHY_LIMIT = 0.02  # of the image's longer side: no lens bends a plane's dots so much, they are mistaken
 _BAD_SHARE = 0.5  # of the views
 _FOCAL_RANGE = (0.2, 20.0)  # of the image's longer side: else the homographies say nothing
@@ -347,11 +299,12 @@ def _start(views: list[TargetView], target: Target, size: tuple[int, int], reaso
     some, count = [views[row] for row in rows], len(target.dots)
     camera = _first_camera(some, target, size)
     poses = [plane_poses(target.dots[view.numbers], camera.normalised(view.centers))[0] for view in some]
-    centers, weight = np.zeros((len(rows), count, 2)), np.zeros((len(rows), count, 2, 2))
+    centers, factor = np.zeros((len(rows), count, 2)), np.zeros((len(rows), count, 2, 2))
     for k, view in enumerate(some):
-        centers[k, view.numbers], weight[k, view.numbers] = view.centers, np.linalg.inv(view.covariance)
+        centers[k, view.numbers] = view.centers
+        factor[k, view.numbers] = np.linalg.inv(np.linalg.cholesky(view.covariance))
     stacked = Pose(np.stack([pose.position for pose in poses]), np.stack([pose.quaternion for pose in poses]))
-    return CameraFit(np.array(rows), centers, weight, State(camera, stacked), target)
+    return CameraFit(np.array(rows), centers, factor, State(camera, stacked), target)
 
 
 def _first_camera(views: list[TargetView], target: Target, size: tuple[int, int]) -> Camera:
@@ -382,8 +335,6 @@ def _rms(residuals: Floats) -> float:
 
 # ------------------------------------------------------------------------------------------------------------------
 # The camera from images of a target: dots, identification without a camera, calibration.
-
-_FIRST = 4  # images that a rough camera is calibrated from
 
 Image = str | os.PathLike[str] | npt.NDArray[Any]
 
@@ -434,9 +385,8 @@ class _Seen:
 def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibration:
     """The camera that took `images` of the target: files (PNG, JPEG, TIFF), or arrays as `observe_dots` takes them.
 
-    See `calibrate_camera`. A few images are identified without a camera, all of them with the rough one that they give,
-    and once more with the one that all give. The result has a view for each image; one that cannot be used is left out,
-    and its view says why.
+    See `calibrate_camera`. The result has a view for each image; one that cannot be used is left out, and its view says
+    why.
 
     Raises NotCalibratedError where the usable images do not determine the camera.
     """
@@ -452,30 +402,22 @@ def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibratio
             one.reason = "has {} x {} pixels, most have {} x {}".format(*one.size, *size)
             one.dots = one.view = None
 
-    def calibrated(some: list[_Seen]) -> Calibration:
+    def calibrated() -> Calibration:
         try:
-            views = [one.view for one in some if one.view is not None]
+            views = [one.view for one in seen if one.view is not None]
             result = calibrate_camera(views, target, size)
         except NotCalibratedError as error:
-            raise NotCalibratedError(f"{error}{_reasons([one for one in some if one.view is None])}") from None
+            raise NotCalibratedError(f"{error}{_reasons([one for one in seen if one.view is None])}") from None
         used, nothing = iter(result.views), np.zeros((0, 2))
-        every = (next(used) if o.view is not None else CalibratedView(o.name, o.reason, None, nothing) for o in some)
+        every = (next(used) if o.view is not None else CalibratedView(o.name, o.reason, None, nothing) for o in seen)
         return replace(result, views=tuple(every))
 
-    found, enough = None, _FIRST
-    for count, one in enumerate(seen, start=1):  # the first images that give one: without a camera it takes its time
-        one.identify(target, size, None)
-        if one.view is not None and sum(some.view is not None for some in seen) == enough < len(seen):
-            try:
-                found = calibrated(seen[:count])
-                break
-            except NotCalibratedError:
-                enough *= 2
-    found = found or calibrated(seen)
-    for refit in (True, False):
+    camera = None
+    for refit in (False, True, False):  # without a camera, with the rough one that this gives, and with a good one
         for one in seen:
-            one.identify(target, size, found.camera, refit)
-        found = calibrated(seen)
+            one.identify(target, size, camera, refit)
+        found = calibrated()
+        camera = found.camera
     return found
 
 

@@ -139,7 +139,7 @@ def test_a_number_that_is_no_length_and_no_rotation_is_refused(tmp_path, part, n
             document[3]["object_wrt_sensor"][3 if part == "translation" else 0] = "HERE"
         path = tmp_path / "samples.yaml"
         path.write_text(json.dumps(document).replace('"HERE"', number))
-        with pytest.raises(InputError, match=r"samples.yaml.* a number that is not finite, or too large -> give"):
+        with pytest.raises(InputError, match=r"samples.yaml.* -> give samples of MoveIt"):
             read_pose_pairs(path)
 
 

@@ -100,15 +100,12 @@ def least_squares(
     *,
     tolerance: float,
     moved: Callable[[T, Floats], T | None] = operator.add,
-    cost: Callable[[T], float] | None = None,
     steps: int = 200,
 ) -> Fit[T]:
     """A place near `start` that minimises the sum of squares of `residual`, m numbers in any shape.
 
     jacobian   its derivative (m, n), or the normal equations in `Blocks`
     moved      the place that a step (n,) leads to, None where there is none; by default steps are added
-    cost       what must fall instead of the sum of squares: a robust loss, of which `jacobian` gives the reweighted
-               `Blocks`
     tolerance  it is at rest where a step changes the cost, or an array, by less than this share, or where the gradient
                vanishes to this number
 
@@ -116,22 +113,22 @@ def least_squares(
     minima it is one near the start.
     """
 
-    def costs(x: T) -> tuple[float, Floats | None]:
-        found = residual(x) if cost is None else None
-        value = float(found.ravel() @ found.ravel()) if found is not None else cost(x) if cost is not None else np.nan
+    def costs(x: T) -> tuple[float, Floats]:
+        found = residual(x)
+        value = float(found.ravel() @ found.ravel())
         return (value if np.isfinite(value) else np.inf), found
 
     at, damping = start, 0.0
     now, found = costs(at)
     for _ in range(steps):
         linear = jacobian(at)
-        model = linear if isinstance(linear, Blocks) else _Rows(residual(at) if found is None else found, linear)
+        model = linear if isinstance(linear, Blocks) else _Rows(found, linear)
         if not now > 0.0 or model.slope < tolerance:
             return Fit(at, now, True)
         while True:
             step = model.step(damping)
             trial = moved(at, step) if np.isfinite(step).all() else None
-            new, after = (np.inf, None) if trial is None else costs(trial)
+            new, after = (np.inf, found) if trial is None else costs(trial)
             size = float(np.linalg.norm(at)) if isinstance(at, np.ndarray) else 0.0
             small = float(np.linalg.norm(step)) < tolerance * (tolerance + size)
             if trial is not None and new < now:

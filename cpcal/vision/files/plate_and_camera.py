@@ -3,14 +3,12 @@ cameras as OpenCV and ROS write them in YAML."""
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,9 +28,6 @@ from cpcal.files.settings import (
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from
-
-if TYPE_CHECKING:
-    from yaml import Node
 
 T = TypeVar("T")
 
@@ -215,8 +210,7 @@ def _target(reader: TomlReader) -> Target | None:
 #
 # OpenCV (`cv::FileStorage`): image_width, image_height, camera_matrix and distortion_coefficients as opencv-matrix; a
 # fisheye says so by fisheye_model: 1, as its own calibration sample does. ROS (camera_info): the same with rows, cols
-# and
-# data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fisheye.
+# and data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fisheye.
 
 _ROS_MODELS = {
     "plumb_bob": "brown",
@@ -225,31 +219,13 @@ _ROS_MODELS = {
     "fisheye": "fisheye",
 }
 _REMEDY = "give a file that OpenCV or ROS wrote"
-_KINDS = ("null", "bool", "int", "float", "str", "timestamp", "value", "seq", "map", "opencv-matrix")
-_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)  # also 1e-05, which YAML 1.1 takes for a text
-_DIGITS_MAX = 300  # of a whole number: one that is a float, too
-_WORDS: dict[str, Any] = {
-    ".nan": math.nan,
-    ".inf": math.inf,
-    "-.inf": -math.inf,
-    "true": True,
-    "false": False,
-    "null": None,
-    "~": None,
-    "": None,
-}
 _HEAD = re.compile(r"\A%YAML:?1\.\d\s*(---)?")  # OpenCV's first line is no YAML
 _SKEW = 1e-9  # of the focal length
 
 
 def camera_from_yaml(path: Path) -> Camera:
     """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
-    problems = Problems()
-    content = small_file(path, problems, "give a camera.toml, or a YAML file of OpenCV or ROS")
-    problems.raise_any()
-    assert content is not None
-    document = yaml_document(content, path)
+    problems, document = Problems(), yaml_document(path, _REMEDY)
     if not isinstance(document, dict):
         raise unusable(str(path), "is no table of keys and values", _REMEDY)
     camera = _camera(document, str(path), problems)
@@ -258,55 +234,29 @@ def camera_from_yaml(path: Path) -> Camera:
     return camera
 
 
-def yaml_document(content: bytes, path: Path) -> Any:
-    """The lists, tables, texts and numbers of a YAML file, OpenCV's matrices as tables.
+def yaml_document(path: Path, remedy: str) -> Any:
+    """The lists and tables of a YAML file, with whatever stands in them as text.
 
     Raises InputError, and MissingExtraError without PyYAML.
     """
+    problems = Problems()
+    content = small_file(path, problems, remedy)
+    problems.raise_any()
+    assert content is not None
     try:
         import yaml
     except ImportError as error:
         raise MissingExtraError(f"cameras in YAML need PyYAML: pip install 'cpcal[vision]' ({error})") from error
-    line = None
     try:
         text = _HEAD.sub("---", content.decode("utf-8-sig"))
-        return _plain(yaml.compose(text, Loader=yaml.SafeLoader), set(), yaml)
-    except RecursionError:
-        what = "it is nested too deeply"
-    except (yaml.YAMLError, ValueError) as error:
+        found = yaml.load(text, Loader=yaml.BaseLoader)
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.BaseLoader)):
+            raise ValueError("aliases are not understood")  # they make a small file a huge one
+        return found
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
-        line = None if mark is None else mark.line + 1
-        what = str(getattr(error, "problem", None) or error)
-    raise unusable(str(path), f"is no YAML: {what}"[:200], _REMEDY, line)
-
-
-def _plain(node: Node | None, seen: set[int], yaml: ModuleType) -> Any:
-    """The value of a node. PyYAML's own constructors raise all kinds of errors, and make objects nobody asked for."""
-    if node is None:
-        return None
-    if id(node) in seen:  # an alias could make a small file a huge one
-        raise yaml.MarkedYAMLError(problem="aliases are not understood", problem_mark=node.start_mark)
-    seen.add(id(node))
-    if node.tag not in _TAGS:
-        what = f"the tag {shown(node.tag)} is not understood"
-        raise yaml.MarkedYAMLError(problem=what, problem_mark=node.start_mark)
-    if isinstance(node, yaml.SequenceNode):
-        return [_plain(part, seen, yaml) for part in node.value]
-    if isinstance(node, yaml.MappingNode):
-        table = {}
-        for key, value in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(problem="a key is no text", problem_mark=key.start_mark)
-            if key.value in table:
-                what = f"the key {shown(key.value)} is there twice"
-                raise yaml.MarkedYAMLError(problem=what, problem_mark=key.start_mark)
-            table[key.value] = _plain(value, seen, yaml)
-        return table
-    assert isinstance(node, yaml.ScalarNode)  # there is no other kind
-    if node.style is None and _NUMBER.fullmatch(node.value):
-        whole = node.value.lstrip("+-").isdecimal() and len(node.value) <= _DIGITS_MAX
-        return int(node.value) if whole else float(node.value)
-    return _WORDS.get(node.value.lower(), node.value) if node.style is None else node.value
+        what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
+        raise unusable(str(path), what, remedy, None if mark is None else mark.line + 1) from None
 
 
 def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera | None:
@@ -314,7 +264,7 @@ def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera 
         problems.add(Problem(where, what, remedy))
 
     sides = [document.get(f"image_{side}") for side in ("width", "height")]
-    if not all(type(side) is int and 0 < side <= PIXELS_MAX for side in sides):
+    if not all(isinstance(side, str) and side.isdecimal() and 0 < float(side) <= PIXELS_MAX for side in sides):
         what = f"image_width and image_height are not two whole numbers from 1 to {PIXELS_MAX:,}"
         wrong(what, "give the size of the images in pixels")
     matrix = _numbers(document, "camera_matrix", wrong)
@@ -344,12 +294,12 @@ def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera 
 def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats | None:
     """The entries of a matrix, in rows."""
     value = document.get(key)
-    data = value.get("data") if isinstance(value, dict) else value
-    flat = data if isinstance(data, list) else None
-    if flat is None or not all(type(v) in (int, float) for v in flat):
+    data: Any = value.get("data") if isinstance(value, dict) else value
+    try:
+        return np.array([float(v) for v in data])
+    except (TypeError, ValueError):
         wrong(f"{key} is {shown(value)}" if key in document else f"{key} is missing", "give a matrix with its data")
         return None
-    return np.array(flat, dtype=np.float64)
 
 
 def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> str | None:
@@ -360,7 +310,7 @@ def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> s
         return None
     if distortion is None:
         return None
-    fisheye = document.get("fisheye_model") == 1
+    fisheye = document.get("fisheye_model") == "1"
     model = _ROS_MODELS[named] if named else "fisheye" if fisheye else "rational" if len(distortion) == 8 else BROWN
     if model == BROWN and len(distortion) == 4:
         distortion.resize(5, refcheck=False)

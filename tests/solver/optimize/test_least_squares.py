@@ -84,20 +84,5 @@ def test_places_that_are_refused_or_not_finite_are_never_entered() -> None:
     assert 0.5 <= found.at < 0.51
 
 
-def test_a_robust_cost_falls_where_the_sum_of_squares_would_follow_the_outlier() -> None:
-    data = np.array([1.0, 1.1, 0.9, 1.0, 50.0])
-
-    def linear(x: Floats) -> Blocks:
-        weight = 1.0 / (1.0 + (x[0] - data) ** 2)
-        ones = np.ones((1, 5, 1)) * np.sqrt(weight)[:, None]
-        return from_rows(((x[0] - data) * np.sqrt(weight))[None], ones, np.zeros((1, 5, 0)))
-
-    found = least_squares(
-        lambda x: x[0] - data, linear, np.array([2.0]), tolerance=1e-12,
-        cost=lambda x: float(np.log1p((x[0] - data) ** 2).sum()),
-    )  # fmt: skip
-    assert abs(found.at[0] - 1.0) < 0.05
-
-
 def test_the_steps_end_where_they_are_used_up() -> None:
     assert not least_squares(residual, jacobian, np.ones(1 + VIEWS), tolerance=1e-12, steps=1).settled
