@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import csv
 import itertools
-import math
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -31,6 +30,7 @@ from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.files.folders import load_settings
 from cpcal.files.settings import Settings
+from cpcal.files.tables import number_pattern
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
 from cpcal.robot.campaign import ARRAYS, stated_uncertainty
 from cpcal.robot.units import (
@@ -43,13 +43,12 @@ from cpcal.robot.units import (
     columns_by_name,
     half_widths,
     override_columns,
-    reading_columns,
     units_of,
 )
 
 LOG_MAX = 2**27  # bytes
 _COMMENT = re.compile(r"\s*(#|%|//|!)")
-_NUMBERS = {sign: re.compile(rf"[-+]?(\d+(\{sign}\d*)?|\{sign}\d+)([eE][-+]?\d+)?") for sign in ".,"}
+_NUMBERS = {sign: number_pattern(sign) for sign in ".,"}
 _UNITS = re.compile(r"[\[(]?(mm|cm|m|um|µm|in|rad|deg|°|s|ms|-|)[\])]?")
 _LEAST = 3  # numbers in a row of measurements
 _LOOKED_AT = 2_000  # lines, to guess from
@@ -208,107 +207,75 @@ def unstated(residual: str) -> InputError:
 # From a log to a campaign: columns by a map, units and rotation form by name, what the log lacks from elsewhere.
 
 
+_TURNS = [
+    column
+    for form in ("quaternion-wxyz", "matrix", "vector-rad", "euler-xyz-rad")
+    for column in RotationForm.named(form).columns
+]
+
+
 def _mapped(
-    columns: str | Mapping[str, str],
-    header: Sequence[str],
-    robot: Robot,
-    rotation: str | None,
-    span: Callable[[int], tuple[float, float] | None],
+    columns: str | Mapping[str, str], header: Sequence[str], legs: int, rotation: str | None
 ) -> tuple[dict[str, ColumnSource], RotationForm]:
     """The map of a table with this header, and the form of its rotations; columns that are not mapped count under their
     own names. Without a map the columns' names tell, where they leave no doubt of what they are and of their units.
 
-    span  of a column's numbers, from 0: least and largest; None where it holds others
-
     Raises InputError for columns that are not there, and units that cannot be; and with the columns and a proposal.
     """
-    legs = robot.legs
     form = None if rotation is None else RotationForm.named(rotation)
-    if not columns:
-        told, form = columns_by_name(header, legs, form)
-        return _confirmed(told, form, header, robot, span), form or RotationForm.named("quaternion-wxyz")
+    needed, widths, problems = [*"xyz", *(f"L{leg}" for leg in range(1, legs + 1))], override_columns(legs), Problems()
+    if columns:
+        found = column_map(columns, ["pose", "run", *needed, *_TURNS, *widths])
+        if form is None and found.keys().isdisjoint(("r1", "rx")):
+            form = RotationForm.named("matrix" if "r11" in found else "quaternion-wxyz")
+        taken = {source.name for source in found.values()}
+    else:
+        found, form = columns_by_name(header, legs, form)
+        taken = {*header} - {*widths}
     if form is None:
-        asked = columns if isinstance(columns, str) else ",".join(f"{target}=" for target in columns)
-        if re.search(r"\b(r1|rx)\s*=", asked):
-            raise unusable("rotation", "is not stated", f"state --rotation: {FORMS}")
-        form = RotationForm.named("matrix" if re.search(r"\br11\s*=", asked) else "quaternion-wxyz")
-    needed = [name for name in reading_columns(legs)[2:] if name[0] != "q"] + [*form.columns]
-    names = ["pose", "run", *needed, *override_columns(legs)]
-    found = column_map(columns, names)
-    taken = {source.name for source in found.values()}
-    found |= {name: ColumnSource(name) for name in names if name not in {*found, *taken} and name in header}
-    problems = Problems()
+        problems.add(Problem("rotation", "is not told by the columns", f"state --rotation: {FORMS}"))
+    turns = () if form is None else form.columns
+    needed += turns
+    own = [name for name in ("pose", "run", *needed, *widths) if name in header]
+    found |= {name: ColumnSource(name) for name in own if name not in {*found, *taken}}
+    missing = [name for name in needed if name not in found]
+    bare = [name for name, of in found.items() if units_of(name) and name not in turns and of.unit is None]
+    bare = [name for name in bare if found[name].name != name and not (form and form.length and name in "xyz")]
+    if not columns and (missing or bare):
+        marks = {name: f"[{of.unit or 'mm'}]" if name in bare or of.unit else "" for name, of in found.items()}
+        proposed = ", ".join(f'{name}="{of.name}"{marks[name]}' for name, of in found.items())
+        rest = f"; add {', '.join(missing)}" if missing else ""
+        what = f"columns have no names or units that tell what they are; they are {listed([*map(shown, header)], 40)}"
+        problems.add(Problem("map", what, f"check this one, and its units: --map '{proposed}'{rest}"))
+        missing = []
+    places: dict[int, str] = {}
     for target, source in found.items():
-        units = units_of(target)
-        if source.place(header) is None and source.name in header:
+        units, place = units_of(target), source.place(header)
+        if place is None and source.name in header:
             problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
-        elif source.place(header) is None:
+        elif place is None:
             what = f"{target}: there is no column {shown(source.name)}"
-            problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
+            problems.add(Problem("map", what, f"the columns are {listed([*map(shown, header)], 40)}"))
+        elif (first := places.setdefault(place, target)) != target:
+            what = f"{first} and {target} are the same column, {shown(source.name)}"
+            problems.add(Problem("map", what, "map each to its own"))
         if source.unit is not None and source.unit not in units:
             remedy = "give one of " + ", ".join(units) if units else "give no unit"
             problems.add(Problem("map", f"{target} cannot be in {source.unit}", remedy))
-        if source.unit is None and units is ANGLES and target not in form.columns and source.name != target:
+        if columns and target in bare and units is ANGLES:
             problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
-    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
-        if found[one].place(header) == found[other].place(header) is not None:
-            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
-            problems.add(Problem("map", what, "map each leg to its own"))
+    for name in missing:
+        problems.add(Problem("map", f"the column {name!r} is missing", "map the table's columns to these names"))
     problems.raise_any(YOUR_DATA)
-    for name in needed:
-        if name not in found:
-            what = f"the column {name!r} is missing"
-            problems.add(Problem("map", what, "map the table's columns to these names"))
-    problems.raise_any(YOUR_DATA)
+    assert form is not None  # what keeps it from being known is a problem, and was raised
     return found, form
-
-
-def _confirmed(
-    told: dict[str, ColumnSource],
-    form: RotationForm | None,
-    header: Sequence[str],
-    robot: Robot,
-    span: Callable[[int], tuple[float, float] | None],
-) -> dict[str, ColumnSource]:
-    """What the columns' names told, and half-widths under their own names.
-
-    Raises InputError where a column or a unit is not told: what the columns are, and a map that they suggest.
-    """
-    turns = () if form is None else form.columns
-    needed = [name for name in reading_columns(robot.legs)[2:] if name[0] != "q"] + [*turns]
-    missing = [name for name in needed if name not in told]
-    lengths = [name for name in needed if units_of(name) and name not in turns]
-    known = "xyz" if form is not None and form.length else ""
-    open_units = [n for n in lengths if n in told and n not in known and told[n].unit is None and told[n].name != n]
-    if form is not None and not missing and not open_units:
-        return told | {name: ColumnSource(name) for name in override_columns(robot.legs) if name in header}
-    size = float(np.median(np.linalg.norm(robot.base - robot.mobile, axis=1) + robot.offset))
-    spans = [span(place) for place in range(len(header))]
-    for name in open_units:
-        low, high = spans[told[name].place(header) or 0] or (0.0, 0.0)
-        if high > low:  # the unit in which a column varies by about a third of the robot
-            unit = min(LENGTHS, key=lambda unit: abs(math.log(3.0 * (high - low) * float(LENGTHS[unit]) / size)))
-            told[name] = replace(told[name], unit=unit)
-    proposed = ", ".join(
-        f'{target}="{one.name}"' + (f"[{one.unit}]" if one.unit else "") for target, one in told.items()
-    )
-    seen = (f"{shown(n)} ({s[0]:.6g} to {s[1]:.6g})" if s else shown(n) for n, s in zip(header, spans, strict=True))
-    problems = Problems()
-    rest = f"; add {', '.join(missing)}" if missing else ""
-    what = f"columns have no names or units that tell what they are; they are {listed(list(seen), 40)}"
-    if missing or open_units:
-        problems.add(Problem("map", what, f"check this one: --map '{proposed}'{rest}"))
-    if form is None:
-        problems.add(Problem("rotation", "is not told by the names of the columns", f"state --rotation: {FORMS}"))
-    problems.raise_any(YOUR_DATA)
-    return told
 
 
 def _values(
     log: Log, found: Mapping[str, ColumnSource], form: RotationForm
 ) -> tuple[dict[str, list[str]], dict[str, Floats]]:
-    """The names in a log, and its numbers: mm, rad, rotations as the form takes them. Raises InputError with every cell
-    that is no number, by its line."""
+    """The names in a log, and its numbers in mm and rad. Raises InputError with every cell that is no number, by its
+    line."""
     names: dict[str, list[str]] = {}
     values: dict[str, Floats] = {}
     problems, number = Problems(), _NUMBERS[log.decimal]
@@ -327,10 +294,9 @@ def _values(
         if "mm" in units:
             size = LENGTHS[source.unit or (form.length if target in "xyz" else "") or "mm"]
             values[target] = np.array([float(Decimal(text) * size) for text in texts])
-        else:  # to rad, or as the rotation form takes them
-            factor = 1.0 if source.unit is None else units[source.unit]
-            factor /= units[form.unit] if source.unit is not None and target in form.columns else 1.0
-            values[target] = factor * np.array([float(text) for text in texts])
+        else:
+            unit = source.unit or (form.unit if target in form.columns else "rad")
+            values[target] = units.get(unit, 1.0) * np.array([float(text) for text in texts])
     problems.raise_any(YOUR_DATA)
     return names, values
 
@@ -342,7 +308,7 @@ def _stacked(values: Mapping[str, Floats], columns: Iterable[str]) -> Floats:
 def _quaternions(log: Log, form: RotationForm, values: Mapping[str, Floats]) -> Floats:
     """(N, 4). Raises InputError, with the log's line instead of a row's number."""
     try:
-        return form.quaternions(_stacked(values, form.columns))
+        return replace(form, unit="rad").quaternions(_stacked(values, form.columns))
     except InputError as error:
         lined = []
         for problem in error.problems:
@@ -366,23 +332,11 @@ def campaign_of_log(
     """
     robot, stated, count = settings.robot, settings.uncertainty, len(log.rows)
     assert robot is not None  # what keeps it from being read was raised
-    header = log.titles
-    number = _NUMBERS[log.decimal]
-
-    def span(place: int) -> tuple[float, float] | None:
-        cells = [row[place] for row in log.rows]
-        if not all(map(number.fullmatch, cells)):
-            return None
-        numbers = [float(cell.replace(log.decimal, ".")) for cell in cells]
-        return min(numbers), max(numbers)
-
-    found, form = _mapped(columns, header, robot, rotation, span)
+    found, form = _mapped(columns, log.titles, robot.legs, rotation)
     names, values = _values(log, found, form)
     pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
-    runs, seen = names.get("run", []), Counter[str]()
-    for name in () if runs else pose:
-        seen[name] += 1
-        runs.append(str(seen[name]))
+    counts: dict[str, Iterator[int]] = defaultdict(lambda: itertools.count(1))
+    runs = names.get("run") or [str(next(counts[name])) for name in pose]
     quaternion = _quaternions(log, form, values)
     radii = half_widths(np.zeros(6 + robot.legs) if stated is None else stated.half_widths, values, robot.legs, count)
     entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
@@ -439,23 +393,19 @@ def poses_of_log(log: Log, rotation: str | None = None, unit: str = "") -> tuple
 
 def _titled(log: Log, form: RotationForm | None) -> Log:
     """The log with names for its columns, by their order; a matrix becomes one row."""
-    rows, lines, width, header = log.rows, log.lines, len(log.rows[0]), tuple[str, ...]()
+    rows, lines, width = log.rows, log.lines, len(log.rows[0])
     if width == 4 and len(rows) % 4 == 0:
         rows = tuple(tuple(itertools.chain(*rows[k : k + 4])) for k in range(0, len(rows), 4))
         lines, width = lines[::4], 16
-    turns = () if form is None else form.columns
-    for names in ((), ("pose",)):
-        header = (*names, *"xyz", *turns) if turns and len(turns) < 9 else (*names, *_MATRIX)
-        if width == len(header):
-            break
-    else:
+    matrices = form is None or len(form.columns) == 9
+    header = _MATRIX if form is None or matrices else (*"xyz", *form.columns)
+    if width - len(header) not in (0, 1):
         what = f"has no names of columns, and {width} of them"
         raise unusable(log.where, what, f"add a line such as image,x,y,z,rx,ry,rz, and state --rotation: {FORMS}")
-    if header[-1] == _MATRIX[-1]:
-        number = _NUMBERS[log.decimal]
-        for line, row in zip(lines, rows, strict=True):
-            last = [float(cell.replace(log.decimal, ".")) for cell in row[-4:] if number.fullmatch(cell)]
-            if last != [0.0, 0.0, 0.0, 1.0]:
-                what = "is no matrix whose last row is 0 0 0 1"
-                raise unusable(log.where, what, "write the translation in the last column", line)
-    return replace(log, header=header, rows=rows, lines=lines)
+    number = _NUMBERS[log.decimal]
+    for line, row in zip(lines, rows, strict=True) if matrices else ():
+        last = [float(cell.replace(log.decimal, ".")) for cell in row[-4:] if number.fullmatch(cell)]
+        if last != [0.0, 0.0, 0.0, 1.0]:
+            what = "is no matrix whose last row is 0 0 0 1"
+            raise unusable(log.where, what, "write the translation in the last column", line)
+    return replace(log, header=("pose",) * (width - len(header)) + header, rows=rows, lines=lines)

@@ -6,10 +6,11 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 KeyPath = tuple[str, ...]
 Table = dict[str, object]
 Shape = tuple[int | None, ...]
+T = TypeVar("T")
 Read = Callable[["TomlReader", KeyPath, object], Any]  # a value of a schema
 Schema = Mapping[str, Read]
 _NONE: Schema = {}
@@ -142,17 +144,21 @@ class TomlReader:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.wrong(path, f"{name} holds {shown(value)}, which is not a number", "give a number, unquoted")
             return 0.0
+        if not abs(value) <= LARGEST:
+            self.wrong(path, f"{name} holds {shown(value)}", f"give a finite number up to {LARGEST:g}")
+            return 0.0
+        if value < 0 and not signed:
+            self.wrong(path, f"{name} holds the negative number {value:g}", "give a number >= 0")
+        return float(value)
+
+    def made(self, section: str, kind: Callable[..., T], **values: Any) -> T | None:
+        """A value of these; what it refuses is a problem of the section, in the line of the key that it names."""
         try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            self.wrong(path, f"{name} holds {number}", "give a finite number")
-        elif abs(number) > LARGEST:
-            self.wrong(path, f"{name} holds {number:g}", f"give a number up to {LARGEST:g}")
-        elif number < 0 and not signed:
-            self.wrong(path, f"{name} holds the negative number {number:g}", "give a number >= 0")
-        return number
+            return kind(**values)
+        except InputError as error:
+            for problem in error.problems:
+                self.wrong((section, problem.where.rpartition(" ")[2]), problem.what, problem.remedy)
+            return None
 
     def provenance(self) -> dict[str, str]:
         """The section [provenance]: texts, and numbers as they are written."""
@@ -241,11 +247,7 @@ def truth(reader: TomlReader, path: KeyPath, value: object) -> bool:
 
 def whole(least: int, most: int | None = None) -> Read:
     def read(reader: TomlReader, path: KeyPath, value: object) -> int:
-        if (
-            not isinstance(value, bool)
-            and isinstance(value, int)
-            and least <= value <= (value if most is None else most)
-        ):
+        if type(value) is int and least <= value <= (value if most is None else most):
             return value
         upper = "" if most is None else f" to {most}"
         reader.wrong(path, f"{path[-1]} is {shown(value)}", f"give a whole number from {least}{upper}")
@@ -290,15 +292,14 @@ CSV_NAME = "measurements.csv"
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
     uncertainty: dict[str, object] = {"exact": True}
-    model: dict[str, object] = {}
     if (stated := campaign.uncertainty) is not None:
         suffix = "half_width" if stated.factor is None else "sigma"
-        uncertainty = {} if stated.factor is None else {"factor": float(stated.factor)}
-        uncertainty |= {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
-    if (asked := campaign.model) is not None:
-        model = {"name": asked.name, "half_widths": {k: float(v) for k, v in asked.half_widths.items()} or None}
-    sections = {"robot": _of_robot(campaign.robot), "uncertainty": uncertainty, "model": model}
-    return document(FORMAT, sections, campaign.provenance)
+        uncertainty = {"factor": stated.factor} | {f"{kind}_{suffix}": getattr(stated, kind) for kind in KINDS}
+    asked = campaign.model
+    model = {} if asked is None else {"name": asked.name, "half_widths": asked.half_widths}
+    return document(
+        FORMAT, {"robot": _of_robot(campaign.robot), "uncertainty": uncertainty, "model": model}, campaign.provenance
+    )
 
 
 def _of_robot(robot: Robot) -> dict[str, object]:
@@ -306,28 +307,45 @@ def _of_robot(robot: Robot) -> dict[str, object]:
 
 
 def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Mapping[str, str]) -> bytes:
-    """A TOML file of its format and sections; one that is empty is left out, and so is None."""
-    lines = [f"format = {written(format_)}"]
-    free = {written(key): value for key, value in provenance.items()}
-    for name, values in (*sections.items(), ("provenance", free)):
-        stated = {key: value for key, value in values.items() if value is not None}
-        lines += ["", f"[{name}]", *(f"{key} = {written(value)}" for key, value in stated.items())] if stated else []
-    return ("\n".join(lines) + "\n").encode()
+    """A TOML file of its format and sections."""
+    return toml_text({"format": format_, **sections, "provenance": provenance}).encode()
 
 
-def written(value: object) -> str:
+def toml_text(table: Mapping[str, Any]) -> str:
+    """A TOML document; floats by repr. None and empty tables are left out."""
+    return "\n".join(_toml(table, "")) + "\n"
+
+
+def _toml(table: Mapping[str, Any], path: str) -> Iterator[str]:
+    """Simple values first, then tables, then arrays of tables."""
+    nested = {}
+    for key, value in table.items():
+        name = key if re.fullmatch("[A-Za-z0-9_-]+", key) else written(key)
+        if isinstance(value, Mapping):
+            nested[f"\n[{path}{name}]"] = f"{path}{name}.", [value] * bool(value)
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            nested[f"\n[[{path}{name}]]"] = f"{path}{name}.", value
+        elif value is not None:
+            yield f"{name} = {written(value)}"
+    for head, (inner, parts) in nested.items():
+        for part in parts:
+            yield head
+            yield from _toml(part, inner)
+
+
+def written(value: Any) -> str:
     """A TOML value; floats by repr. Of an array of arrays each row has a line."""
-    if isinstance(value, np.ndarray | tuple):
-        rows = value.tolist() if isinstance(value, np.ndarray) else [[*row] for row in value]
-        if not (isinstance(rows, list) and rows and isinstance(rows[0], list)):
-            return repr(rows)
-        return "[\n" + "".join(f"    {row!r},\n" for row in rows) + "]"
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {written(one)}' for key, one in value.items())} }}"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
-    value = value.item() if isinstance(value, np.generic) else value
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        parts = [written(part) for part in value]
+        if value and isinstance(value[0], list | tuple):
+            return "[\n" + "".join(f"    {part},\n" for part in parts) + "]"
+        return f"[{', '.join(parts)}]"
+    if isinstance(value, str):  # as JSON; a character beyond the basic plane is no two halves here
+        text = json.dumps(value, ensure_ascii=False)
+        return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
+    return repr(value).lower()
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
@@ -376,13 +394,12 @@ def save_study(study: Study, path: str | os.PathLike[str]) -> None:
 
 def study_bytes(study: Study) -> bytes:
     """The canonical study.toml; floats by repr, so that they are read back bit for bit."""
-    sections: dict[str, Mapping[str, object]] = {"robot": _of_robot(study.robot)}
+    simulated: dict[str, object] = {}
     if (truth := study.truth) is not None:
-        sections["truth"] = {"seed": truth.seed, "parameters": truth.robot.parameters}
-        for name in ("camera", "target"):
-            pose: Pose = getattr(truth, name)
-            sections[f"truth.{name}"] = {"position": pose.position, "quaternion": pose.quaternion}
-    return document(STUDY_FORMAT, sections, study.provenance)
+        frames = {"camera": truth.camera, "target": truth.target}
+        poses = {name: {"position": of.position, "quaternion": of.quaternion} for name, of in frames.items()}
+        simulated = {"seed": truth.seed, "parameters": truth.robot.parameters, **poses}
+    return document(STUDY_FORMAT, {"robot": _of_robot(study.robot), "truth": simulated}, study.provenance)
 
 
 def table_bytes(table: PoseTable) -> bytes:
@@ -404,6 +421,7 @@ def table_bytes(table: PoseTable) -> bytes:
 
 _SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
 _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
+_STATED = (("factor", *_SIGMA_KEYS), _WIDTH_KEYS, ("exact",))
 
 
 @dataclass(frozen=True)
@@ -428,7 +446,7 @@ def read_settings(path: Path, problems: Problems, absent: str) -> Settings:
         return Settings()
     robot, legs = _robot(reader)
     remedy = 'add a name, such as name = "gain"'
-    model = reader.section("model", {"name": _model_name}, {"half_widths": _widths}, needed=False, remedy=remedy)
+    model = reader.section("model", {"name": _identifier}, {"half_widths": _widths}, needed=False, remedy=remedy)
     choice = None if model is None else ModelChoice(**model)
     stated = _uncertainty(reader, legs)
     return Settings(robot, legs, stated, choice, provenance=reader.provenance(), sha256=reader.sha256)
@@ -448,44 +466,39 @@ def _robot(reader: TomlReader) -> tuple[Robot | None, int | None]:
 
 def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
     """The section [uncertainty], which says how far readings may be off, or that they are exact: None."""
-    path, table = ("uncertainty",), reader.document.get("uncertainty")
-    if table is None:
+    if "uncertainty" not in reader.document:
         reader.wrong((), "the section [uncertainty] is missing", EXACT_OR_NOT)
         return None
     each = ((3, "three, mm"), (3, "three, rad"), (legs, "one for each leg, mm"))
     reads = [array((count,), meaning, signed=False) for count, meaning in each]
-    sigmas: Schema = {"factor": array((), signed=False), **dict(zip(_SIGMA_KEYS, reads, strict=True))}
-    widths: Schema = dict(zip(_WIDTH_KEYS, reads, strict=True))
-    stated = table if isinstance(table, dict) else {}
-    direct = any(key in stated for key in widths)
-    if "exact" in stated:
-        reader.known(path, stated, ("exact", *sigmas, *widths))
-        if stated["exact"] is not True:
-            reader.wrong((*path, "exact"), f"exact is {shown(stated['exact'])}", EXACT_OR_NOT)
-        elif len(stated) > 1:
-            other = next(key for key in stated if key != "exact")
-            reader.wrong((*path, other), f"readings are exact, and {shown(other)} is given too", EXACT_OR_NOT)
+    keys: Schema = {"factor": array((), signed=False), "exact": _exact}
+    sizes = dict(zip((*_SIGMA_KEYS, *_WIDTH_KEYS), reads * 2, strict=True))
+    found = reader.section("uncertainty", {}, {**keys, **sizes})
+    if found is None:
         return None
-    if direct and any(key in stated for key in sigmas):
-        remedy = "give either factor and three *_sigma, or three *_half_width"
-        reader.wrong(path, "half-widths are given both directly and as factor * sigma", remedy)
+    meant = max(_STATED, key=lambda ways: len(found.keys() & ways))
+    for key in [key for key in meant if key not in found]:
+        reader.wrong(("uncertainty",), f"the key {key!r} is missing in [uncertainty]", f"add {key}; {EXACT_OR_NOT}")
+    for key in [key for key in found if key not in meant]:
+        reader.wrong(("uncertainty", key), f"{key!r} is given beside {meant[0]!r}", EXACT_OR_NOT)
+    if "exact" in meant or legs is None or found.keys() != {*meant}:
         return None
-    asked, others = (widths, sigmas) if direct else (sigmas, widths)
-    found = reader.table(path, table, asked, {"exact": truth, **others}, remedy=f"add {{key}}; {EXACT_OR_NOT}")
-    if found is None or legs is None:
-        return None
-    try:
-        position, rotation, length = (found[key] for key in (_WIDTH_KEYS if direct else _SIGMA_KEYS))
-        return Uncertainty(position, rotation, length, found.get("factor"))
-    except InputError:  # single values were checked: a product overflows
-        reader.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
-        return None
+    position, rotation, length = (found[key] for key in meant[-3:])
+    return reader.made(
+        "uncertainty", Uncertainty, position=position, rotation=rotation, length=length, factor=found.get("factor")
+    )
 
 
-def _model_name(reader: TomlReader, path: KeyPath, value: object) -> str:
-    """Which models there are is known where they are used."""
+def _exact(reader: TomlReader, path: KeyPath, value: object) -> bool:
+    if value is not True:
+        reader.wrong(path, f"exact is {shown(value)}", EXACT_OR_NOT)
+    return True
+
+
+def _identifier(reader: TomlReader, path: KeyPath, value: object) -> str:
+    """Of a model or its parameter; which there are is known where they are used."""
     if not (isinstance(value, str) and value.isidentifier() and len(value) <= NAME_MAX):
-        reader.wrong(path, f"{shown(value)} cannot be a name", 'add a name, such as name = "gain"')
+        reader.wrong(path, f"{shown(value)} cannot be a name", "give a word, such as gain or s")
     return str(value)
 
 
@@ -493,10 +506,10 @@ def _widths(reader: TomlReader, path: KeyPath, value: object) -> dict[str, float
     if not isinstance(value, dict):
         reader.wrong(path, "half_widths is not a table", "write half_widths = { s = 0.05 }")
         return {}
-    for key in value:
-        if not (key.isidentifier() and len(key) <= NAME_MAX):
-            reader.wrong(path, f"{shown(key)} cannot be a parameter", "give its name, such as s")
-    return {k: reader.number(path, f"the half-width of {shown(k)}", v, signed=False) for k, v in value.items()}
+    return {
+        _identifier(reader, path, k): reader.number(path, f"the half-width of {shown(k)}", v, signed=False)
+        for k, v in value.items()
+    }
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
+from cpcal.files.settings import toml_text
 from cpcal.questions import LegResult, Result, model_of, recommendation, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.run_page import command
@@ -146,37 +147,7 @@ def as_json(data: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def as_toml(data: Mapping[str, Any]) -> str:
-    return "\n".join(_toml(data, "")) + "\n"
-
-
-def _toml(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Simple values first, then tables, then arrays of tables."""
-    nested = {}
-    for key, value in table.items():
-        name = key if key.isascii() and key.replace("_", "").replace("-", "").isalnum() else _scalar(key)
-        if isinstance(value, Mapping):
-            nested[f"\n[{path}{name}]"] = f"{path}{name}.", [value]
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            nested[f"\n[[{path}{name}]]"] = f"{path}{name}.", value
-        else:
-            yield f"{name} = {_scalar(value)}"
-    for head, (inner, parts) in nested.items():
-        for part in parts:
-            yield head
-            yield from _toml(part, inner)
-
-
-def _scalar(value: Any) -> str:
-    """A text, number or list as JSON writes it, which TOML reads alike.
-
-    Characters stay as they are: JSON would write one beyond the basic plane as two halves, which no other reader takes.
-    """
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
-
-
-WRITERS = {"toml": as_toml, "json": as_json}
+WRITERS = {"toml": toml_text, "json": as_json}
 
 
 # ------------------------------------------------------------------------------------------------------------------

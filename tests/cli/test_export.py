@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import cpcal
+from cpcal.files.settings import toml_text
 from cpcal.questions import recommendation
-from cpcal.report.export import DrawingFrames, as_json, as_toml, exported, frames_of_run
+from cpcal.report.export import DrawingFrames, as_json, exported, frames_of_run
 from cpcal.robot import rotation_matrix
 from tests.cli.command import refused, run
 from tests.remembered import verify_once
@@ -35,7 +36,7 @@ def checked_once(monkeypatch):
 def test_both_formats_say_the_same_also_beyond_the_basic_plane(data):
     text = "\U0001f916 \U00020000 \u00e9 \u4e2d \" \\ 'x'"
     named = {**data, "robot": text, "provenance": {**data["provenance"], text: text}}
-    assert json.loads(as_json(named)) == tomllib.loads(as_toml(named)) == named
+    assert json.loads(as_json(named)) == tomllib.loads(toml_text(named)) == named
 
 
 def test_a_format_that_does_not_go_with_the_run_is_refused(folder, tmp_path):

@@ -223,7 +223,7 @@ def test_a_log_goes_to_a_campaign_in_one_command(tmp_path):
         ((), ("--exact",), "is not stated: with euler-xyz-deg .* -> say --rotation euler-xyz-deg"),
         ((), ("--exact", "--rotation", "euler-zyx-deg"), "is not euler-zyx-deg: with euler-xyz-deg"),
         ((), ("--rotation", "euler-xyz-deg"), r"uncertainty: is not stated; .* residuals of 0\.0[23]\d* mm"),
-        ((" [m]", ""), ("--exact", "--rotation", "euler-xyz-deg"), r"'X' \(.* to .*\), .*--map '.*x=\"X\"\[m\]"),
+        ((" [m]", ""), ("--exact", "--rotation", "euler-xyz-deg"), r"'X', .* and its units: --map '.*x=\"X\"\[mm\]"),
         (("L3 [mm]", "S3 [mm]"), ("--exact", "--rotation", "euler-xyz-deg"), "add L1, L2, L3, L4, L5, L6"),
         ((".", ","), ("--exact",), "has decimal commas, and commas between columns too"),
     ],

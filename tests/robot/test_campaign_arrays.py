@@ -171,7 +171,7 @@ def test_a_frame_with_foreign_columns_is_mapped():
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ("L1=L2, L2=L2", "L1 and L2 are the same column, 'L2' -> map each leg to its own"),
+        ("L1=L2, L2=L2", "L1 and L2 are the same column, 'L2' -> map each to its own"),
         ("L3=#11, L1=L2, L2=L1", "L3 and L1 are the same column"),
         ("drx=error", r"drx has no unit -> write drx=error[deg] or [rad]"),
     ],
