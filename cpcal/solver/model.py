@@ -204,7 +204,7 @@ def resolution(
 
 _LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
 _DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
-_TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
+_TURNS = 8  # of hc4 and newton alone, where there is lifted
 _LIFTED_COEFFICIENTS = 4_000_000  # of one array of expressions, as of a matrix times the unknowns: some 100 MB
 _SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32  # nodes in a turn, a tenth of a second or so
 _CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
@@ -259,19 +259,20 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
         why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
         return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
-    many, few = _TURNS if lifted else (None, None)
+    turns = _TURNS if lifted else None
     times = max(1.0, unknowns**3 / _CUBE)  # what newton takes for a box grows with the third power of the unknowns
     quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
-    methods = [SearchMethod(("hc4", "newton"), by, quick, many) for by in ("largest", "smear-relative")]
+    methods = [SearchMethod(("hc4", "newton"), "largest", quick, turns)]
     more = consequences(network) if lifted else ()
     if more:
-        methods.append(SearchMethod(("hc4", "newton"), "largest", quick, many, consequences=True))
-    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", slow, few, begins=1))
-    if unknowns <= _DENSE_UNKNOWNS:
-        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, few, begins=1))
+        methods.append(SearchMethod(("hc4", "newton"), "largest", quick, turns, consequences=True))
     if lifted:
         methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", _LIFTED_SLICE, begins=1))
         methods.append(SearchMethod(("lifted", "newton"), "largest", _LIFTED_SLICE, begins=1))
+    else:
+        methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", slow, begins=1))
+    if not lifted and unknowns <= _DENSE_UNKNOWNS:
+        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, begins=1))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
 

@@ -1,9 +1,8 @@
 """Several searches of the same domain take turns; the first that ends is the answer.
 
 Which contractors suit a problem shows only while they work. So each contender gets a slice of nodes a round. One that
-decided next to nothing in its turn, or has decided less than half of what the first has, sits out a round, then two,
-four and so on until it gets on again; the one that has decided most of the domain never does. Some give up after so
-many rounds. All of it is counted in nodes, so that a race has one course.
+has decided less than half of what the first has sits out a round, then two, four and so on until it gets on again. Some
+give up after so many rounds. All of it is counted in nodes, so that a race has one course.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from cpcal.solver.execution.stopping import asked
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search.search import Event, EventKind, Line, Search, Standing
 
-_PROGRESS = 1 / 200  # of what is undecided: a turn that decides less is one without progress
 _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
 
 
@@ -30,10 +28,9 @@ _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
 class Contender:
     """One way to search: `start` builds it when its first turn comes; `slice` nodes make up a turn.
 
-    `turns`: after so many rounds it gives up, unless nobody else is left. `back`: the round in which it begins.
-    `decided` is the share of the domain that it has decided, where every division is taken to halve: 1 at the end.
-    It sits out `rest` rounds after its last turn, up to the round `back`. Of a turn it has `taken` so many nodes;
-    `before` and `most`, what it and the first had decided when the turn began.
+    `turns`: after so many rounds it gives up, unless nobody else is left. `decided` is the share of the domain that it
+    has decided, where every division is taken to halve: 1 at the end. Of a turn it has `taken` so many nodes. After its
+    last turn it sits out `rest` rounds, up to the round `back`, in which it begins, too.
     """
 
     name: str
@@ -45,16 +42,12 @@ class Contender:
     decided: float = 0.0
     rest: int = 0
     taken: int = 0
-    before: float = 0.0
-    most: float = 0.0
     search: Search | None = field(default=None, repr=False)
 
-    def turn(self, most: float) -> Iterator[Event]:
-        """The events of one turn, or of what is left of it; fewer when the search ends. `most`: of the first."""
+    def turn(self) -> Iterator[Event]:
+        """The events of one turn, or of what is left of it; fewer when the search ends."""
         if self.search is None:
             self.search = self.start()
-        if not self.taken:
-            self.before, self.most = self.decided, most
         while self.taken < self.slice:
             event = next(self.search, None)
             if event is None:
@@ -64,8 +57,6 @@ class Contender:
             if event.kind in _DECIDED:
                 self.decided += 2.0**-event.node.depth
             yield event
-        stalled = self.decided - self.before < _PROGRESS * (1.0 - self.before)
-        self.rest = max(1, 2 * self.rest) if stalled or self.decided < self.most / 2 else 0
         self.taken = 0
 
     @property
@@ -77,13 +68,12 @@ class Race:
     """Iterate for all events; `leader` is the contender whose search is the answer so far, in the end the winner.
 
     Between two events everything that the rest of the race depends on is in `rounds`, `place` (whose turn it is, of
-    those alive), `first` (who had decided most when the round began), `alive`, and the contenders.
+    those alive), `alive`, and the contenders.
     """
 
     def __init__(self, contenders: Sequence[Contender]) -> None:
         self.contenders, self.alive = tuple(contenders), list(contenders)
         self.rounds = self.place = 0
-        self.first: Contender | None = None
 
     @property
     def leader(self) -> Contender:
@@ -93,17 +83,17 @@ class Race:
 
     def __iter__(self) -> Iterator[Event]:
         while True:
-            if self.first is None:
-                self.first = max(self.alive, key=lambda contender: contender.decided)
             while self.place < len(self.alive):
                 contender = self.alive[self.place]
-                if contender.taken or contender is self.first or self.rounds >= contender.back:
-                    yield from contender.turn(self.first.decided)
+                if contender.taken or self.rounds >= contender.back:
+                    yield from contender.turn()
                     if contender.ended:
                         return
+                    behind = contender.decided < max(other.decided for other in self.alive) / 2
+                    contender.rest = max(1, 2 * contender.rest) if behind else 0
                     contender.back = self.rounds + 1 + contender.rest
                 self.place += 1
-            self.rounds, self.place, self.first = self.rounds + 1, 0, None
+            self.rounds, self.place = self.rounds + 1, 0
             lasting = [c for c in self.alive if c.turns is None or self.rounds < c.turns]
             self.alive = lasting or self.alive
 
@@ -122,7 +112,7 @@ class Race:
 # ------------------------------------------------------------------------------------------------------------------
 # Where a race of searches stands between two nodes, as lines of JSON; a race brought there, and run.
 
-_COUNTED = ("nodes", "rest", "back", "taken", "decided", "before", "most")  # JSON keeps floats to the last bit
+_COUNTED = ("nodes", "rest", "back", "taken", "decided")  # JSON keeps floats to the last bit
 
 
 def lines_of(race: Race, nodes: int) -> Iterator[Line]:
@@ -132,7 +122,6 @@ def lines_of(race: Race, nodes: int) -> Iterator[Line]:
         "nodes": nodes,
         "rounds": race.rounds,
         "place": race.place,
-        "first": None if race.first is None else places[id(race.first)],
         "alive": [places[id(contender)] for contender in race.alive],
         "contenders": [
             {"name": c.name, "created": None if c.search is None else c.search.created}
@@ -161,7 +150,6 @@ def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[st
             own = (line for line in boxes if line["of"] == k)
             contender.search.restore(Standing.from_lines(standing["created"], names, own))
     race.rounds, race.place = head["rounds"], head["place"]
-    race.first = None if head["first"] is None else race.contenders[head["first"]]
     race.alive = [race.contenders[k] for k in head["alive"]]
     return int(head["nodes"])
 
