@@ -20,7 +20,6 @@ from cpcal.vision.pose import FEWEST as FEWEST_POINTS
 from cpcal.vision.target import Target
 
 FEWEST = 20  # dots of the target
-LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
 RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identification is wrong
 
 
@@ -142,10 +141,6 @@ def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:
     if image.ndim < 2:
         return  # the next station says what an image is
     height, width = image.shape[:2]
-    if height * width > LARGEST:
-        raise NotMeasured(
-            f"the image of {width} x {height} pixels is too large: at most {LARGEST} pixels are looked at"
-        )
     if (width, height) != (camera.width, camera.height):
         raise NotMeasured(
             f"the image is {width} x {height} pixels, the camera's images are {camera.width} x {camera.height}"

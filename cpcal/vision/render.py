@@ -20,6 +20,7 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.measure import MeasuredImage
 from cpcal.vision.opencv import opencv
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import Target
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -92,11 +93,10 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
     return image
 
 
-def contours(target: Target, camera: Camera, pose: Pose, radius: float | None = None) -> Floats:
-    """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera. `radius`
-    (mm) instead of the dots' own."""
+def contours(target: Target, camera: Camera, pose: Pose) -> Floats:
+    """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera."""
     angle = np.linspace(0.0, 2.0 * np.pi, _CONTOUR, endpoint=False)
-    circle = (radius or target.radius) * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    circle = target.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     points = transformed(pose, (target.points[:, None, :] + circle).reshape(-1, 3)).reshape(-1, _CONTOUR, 3)
     points[(points[..., 2] <= 0.0).any(axis=1)] = np.nan
     return camera.project(points)
@@ -163,9 +163,8 @@ def _sides(points: Floats, at: Floats) -> tuple[Floats, Floats]:
 _USED, _X_AXIS, _Y_AXIS = (200, 120, 40), (60, 60, 230), (90, 190, 60)
 _MISSING, _FALSE, _OUTLIER, _TEXT = (60, 60, 230), (0, 200, 230), (200, 60, 200), (255, 255, 255)
 _AXIS = 0.3  # of the target's size
-_RING = 0.01  # the same: of the ring round a corner
 _QUALITY = 82
-_CROSS = 6.0  # pixels of the picture, half of a cross
+_SIZE = 6.0  # pixels of the picture: radius of a ring, half of a cross
 _LETTERS, _LINE = 0.45, 18  # size of a letter, OpenCV's unit; pixels of the picture a line
 
 
@@ -173,19 +172,18 @@ def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target
     """JPEG of the image, `width` pixels wide: blue rings round the dots that were used, red ones where dots of the
     target are missing, violet ones where a dot was screened; yellow crosses on dots that are none of the target's; the
     target's axes, and what makes the pose doubtful."""
-    scale = width / image.shape[1]
+    cv2, scale = opencv(), width / image.shape[1]
     picture = _reduced(image, scale)
-    pose = found.estimate.pose
-    rings = contours(target, camera, pose, _RING * float(np.ptp(target.dots, axis=0).max()) if target.printed else None)
+    places = predicted_centers(target, camera, found.pose)
     screened = found.identification.numbers[found.estimate.outliers]
     for numbers, colour in ((found.numbers, _USED), (found.identification.missing, _MISSING), (screened, _OUTLIER)):
-        for ring in rings[numbers]:
-            _lines(picture, np.concatenate([ring, ring[:1]]), scale, colour)
-    _crosses(picture, found.dots.centers[found.identification.false], scale, _FALSE)
-    size = _AXIS * np.ptp(target.dots, axis=0).max()
-    for axis, colour in (((1.0, 0.0, 0.0), _X_AXIS), ((0.0, 1.0, 0.0), _Y_AXIS)):
-        ends = np.array([np.zeros(3), size * np.array(axis)])
-        _lines(picture, camera.project(transformed(pose, ends)), scale, colour, thick=2)
+        for place in _fine(places[numbers], scale):
+            cv2.circle(picture, place, int(16 * _SIZE), colour, 1, cv2.LINE_AA, 4)
+    _crosses(picture, found.dots.centers[found.identification.false], scale)
+    ends = _AXIS * np.ptp(target.dots, axis=0).max() * np.eye(3)[[2, 0, 1]] * [1.0, 1.0, 0.0]
+    origin, *tips = _fine(camera.project(transformed(found.pose, ends)), scale)
+    for tip, colour in zip(tips, (_X_AXIS, _Y_AXIS), strict=True):
+        cv2.line(picture, origin, tip, colour, 2, cv2.LINE_AA, 4)
     _text(picture, found.doubt)
     return _jpeg(picture)
 
@@ -194,7 +192,7 @@ def refusal(image: npt.NDArray[np.integer], reason: str, bright: bool | None, wi
     """JPEG of an image without a pose: yellow crosses on the dots that were found in it, and the reason."""
     scale = width / image.shape[1]
     picture = _reduced(image, scale)
-    _crosses(picture, observe_dots(image, bright=bright).centers, scale, _FALSE)
+    _crosses(picture, observe_dots(image, bright=bright).centers, scale)
     _text(picture, reason)
     return _jpeg(picture)
 
@@ -213,11 +211,17 @@ def _jpeg(picture: npt.NDArray[np.uint8]) -> bytes:
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 
-def _crosses(picture: npt.NDArray[np.uint8], centers: Floats, scale: float, colour: tuple[int, ...]) -> None:
-    arm = _CROSS / scale
-    for center in centers:
-        for step in ((arm, arm), (arm, -arm)):
-            _lines(picture, np.array([center - step, center + step]), scale, colour)
+def _crosses(picture: npt.NDArray[np.uint8], centers: Floats, scale: float) -> None:
+    for x, y in _fine(centers, scale):
+        for way in (int(16 * _SIZE), -int(16 * _SIZE)):
+            ends = (x - way, y - abs(way)), (x + way, y + abs(way))
+            opencv().line(picture, *ends, _FALSE, 1, opencv().LINE_AA, 4)
+
+
+def _fine(pixels: Floats, scale: float) -> list[list[int]]:
+    """Pixels (n, 2) of the whole image in sixteenths of the picture's."""
+    fine: list[list[int]] = np.rint(16.0 * ((pixels + 0.5) * scale - 0.5)).astype(np.int64).tolist()
+    return fine
 
 
 def _text(picture: npt.NDArray[np.uint8], text: str) -> None:
@@ -231,12 +235,3 @@ def _text(picture: npt.NDArray[np.uint8], text: str) -> None:
     for k, line in enumerate(lines):
         at = (8, top + _LINE * (k + 1) - 4)
         cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, _TEXT, 1, cv2.LINE_AA)
-
-
-def _lines(
-    picture: npt.NDArray[np.uint8], points: Floats, scale: float, colour: tuple[int, ...], thick: int = 1
-) -> None:
-    """A polyline through pixels (n, 2) of the whole image; drawn to a sixteenth of a pixel."""
-    cv2 = opencv()
-    at = np.rint(16.0 * ((points + 0.5) * scale - 0.5)).astype(np.int32)
-    cv2.polylines(picture, [at], False, colour, thick, cv2.LINE_AA, 4)

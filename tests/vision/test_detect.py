@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -89,9 +88,6 @@ def test_the_table_does_not_depend_on_who_works(alone, folder):
     expected = detections_bytes(alone.rows)
     pair = detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, workers=2)
     assert detections_bytes(pair.rows) == expected
-    with ThreadPoolExecutor(3) as pool:
-        threads = detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, executor=pool)
-    assert detections_bytes(threads.rows) == expected
 
 
 def test_a_restart_redoes_nothing(alone, folder, tmp_path):

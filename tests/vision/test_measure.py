@@ -48,7 +48,7 @@ REASONS = {
     "chessboard": "not identified",
     "a regular grid of dots": "not identified",
     "1 x 1": "1 x 1 pixels",
-    "100 megapixels": "too large",
+    "100 megapixels": "the image is 10000 x 10001 pixels",
 }
 
 

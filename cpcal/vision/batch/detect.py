@@ -14,7 +14,6 @@ import multiprocessing
 import stat
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -74,22 +73,15 @@ def in_parallel(
     work: Callable[[Sequence[str]], T],
     names: Sequence[str],
     workers: int | None = None,
-    executor: Executor | None = None,
-    scheduler: str | None = None,
 ) -> Iterator[T]:
     """`work` on all names, a few at a time, each on one thread, in the order in which it is done; here, too, until the
-    first of the processes has begun.
-
-    workers    processes; left out: one a core. 1: none, the work is done here
-    executor   any executor to use instead; it is not shut down
-    scheduler  address of a Dask scheduler to use instead
+    first of the processes has begun. `workers`: processes; left out: one a core. 1: none, the work is done here.
 
     Raises what the work raises, LostWorkerError, and Stopped after the last answer when the process is asked to stop.
     """
-    if executor is None and scheduler is None:
-        workers = 1 if len(names) <= _CHUNK else workers or multiprocessing.cpu_count()
+    workers = 1 if len(names) <= _CHUNK else workers or multiprocessing.cpu_count()
     done, alone = 0, _OnOneThread(work)
-    with one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as (place, most):
+    with one_thread(), executor_for(workers, loads=_LOADS) as (place, most):
         while done < len(names) and not asked() and isinstance(place, Processes) and not place.ready:
             yield alone(names[done : done + 1])  # while the first worker begins
             done += 1
@@ -133,22 +125,18 @@ class Journal:
         if path is None:
             return cls()
         of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
-        head = {"format": FORMAT, "version": __version__, "of": of}
+        head = json.dumps({"format": FORMAT, "version": __version__, "of": of})
         rows: dict[str, tuple[str, Detection]] = {}
-        lines = [json.dumps(head)]
-        first, *rest = _text(path).split("\n")
-        if first and _json(first, path) == head:
-            for line in rest:
-                if (read := _row(line)) is not None:
-                    rows[read[1].file] = read
-                    lines.append(line)
-        write_file(path, "".join(f"{line}\n" for line in lines).encode("utf-8", "surrogateescape"))
-        try:
-            file = path.open("a", encoding="utf-8", errors="surrogateescape")
-        except OSError as error:
-            what = f"cannot be written: {error.strerror or error}"
-            raise unusable(str(path), what, "choose a folder that can be written to") from None
-        return cls(file, rows)
+        first, *rest = _lines(path)
+        if first == head:
+            rows = {read[1].file: read for line in rest if (read := _row(line)) is not None}
+        elif first and not first.startswith(head[: head.index("/")]):
+            raise _no_journal(path)
+        write_file(path, f"{head}\n")
+        kept = cls(path.open("a", encoding="utf-8", errors="surrogateescape"), rows)
+        for stamp, row in rows.values():
+            kept.add(row, stamp)
+        return kept
 
     def get(self, name: str, stamp: str) -> Detection | None:
         """The row of that image, if it is still the same image."""
@@ -165,25 +153,18 @@ class Journal:
             self.file.close()
 
 
-def _text(path: Path) -> str:
-    """ "" where there is no journal yet. Raises InputError for what can be none, before it is read."""
+def _lines(path: Path) -> list[str]:
+    """[""] where there is no journal yet. Raises InputError for what can be none, before it is read."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
             raise _no_journal(path)
-        return path.read_text(encoding="utf-8", errors="surrogateescape")
+        return path.read_text(encoding="utf-8", errors="surrogateescape").split("\n")
     except FileNotFoundError:
-        return ""
+        return [""]
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
         raise unusable(str(path), what, "give a file that can be read") from None
-
-
-def _json(line: str, path: Path) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError):
-        raise _no_journal(path) from None
 
 
 def _no_journal(path: Path) -> InputError:
@@ -258,8 +239,6 @@ def detect(
     *,
     journal: Path | None = None,
     workers: int | None = None,
-    executor: Executor | None = None,
-    scheduler: str | None = None,
     progress: Progress | None = None,
     first_row: str | Pose = "",
 ) -> Detections:
@@ -268,8 +247,6 @@ def detect(
     camera_covariance  (9, 9) as a calibration states it; left out: the camera is exact
     journal   file that keeps what is done: the next call with the same target and camera does none of it again
     workers   processes; left out: one a core. 1: none, the work is done here
-    executor  any `concurrent.futures.Executor` to use instead; it is not shut down
-    scheduler address of a Dask scheduler to use instead, whose workers can read the images
     progress  called with the numbers of images done and of all
     first_row how a target is turned that looks the same when it is (`measure_pose`)
 
@@ -285,7 +262,7 @@ def detect(
         seconds = 0.0
         if progress is not None:
             progress(len(done), len(names))
-        for rows, spent in in_parallel(work, todo, workers, executor, scheduler):
+        for rows, spent in in_parallel(work, todo, workers):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
                     kept.add(row, source.stamp(row.file))
@@ -312,9 +289,8 @@ class _Work:
         rows = []
         for name in names:
             try:
-                hints: dict[str, Any] = {"near": near, "first_row": self.first_row}
                 given = self.source.read(name), self.target, self.camera, self.camera_covariance
-                found = measure_pose(*given, **hints)
+                found = measure_pose(*given, near=near, first_row=self.first_row)
                 row, near = detection(name, found), found.pose
             except (UnreadableImageError, NotMeasured) as error:
                 row = Detection(name, str(error))

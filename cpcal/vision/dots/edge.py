@@ -119,7 +119,6 @@ def normal_equations(p: Floats, x: Single, y: Single, level: Single, used: int, 
 
 OUTSIDE = 3.0  # pixels beyond the edge that take part
 INSIDE = 3.5  # pixels inside the edge that take part, at least
-_FEW = 150  # pixels, of which the rough steps take them all
 
 
 @compiled
@@ -144,55 +143,23 @@ def reach(spread: Floats) -> int:
 
 
 @compiled
-def square(
-    shape: tuple[int, int], at_x: int, at_y: int, far: int, unit: float, x: Single, y: Single
-) -> tuple[int, int]:
-    """The places of the pixels in a square round the dot, every third one first; how many, and how many of these."""
-    height, width = shape
-    low, high = max(-far, -at_x), min(far, width - 1 - at_x)
-    size, third = 0, 0
-    for turn in range(2):
-        for row in range(max(-far, -at_y), min(far, height - 1 - at_y) + 1):
-            first = low + (row - low) % 3  # the first column of those that are taken in the first turn
-            if turn == 0:
-                for column in range(first, high + 1, 3):
-                    x[size], y[size] = column / unit, row / unit
-                    size += 1
-                continue
-            for column in range(low, high + 1):
-                if column == first:
-                    first += 3
-                else:
-                    x[size], y[size] = column / unit, row / unit
-                    size += 1
-        third = size if turn == 0 else third
-    return size, third
-
-
-@compiled
-def gathered(
-    grey: Grey,
-    at_x: int,
-    at_y: int,
-    unit: float,
-    room: float,
-    size: int,
-    third: int,
-    x: Single,
-    y: Single,
-    depth: Single,
-    level: Single,
-) -> tuple[int, int]:
-    """Keeps the pixels of a square that are the dot's: how many, and how many of these the rough steps take."""
-    count, rough = 0, 0
-    least, most = -room / unit, INSIDE / unit
+def gathered(grey: Grey, at_x: int, at_y: int, unit: float, room: float, p: Floats, far: int, rows: Single) -> int:
+    """The pixels in a square round the dot that are the dot's: how many, and their places, depths and grey levels in
+    the first four of the `rows`."""
+    height, width = grey.shape
+    x, y, depth, level, slope = rows[0], rows[1], rows[2], rows[3], rows[4]
+    size = 0
+    for row in range(max(-far, -at_y), min(far, height - 1 - at_y) + 1):
+        for column in range(max(-far, -at_x), min(far, width - 1 - at_x) + 1):
+            x[size], y[size], level[size] = column / unit, row / unit, grey[at_y + row, at_x + column]
+            size += 1
+    depths(p.astype(np.float32), x, y, size, depth, slope)
+    count, least, most = 0, -room / unit, INSIDE / unit
     for k in range(size):
         if least < depth[k] < most:
-            x[count], y[count], depth[count] = x[k], y[k], depth[k]
-            level[count] = grey[at_y + int(np.rint(y[k] * unit)), at_x + int(np.rint(x[k] * unit))]
+            x[count], y[count], depth[count], level[count] = x[k], y[k], depth[k], level[k]
             count += 1
-            rough += k < third
-    return count, (rough if count >= _FEW else count)
+    return count
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -200,8 +167,8 @@ def gathered(
 
 ODD = LINEAR - PLAIN  # parameters of the light
 RESULTS = 14  # numbers of a fit, see `fit_dots`
-_ROUGH_STEPS = 4
-_FINE_STEPS = 6
+_MANY = 150  # pixels, of which a third does for rough steps
+_ROUGH_STEPS, _FINE_STEPS = 4, 6
 _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
 _FINE = 0.018  # and the fine ones: what they leave is 1.5 % of the centre's deviation (RMS; a twentieth of one at most)
 _SMALL = 4.0  # pixels of radius: of a smaller dot no one can tell an ellipse from a blur that is wider one way
@@ -227,19 +194,17 @@ def fit_dots(
     for i in range(len(center)):
         longest = max(longest, reach(spread[i]))
     most = (2 * longest + 1) ** 2
-    x, y, depth = np.empty(most, np.float32), np.empty(most, np.float32), np.empty(most, np.float32)
-    level, rows = np.empty(most, np.float32), np.empty((1 + PARAMETERS + SCRATCH) * most, np.float32)
+    pixels, rows = np.empty((5, most), np.float32), np.empty((1 + PARAMETERS + SCRATCH) * most, np.float32)
+    x, y, depth, level = pixels[0], pixels[1], pixels[2], pixels[3]
     for i in range(len(center)):
         p = np.zeros(PARAMETERS)
         unit = _begin(p, center[i], spread[i], light[i])
         at_x, at_y = int(np.rint(center[i, 0])), int(np.rint(center[i, 1]))
-        size, third = square(grey.shape, at_x, at_y, reach(spread[i]), unit, x, y)
-        depths(p.astype(np.float32), x, y, size, depth, level)  # the levels are not there yet
-        count, rough = gathered(grey, at_x, at_y, unit, room[i], size, third, x, y, depth, level)
+        count = gathered(grey, at_x, at_y, unit, room[i], p, reach(spread[i]), pixels)
         if count <= 2 * PLAIN:
             continue
         variance = _levels(p, unit, depth, level, count)
-        _run(p, unit, x, y, level, count, rough, used, rows, out[i], odd[i])
+        _run(p, unit, x[:count], y[:count], level[:count], used, rows, out[i], odd[i])
         out[i, 0] += at_x
         out[i, 1] += at_y
         out[i, 12] = variance
@@ -280,29 +245,20 @@ def _levels(p: Floats, unit: float, depth: Single, level: Single, count: int) ->
 
 @compiled
 def _run(
-    p: Floats,
-    unit: float,
-    x: Single,
-    y: Single,
-    level: Single,
-    count: int,
-    rough: int,
-    used: int,
-    rows: Single,
-    out: Floats,
-    odd: Floats,
+    p: Floats, unit: float, x: Single, y: Single, level: Single, used: int, rows: Single, out: Floats, odd: Floats
 ) -> None:
-    """Gauss-Newton steps: rough ones on some pixels, fine ones on all."""
-    step, moved = np.zeros(PARAMETERS), np.inf
+    """Gauss-Newton steps: rough ones on every third pixel, fine ones on all."""
+    step, moved, count = np.zeros(PARAMETERS), np.inf, len(x)
+    thin = 3 if count >= _MANY else 1
+    some_x, some_y, some = x[::thin].copy(), y[::thin].copy(), level[::thin].copy()
     for _ in range(_ROUGH_STEPS):
-        matrix = normal_equations(p, x[:rough], y[:rough], level[:rough], PLAIN if used == PLAIN else PARAMETERS, rows)
-        moved = _stepped(p, unit, used, rough, matrix, step)
+        moved = _stepped(p, unit, used, len(some), normal_equations(p, some_x, some_y, some, used, rows), step)
         if not moved > _ROUGH:
             break
     for _ in range(_FINE_STEPS):
         if np.isnan(moved):
             return
-        matrix = normal_equations(p, x[:count], y[:count], level[:count], PARAMETERS, rows)
+        matrix = normal_equations(p, x, y, level, PARAMETERS, rows)
         moved = _stepped(p, unit, used, count, matrix, step)
         if moved <= _FINE and np.hypot(p[10], p[11]) < _STEEPEST:
             _result(p, unit, used, count, matrix, step, out)

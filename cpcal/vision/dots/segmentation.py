@@ -84,12 +84,9 @@ def noise_level(image: Grey) -> float:
     over one grey level."""
     step = max(1, int(np.sqrt(image.size / 10_000)))
     rows = image[::step].astype(np.int32)
-    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step])
-    counts = np.bincount(second.ravel(), minlength=1)
-    upto, half = np.cumsum(counts), 0.5 * second.size
-    level = min(int(np.searchsorted(upto, half, side="right")), len(counts) - 1)
-    within = (half - (upto[level] - counts[level])) / max(counts[level], 1)
-    return max(float(level - 0.5 + within) / _MEDIAN, _ROUNDING)
+    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step]).ravel()
+    level = np.median(second + np.linspace(-0.5, 0.5, second.size)) if second.size else 0.0
+    return max(float(level) / _MEDIAN, _ROUNDING)
 
 
 # ------------------------------------------------------------------------------------------------------------------
