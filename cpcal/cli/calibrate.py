@@ -15,14 +15,14 @@ from cpcal.calibration import (
     calibrate_study,
     save_record,
 )
-from cpcal.cli.certify import show_table, warned
+from cpcal.cli.certify import show, warned
 from cpcal.cli.options import CAMPAIGN, VALIDATION, argument, check_writable, option, options, output
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import unusable
 from cpcal.common.files import unwritable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import study_page
-from cpcal.report.study_page import summary
+from cpcal.report.section import Section
+from cpcal.report.study_page import COMPARED, calibration, summary
 
 _input = partial(option, panel="Uncertainty budget (GUM): standard uncertainties of what all readings share")
 
@@ -82,20 +82,5 @@ def show_record(talk: Talk, record: CalibrationRecord) -> None:
     if not talk.verbose:
         talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")
         return
-    fits = {
-        "x_c, plain least squares": record.x_c,
-        "x_c_sigma, weighted by the noise of all legs together": record.x_c_sigma,
-    }
     title = f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations"
-    talk.say(title, style="bold")
-    tables = (
-        ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
-        ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
-        ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
-        *((f"{name}, laid on the drawing [mm]", study_page.parameters(fit)) for name, fit in fits.items()),
-        ("Errors of the validation poses", study_page.validation(record)),
-        *(() if record.budget is None else study_page.budget_tables(record.budget)),
-    )
-    for heading, content in tables:
-        show_table(talk, content, heading)
-    talk.say(*record.sentences)
+    show(talk, Section(title, [COMPARED], parts=[*calibration(record)]))

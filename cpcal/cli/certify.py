@@ -43,8 +43,7 @@ from cpcal.report import (
     write_report,
 )
 from cpcal.report.comparison_page import (
-    comparison_lines,
-    comparison_table,
+    comparison_section,
     passing,
     write_comparison,
 )
@@ -80,7 +79,7 @@ _LOOKS = {**STYLES, "quantifier": "italic"}
 
 
 def show(talk: Talk, *sections: Section) -> None:
-    """Titles, sentences, lists, tables and data of the sections, and of their parts."""
+    """Titles, sentences, lists, tables and data of the sections, and of their parts; with --verbose notes, too."""
     for section in sections:
         if section.title:
             talk.say(text_of(section.title, "bold"))
@@ -89,6 +88,7 @@ def show(talk: Talk, *sections: Section) -> None:
             show_table(talk, table)
         for name, words in section.data.items():
             talk.say(Text(f"{printable(name)}: ").append_text(text_of(words)))
+        talk.say(*map(text_of, section.notes if talk.verbose else ()))
         show(talk, *section.parts)
 
 
@@ -315,11 +315,9 @@ def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, pl
                 break
         stopped = len(found) < len(questions) or any(result.interrupted for result in found.values())
         page = write_comparison(found, runs, stopped=stopped, title=questions[0].campaign.title)
-        if talk.verbose:
-            show_table(talk, comparison_table(found))
-            talk.say(f"{QUANTIFIER} {LONGER}")
-        else:
-            talk.say(*comparison_lines(found), SHORT_QUANTIFIER)
+        compared = comparison_section(found)
+        show(talk, compared if talk.verbose else replace(compared, parts=()))
+        talk.say(*[] if talk.verbose else [SHORT_QUANTIFIER])
         talk.say(f"Page: {page}")
         if stopped:
             return Status(asked() or Reason.INTERRUPTED)

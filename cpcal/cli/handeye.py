@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
+from cpcal.cli.certify import show as show_sections
 from cpcal.cli.options import FIRST_ROW, FORCE, Status, argument, check_new, numbers_of, option, output, refuse
 from cpcal.cli.terminal import Talk, answer
 from cpcal.common.errors import unusable
@@ -46,7 +47,7 @@ from cpcal.questions.hand_eye import (
     save_hand_eye_result,
 )
 from cpcal.questions.next_measurement import next_images
-from cpcal.report.hand_eye_page import known_sentence, names_of, sentences, write_hand_eye
+from cpcal.report.hand_eye_page import answered, known_frames, searched, write_hand_eye
 from cpcal.robot.units import CONTROLLERS
 from cpcal.vision.batch.detect import hinted
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
@@ -210,11 +211,8 @@ def certify(
         return certify_hand_eye(study, certificates=draft, **asked)
 
     def show(found: HandEyeResult) -> None:
-        talk.say(*known_sentence(found), *sentences(found))
-        if found.ranges is not None and not found.ranges.empty:
-            sides = zip(names_of(found.setup), found.ranges.low, found.ranges.high, strict=True)
-            rows = [(name, rounded_down(low, 3), rounded_up(high, 3), unit) for (name, unit), low, high in sides]
-            talk.table(("parameter", "at least", "at most", "unit"), rows, left=(0, 3))
+        talk.say(searched(found))
+        show_sections(talk, answered(found), *known_frames(found))
 
     found = answer(run, HANDEYE, find, save_hand_eye_result, write_hand_eye, show, talk)
     good = found.eps_lo > 0.0 if wrong else found.complete if found.tolerance is None else found.passes

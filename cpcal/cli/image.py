@@ -8,34 +8,31 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cpcal.cli.certify import show
 from cpcal.cli.options import FIRST_ROW, TARGET_FILE, Status, argument, option, output, refuse
 from cpcal.cli.terminal import Talk, counted
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import Problems, unusable
-from cpcal.common.files import listed, unwritable, write_file
+from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
-from cpcal.report.detections_page import write_detections_page
+from cpcal.report.detections_page import numbers, rejected, write_detections_page
 from cpcal.robot import Robot, Study
 from cpcal.robot.campaign import SIMULATION
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import (
-    SCALE,
-    SHARED,
     ImageFolder,
-    by_reason,
     detections_bytes,
     hinted,
     in_parallel,
     load_readings,
     readings_bytes,
     readings_of,
-    values_of,
 )
 from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table
@@ -123,8 +120,6 @@ def target(
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image detect`: from a folder of images to a table of poses; or, with --calibrate, to a camera.
 
-_NAMED = 3  # files for each reason
-
 
 def _names(folder: Path) -> list[str]:
     """Of the images in a folder. Raises InputError where there is none."""
@@ -199,19 +194,7 @@ def detect(
     poses = sum(row.found for row in found.rows)
     pace = f"; {found.measured / found.seconds:.0f} images a second of work" if found.seconds > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {file}")
-    shared = values_of(found.rows)[:, SHARED]
-    if len(shared) and shared.any():
-        place, angle = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
-        talk.say(
-            f"  errors that all images share (camera, plate): standard deviations of {place:.4f} mm and "
-            f"{angle:.6f} rad (medians); no mean lessens them"
-        )
-    doubtful = [row for row in found.rows if row.doubt]
-    if doubtful:
-        worst = max(doubtful, key=lambda row: row.values[SCALE])
-        talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
-    for reason, some in by_reason(found.rows).items():
-        talk.say(f"  {len(some):,} x {reason}: {listed(some, len(some) if talk.verbose else _NAMED)}")
+    show(talk, *rejected(found, file.name), *(numbers(found.rows) if talk.verbose else ()))
     pictures = look_again(found.rows, source, plate, lens.camera, lens.covariance, turn)
     talk.say(f"Page: {write_detections_page(found, pictures, plate, lens, file)}")
     if table is not None:

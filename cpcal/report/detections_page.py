@@ -42,9 +42,9 @@ def write_detections_page(
         "images to poses",
         titled(f"What was found in the images of {name}", lens.provenance),
         [
-            *_rejected(found, name),
+            *rejected(found, name),
             *_some_images(pictures),
-            *_numbers(found.rows),
+            *numbers(found.rows),
             origin({"Numbers": f"In full they are in {name}.", "Time": time}),
         ],
         lead=(
@@ -60,8 +60,8 @@ def write_detections_page(
     return page.write(table.with_name(f"{name}.html"))
 
 
-def _rejected(found: Detections, name: str) -> Iterator[Section]:
-    """Images without a pose, and with a doubtful one."""
+def rejected(found: Detections, name: str) -> Iterator[Section]:
+    """Images without a pose, and with a doubtful one: on the page and on a terminal."""
     refused = [
         (reason, f"{len(files):,}", ", ".join(files[:_NAMED]) + ", ..." * (len(files) > _NAMED))
         for reason, files in by_reason(found.rows).items()
@@ -98,8 +98,8 @@ def _some_images(seen_images: Sequence[SeenImage]) -> Iterator[Section]:
         yield Section("Some images", figures=[Drawing(caption=caption, pictures=pictures)])
 
 
-def _numbers(rows: Sequence[Detection]) -> Iterator[Section]:
-    """Of all poses: the median and the worst."""
+def numbers(rows: Sequence[Detection]) -> Iterator[Section]:
+    """Of all poses the median and the worst: on the page and on a terminal."""
     values = values_of(rows)
     if not len(values):
         return

@@ -62,28 +62,34 @@ MOST_POINTS = 500  # of more measurements, the worst of each run of neighbours a
 SERIES = (475.2, 194.4)  # points
 
 
-def series(size: Span, count: int, seen: Floats, labels: tuple[str, str], *, floor: float = -math.inf) -> Plot:
-    """A plot over 1, 2, ..., `count`, as high as the finite ones of `seen` need, no lower than `floor`."""
+def series(size: Span, count: int, seen: Floats, labels: tuple[str, str]) -> Plot:
+    """A plot over 1, 2, ..., `count`, as high as the finite ones of `seen` need."""
     seen = seen[np.isfinite(seen)]
     reach = 0.07 * float(np.ptp(seen)) or 1.0
     rest = evenly(0.0, count + 1.0, 9, whole=True)
     across = [1.0, *(t for t in rest if 1.0 + 0.05 * count <= t <= count)]
-    heights = max(float(seen.min()) - reach, floor), float(seen.max()) + reach
+    heights = float(seen.min()) - reach, float(seen.max()) + reach
     return Plot(size, (0.0, count + 1.0), heights, labels, ticks=(across, None), grid="y")
 
 
 def residuals_svg(
-    residual: Floats, room: Floats, fit: Floats, eps: float, support: Floats, names: Sequence[str], label: str
+    residual: Floats,
+    room: Floats,
+    fit: Floats,
+    band: Span,
+    wrong: Floats,
+    names: Sequence[str],
+    label: str,
+    labels: tuple[str, str] = ("measurement, counted from 1 in the order of the campaign", "residual [mm]"),
 ) -> Svg:
-    """Residuals (N,) in mm with bars of sensitivity, the band of +-eps, and residuals of a `fit`, NaN for none.
+    """Residuals (N,) with bars of sensitivity, the band that they are to be in, and residuals of a `fit`, NaN for none.
 
-    `support`: (N,) bool.
+    `wrong`: (N,) bool, those that stand out; `labels` of both axes.
     """
-    count = len(residual)
-    labels = "measurement, counted from 1 in the order of the campaign", "residual [mm]"
-    plot = series(SERIES, count, np.concatenate([[-eps, eps], residual - room, residual + room, fit]), labels)
-    plot.area(BAND, rectangle(0.0, -eps, count + 1.0, eps))
-    at = np.array(worst_of_neighbours(np.abs(residual) + room, support))
+    count, (low, high) = len(residual), band
+    plot = series(SERIES, count, np.concatenate([[low, high], residual - room, residual + room, fit]), labels)
+    plot.area(BAND, rectangle(0.0, low, count + 1.0, high))
+    at = np.array(worst_of_neighbours(np.abs(residual) + room, wrong))
     below, points, above, fits = (
         np.stack([at + 1.0, v[at]], axis=1) for v in (residual - room, residual, residual + room, fit)
     )
@@ -91,8 +97,8 @@ def residuals_svg(
         plot.line(ROOM, *np.stack([below, above], axis=1), width=1.4)
     plot.marks(fits, "x", SUPPORT, 3.6, 0.9)
     plot.marks(points, "dot", DOT, 3.0)
-    plot.across((-eps, eps), EDGE, 1.0)
-    plot.marks(points[support[at]], "diamond", SUPPORT, 7.5, 1.1)
+    plot.across(band, EDGE, 1.0)
+    plot.marks(points[wrong[at]], "diamond", SUPPORT, 7.5, 1.1)
     plot.hover(points, [names[k] for k in at], 6.0)
     return plot.svg(label)
 

@@ -22,9 +22,8 @@ from cpcal.common.numbers import (
 )
 from cpcal.models.frames import PlacedFrames
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
-from cpcal.report.figures import series
+from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
-from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT
 from cpcal.robot import Pose, distances, normalised, transformed
 from cpcal.robot.campaign import titled
 
@@ -39,37 +38,40 @@ _FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
     """Write `handeye.html` into the folder; its path. The same result gives the same bytes."""
-    asked, first, *rest = sentences(found)
     proofs = f"Certificates (*.cert.jsonl): {_CHECKED} {found.programs:,} linear programs, {about(found.seconds)} s."
-    note = (
-        "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
-        "the half-widths that the study states. Errors are measured on undistorted pixels."
-    )
-    if found.outliers:
-        proved = len(found.blamed) == len(found.left_out)
-        badge = verdict("proved", "explained") if proved else verdict("not all proved", "undecided")
-    elif found.tolerance is None:
-        badge = verdict("bracket closed", "explained") if found.complete else verdict("bracket open", "undecided")
-    elif found.passes is None:
-        badge = verdict("undecided", "undecided")
-    else:
-        badge = verdict("tolerance met", "explained") if found.passes else verdict("tolerance refuted", "unexplained")
-    said = [sentence for sentence in rest if not sentence.endswith(":")]  # the last one announces the ranges
     page = Page(
         titled(f"Hand-eye calibration: {found.setup}", found.provenance),
         "hand-eye calibration",
         "Which images are wrong?" if found.outliers else "How well do any frames explain the pixels?",
         [
-            Section("Answer", [*known_sentence(found), (badge, f" {first}"), *said], notes=[note]),
+            answered(found),
             *_blamed(found),
-            *_ranges(found),
+            *known_frames(found),
             _classical(found),
             *_forcing(found),
             origin({"Proofs": proofs}, f"Certified by cpcal {found.version}."),
         ],
-        lead=asked,
+        lead=searched(found),
     )
     return page.write(Path(folder) / HAND_EYE_PAGE)
+
+
+def answered(found: HandEyeResult) -> Section:
+    """The answer: on the page and on a terminal."""
+    first, *rest = sentences(found)
+    word, kind = "undecided", "undecided"
+    if found.outliers:
+        proved = len(found.blamed) == len(found.left_out)
+        word, kind = ("proved", "explained") if proved else ("not all proved", "undecided")
+    elif found.tolerance is None:
+        word, kind = ("bracket closed", "explained") if found.complete else ("bracket open", "undecided")
+    elif found.passes is not None:
+        word, kind = ("tolerance met", "explained") if found.passes else ("tolerance refuted", "unexplained")
+    note = (
+        "Proved of the numbers in the study: camera and target's points are taken as exact, robot's poses too but for "
+        "the half-widths that the study states. Errors are measured on undistorted pixels."
+    )
+    return Section("Answer", [*known_sentence(found), (verdict(word, kind), f": {first}"), *rest], notes=[note])
 
 
 def _blamed(found: HandEyeResult) -> Iterator[Section]:
@@ -114,7 +116,8 @@ def _forcing(found: HandEyeResult) -> Iterator[Section]:
         yield Section(title, [forced], items[:_MOST], style="few names")
 
 
-def _ranges(found: HandEyeResult) -> Iterator[Section]:
+def known_frames(found: HandEyeResult) -> Iterator[Section]:
+    """How well the frames are known: on the page and on a terminal."""
     tolerance, ranges = at_least(found.eps, 4), found.ranges
     cameras = [("best found", found.point), ("least squares", found.asked.center)]
     rows = [(name, *row) for name, point in cameras for row in _frame_rows(found.setup, point)]
@@ -130,12 +133,12 @@ def _ranges(found: HandEyeResult) -> Iterator[Section]:
         return
     known = [
         (name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit)
-        for (name, unit), lo, hi in zip(names_of(found.setup), ranges.low, ranges.high, strict=True)
+        for (name, unit), lo, hi in zip(_names(found.setup), ranges.low, ranges.high, strict=True)
     ]
     yield Section(
         title,
         [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
-        tables=[Table(("parameter", "at least", "at most", "width", "unit"), known)],
+        tables=[Table(("parameter", "at least", "at most", "width", "unit"), known, ("", "", "", "", "word"))],
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
         parts=[frames],
     )
@@ -150,37 +153,30 @@ def _frame_rows(setup: str, point: PlacedFrames) -> list[tuple[str, ...]]:
 
 
 def _classical(found: HandEyeResult) -> Section:
-    """The largest error of the least-squares answer in each image, with the bracket and the tolerance."""
+    """The largest error of the least-squares answer in each image, and the tolerance."""
     images, tolerance = found.classical.images, at_least(found.eps, 4)
-    largest = {v.image: math.inf if v.largest is None else v.largest for v in images}
-    heights = [min(value, 1e6) for value in largest.values()]
-    labels = "image, in the order of poses.csv", "largest error [px]"
-    plot = series((620.0, 190.0), len(images), np.array([0.0, found.eps_hi, found.eps, *heights]), labels, floor=0.0)
-    points = [(k, height) for k, height in enumerate(heights, 1)]
-    plot.line(GRID, *([(k, 0.0), (k, height)] for k, height in points), width=1.2)
-    for within, colour in ((True, DOT), (False, SUPPORT)):
-        plot.marks([p for p, v in zip(points, images, strict=True) if v.ok is within], "dot", colour, 5.0)
-    plot.hover(points, [f"{name}: {at_most(value, 4)} px" for name, value in largest.items()])
-    plot.across((found.eps_hi,), INK, 1.0)
-    plot.across((found.eps,), INK, 1.0, DASHES)
-    readings = ", at the fit's readings of the poses" if found.readings else ""
-    caption = (
-        f"Largest error in each image, in exact arithmetic{readings}. Full line: upper end of the bracket; dashed: "
-        f"{tolerance} px."
+    largest = [math.inf if v.largest is None else v.largest for v in images]
+    texts = [at_most(value, 4) for value in largest]
+    svg = residuals_svg(
+        np.minimum(largest, 1e6),
+        np.zeros(len(images)),
+        np.full(len(images), np.nan),
+        (0.0, found.eps),
+        np.array([not v.ok for v in images]),
+        [f"{v.image}: {text} px" for v, text in zip(images, texts, strict=True)],
+        "Largest error of least squares in each image",
+        ("image, in the order of poses.csv", "largest error [px]"),
     )
-    worst = sorted(images, key=lambda v: -largest[v.image])
+    readings = ", at the fit's readings of the poses" if found.readings else ""
+    caption = f"Largest error in each image, in exact arithmetic{readings}; the band: {tolerance} px."
     rows = [
-        (
-            v.image + " (left out)" * (v.image in found.left_out),
-            at_most(largest[v.image], 4),
-            "within" if v.ok else "beyond",
-        )
-        for v in worst
+        (v.image + " (left out)" * (v.image in found.left_out), text, "within" if v.ok else "beyond")
+        for _, v, text in sorted(zip(largest, images, texts, strict=True), key=lambda row: -row[0])
     ]
     table = Table(("image", "largest error [px]", f"{tolerance} px"), rows, most=_MOST, where="handeye.json")
     return Section(
         "The least-squares answer, image by image",
-        figures=[Drawing([plot.svg("Largest error of least squares in each image")], caption=caption)],
+        figures=[Drawing([svg], caption=caption)],
         parts=[Section("Images, worst first", tables=[table], folded=True)],
     )
 
@@ -194,7 +190,7 @@ def frames_of(setup: str) -> tuple[str, str]:
     return ("camera in hand", "target in base") if setup == "eye-in-hand" else ("camera in base", "target in hand")
 
 
-def names_of(setup: str) -> list[tuple[str, str]]:
+def _names(setup: str) -> list[tuple[str, str]]:
     """Name and unit of each of PARAMETERS."""
     camera, target = frames_of(setup)
     named = {"camera": camera, "target": target}
@@ -227,14 +223,18 @@ def known_sentence(found: HandEyeResult) -> list[str]:
     ]
 
 
+def searched(found: HandEyeResult) -> str:
+    turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
+    return (
+        f"{titled(found.setup, found.provenance)}: {found.images} images, {found.points:,} points. "
+        f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer."
+    )
+
+
 def sentences(found: HandEyeResult) -> list[str]:
     """The answer in a few lines."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
-    turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
-    said = [
-        f"{titled(found.setup, found.provenance)}: {found.images} images, {found.points:,} points. "
-        f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer.",
-    ]
+    said = list[str]()
     one, eps = found.outliers == 1, at_least(found.eps, 4)
     if found.outliers:
         left, which = ", ".join(found.left_out), "one is" if one else f"{found.outliers} are"
@@ -276,6 +276,4 @@ def sentences(found: HandEyeResult) -> list[str]:
             f"{len(found.support)} point{'s' * (len(found.support) > 1)} of {len(named)} image{'s' * (len(named) > 1)} "
             f"force{'s' * (len(found.support) == 1)} the lower end: {listed(named, 6)}."
         )
-    if found.ranges is not None and not found.ranges.empty:
-        said.append(f"Every pair of frames that explains all pixels to {eps} px lies here (proved):")
     return said

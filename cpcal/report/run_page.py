@@ -10,7 +10,6 @@ import os
 import shlex
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -303,7 +302,7 @@ def leg_section(
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), " ", _proof(leg)),
         said,
-        figures=[] if drawn is None else [replace(drawn, legend={})],
+        figures=[] if drawn is None else [drawn],
         parts=[_behind(campaign, result, leg, fit)],
         name=f"leg-{leg.leg}",
         folded=verdict_of(result, leg).passes,
@@ -441,25 +440,17 @@ def residuals_drawing(
     at = leg.bracket.point if best is None else best.point
     if at is None:
         return None
-    count = len(campaign)
+    count, chosen = len(campaign), np.zeros(len(campaign), dtype=bool)
+    chosen[list(wrong)] = True
     residual, room = model_residuals(campaign, leg.leg, at, model), reading_moves(campaign, leg.leg, at).sum(axis=1)
-    least = max((v for v in (hi if best is None else best.largest,) if math.isfinite(v)), default=0.0)
-    band = tolerance if tolerance is not None else least or float(np.nanmax(np.abs(residual) + room))
-    other = best is not None and fit is not None and best.why != "least squares"
+    least = hi if best is None else best.largest
+    band = tolerance or (least if 0.0 < least < math.inf else float(np.nanmax(np.abs(residual) + room)))
+    other = best is not None and best.why != "least squares"
     fits = fit.residuals if other and fit is not None else np.full(count, np.nan)
-    legend: dict[str, Words] = {
-        "dot": f"residual of the {'proved point' if best is None else 'recommended parameters'}"
-    }
-    legend |= {"cross": "of least squares"} if other else {}
-    legend |= {"room": "with its reading set"} if room.any() else {}
-    legend["band"] = f"±{about(band)} mm{'' if tolerance is None else ', the tolerance'}"
-    legend |= {"support": "to be measured again"} if wrong else {}
     said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
     label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
-    chosen = np.zeros(count, dtype=bool)
-    chosen[list(wrong)] = True
-    svg = residuals_svg(residual, room, fits, band, chosen, measurement_names(campaign, range(count)), label)
-    return Drawing([svg], legend, said)
+    names = measurement_names(campaign, range(count))
+    return Drawing([residuals_svg(residual, room, fits, (-band, band), chosen, names, label)], caption=said)
 
 
 # ------------------------------------------------------------------------------------------------------------------

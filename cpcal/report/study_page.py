@@ -45,35 +45,39 @@ TABLE_7_ATTAINED = (27.53, 26.96, 33.12, 33.48, 25.53, 24.24)  # mm: of a valid 
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The tables of a study's calibration, the same on the terminal and on the page.
+# The tables of a study's calibration.
 
 PAPERS_WAY = (
     "Where this differs from the paper: a row is the mean of ten images, if single ones were not asked for; x_c "
     "minimises g (mm) instead of f (mm²), which Table 4 compares; the frames begin with Shah’s closed form."
+)
+COMPARED = (
+    "Rows called “the paper” show its printed values for their kind and size only: its measurements are not public, "
+    "and its robot is another one. What is proved here is proved of the readings of this study. Statistics, fits and "
+    "validation are floating-point estimates, not proofs."
 )
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
 EXPANDED = "U (k = 2)"
 
 
-def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
+def leg_lengths(record: CalibrationRecord) -> Table:
     """Table 2: standard deviations of the leg readings, mm."""
     channels = [c for c in record.repeats.channels if c.name.startswith("L")]
     rows = _deviations(record, channels)
-    if paper_too and len(channels) == len(TABLE_2):
+    if len(channels) == len(TABLE_2):
         rows.append(_row(PAPER, TABLE_2))
     return Table(_legs(range(1, len(channels) + 1)), rows)
 
 
-def poses(record: CalibrationRecord, *, paper_too: bool = True) -> Table:
+def poses(record: CalibrationRecord) -> Table:
     """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
     channels = [c for c in record.repeats.channels if not c.name.startswith("L")]
     rows = _deviations(record, channels)
     if record.repeats.shared is not None:
         each = zip(channels, record.repeats.shared, strict=True)
         rows.append(("shared by all images, beside it", *(about(shown(c, value)) for c, value in each)))
-    if paper_too:
-        rows.append((PAPER, *(about(TABLE_3[c.name]) for c in channels)))
+    rows.append((PAPER, *(about(TABLE_3[c.name]) for c in channels)))
     units = (f"{c.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels)
     return Table(("component", *units), rows)
 
@@ -133,7 +137,7 @@ def of_f(record: CalibrationRecord) -> str:
     )
 
 
-def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
+def validation(record: CalibrationRecord) -> Table:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
     plain, weighted = record.validation.x_c, record.validation.x_c_sigma
     rows: list[tuple[str, ...]] = []
@@ -141,7 +145,7 @@ def validation(record: CalibrationRecord, *, paper_too: bool = False) -> Table:
         unit, size = ("[°]", math.degrees(1.0)) if kind == "orientation" else ("[mm]", 1.0)
         values = (*plain.figures(kind)[figure], weighted.figures(kind)[figure][1])
         rows.append((f"{kind}, {figure} {unit}", *(about(size * float(value)) for value in values)))
-        if paper_too and k < len(TABLE_6):
+        if k < len(TABLE_6):
             rows.append((PAPER, *map(about, TABLE_6[k])))
         if figure == "rms" and plain.floor is not None and weighted.floor is not None:
             floors = (about(size * one.floor[kind == "orientation"]) for one in (plain, weighted) if one.floor)
@@ -157,8 +161,7 @@ _FIGURES = [
 ]
 
 
-def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
-    """Headings and tables."""
+def budgeted(found: Budget) -> Section:
     rows = []
     for one in found.contributions:
         size, sizes = about(one.uncertainty), (about(one.rms), about(one.largest))
@@ -167,11 +170,10 @@ def budget_tables(found: Budget) -> tuple[tuple[str, Table], ...]:
         rows.append((one.source.replace("_", " "), "" if math.isnan(one.uncertainty) else size, *sizes))
     for name, times in (("combined, u_c", 1.0), (EXPANDED, 2.0)):
         rows.append((name, "", about(times * found.rms), about(times * found.largest)))
-    budget = Table(("source", "stated", "on average (rms)", "largest"), rows)
-    return (
-        ("Uncertainty budget (GUM), parameters laid on the drawing [mm]", budget),
-        (f"{EXPANDED} of each parameter by the budget, laid on the drawing [mm]", of_legs(found.expanded)),
-    )
+    table = Table(("source", "stated", "on average (rms)", "largest"), rows)
+    each = f"{EXPANDED} of each parameter by the budget, laid on the drawing [mm]"
+    title = "Uncertainty budget (GUM), parameters laid on the drawing [mm]"
+    return Section(title, [found.sentence], tables=[table], parts=[Section(each, tables=[of_legs(found.expanded)])])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -236,24 +238,18 @@ def _study(found: StudyFound) -> Section:
         "the repeats, the frames of camera and target, least squares, validation, certification. Tables and "
         "figures have the numbers that they have in Daney, Andreff, Chabert and Papegay (2006)."
     )
-    compared = (
-        "Rows called “the paper” show its printed values for their kind and size only: its measurements are not "
-        "public, and its robot is another one. What is proved here is proved of the readings of this study. "
-        "Statistics, fits and validation are floating-point estimates, not proofs."
-    )
     parts = [
         Section("Table 1: the drawing’s parameters [mm]", tables=[of_legs(record.drawing)]),
-        *_repeats(record),
-        *_fits(record),
-        *_validated(record),
+        *calibration(record),
         *_certified(found),
         *_true(found),
     ]
     title = "The study, in the paper’s order"
-    return Section(title, [said, PAPERS_WAY, Mark(compared, "quantifier")], parts=parts, name="study", style="study")
+    return Section(title, [said, PAPERS_WAY, Mark(COMPARED, "quantifier")], parts=parts, name="study", style="study")
 
 
-def _repeats(record: CalibrationRecord) -> Iterator[Section]:
+def calibration(record: CalibrationRecord) -> Iterator[Section]:
+    """Statistics of the repeats, fits and validation: the same on the terminal and on the page."""
     yield Section("Table 2: standard deviation of the leg readings [mm]", tables=[leg_lengths(record)])
     yield Section(
         "Table 3: standard deviation of the pose’s components",
@@ -269,14 +265,11 @@ def _repeats(record: CalibrationRecord) -> Iterator[Section]:
     tests = [sentence for _, sentence in record.repeats.tests]
     yield Section(sentences=said, items=tests, tables=[equations(record)])
     yield Section(sentences=[record.repeats.screening, record.frames, record.sets])
-
-
-def _fits(record: CalibrationRecord) -> Iterator[Section]:
     yield Section("Table 4: x_c, plain least squares [mm]", [of_f(record)], tables=[parameters(record.x_c)])
     doubt = ", which the model does not explain: errors of the model are not in it, and IT DOES NOT COVER THEM"
     apart = np.abs(np.array(record.x_c.drawn) - np.array(record.x_c_sigma.drawn))
     leg, k = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    words = [f"x_c: {record.x_c.sentence}", f"x_c_sigma: {record.x_c_sigma.sentence}"]
+    fits = [f"x_c: {record.x_c.sentence}", f"x_c_sigma: {record.x_c_sigma.sentence}"]
     yield Section(
         "Table 5: x_c_sigma, weighted by the noise [mm]",
         tables=[parameters(record.x_c_sigma)],
@@ -286,22 +279,19 @@ def _fits(record: CalibrationRecord) -> Iterator[Section]:
             f"{record.x_c_sigma.source}{'' if record.x_c_sigma.explained else doubt}. The two fits differ by up to "
             f"{about(float(apart.max()), 2)} mm ({SYMBOLS[int(k)]} of leg {int(leg) + 1})."
         ],
-        parts=[Section("The fits in words", words, folded=True)],
+        parts=[Section("The fits in words", fits, folded=True)],
     )
-
-
-def _validated(record: CalibrationRecord) -> Iterator[Section]:
     yield Section(
         "Table 6: errors of the validation poses",
-        tables=[validation(record, paper_too=True)],
+        tables=[validation(record)],
         notes=[
             "The row labels of the paper’s Table 6 mix degrees and mm; its rows are taken in their order. “By noise "
             "alone” is what perfect parameters would show on these poses: the noise of their own readings. "
             f"{record.validation.screening}",
         ],
     )
-    for heading, table in () if record.budget is None else budget_tables(record.budget):
-        yield Section(heading, tables=[table])
+    if record.budget is not None:
+        yield budgeted(record.budget)
     figures, said = [], list[str]()
     for name, found in (("x_c", record.validation.x_c), ("x_c_sigma", record.validation.x_c_sigma)):
         before, after = found.errors("position")
