@@ -179,9 +179,9 @@ def test_the_shared_part_is_stated_and_not_divided_by_the_repeats(study: Study, 
     assert load_record(tmp_path) == record
     assert record.repeats.shared is not None
     assert record.repeats.shared == pytest.approx(SHARED)
-    named = {row[0]: row[1:] for row in poses(record, paper_too=False).rows}
+    named = {row[0]: row[1:] for row in poses(record).rows}
     assert named["shared by all images, beside it"][:3] == ("0.01", "0.02", "0.05")
-    assert named["this study"] == poses(without_it, paper_too=False).rows[0][1:]
+    assert named["this study"] == poses(without_it).rows[0][1:]
     assert any("No repeat shows them" in sentence for sentence in record.sentences)
     for frame in ("camera_in_base", "target_in_mobile"):
         sigma, before = (getattr(one, frame).sigma for one in (record, without_it))

@@ -25,7 +25,13 @@ def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
     assert record.factor == 2.0
     expected = calibrate_study(cpcal.files.load_study(study), factor=2.0)
     assert campaign_sha256(campaign) == campaign_sha256(expected.campaign)
-    for text in ("Table 2: standard deviation", "x_c_sigma", "orientation, mean [°]", "DOES NOT EXPLAIN", "Table 6: errors of the validation poses"):
+    for text in (
+        "Table 2: standard deviation",
+        "x_c_sigma",
+        "orientation, mean [°]",
+        "DOES NOT EXPLAIN",
+        "Table 6: errors of the validation poses",
+    ):
         assert text in said
     done("calibrate", study, "-o", tmp_path / "c")
     assert load_record(tmp_path / "c").factor == 3.0
