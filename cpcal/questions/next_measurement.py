@@ -20,7 +20,7 @@ from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, reading_moves
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy
-from cpcal.models.hand_eye_fit import PARAMETERS, READING, PixelModel, ReadFrames, classical_answer, excess
+from cpcal.models.hand_eye_fit import PARAMETERS, PixelModel, ReadFrames, classical_answer, excess
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.models.platform import pose_inverse
 from cpcal.questions.hand_eye import best_frames
@@ -44,27 +44,65 @@ def greedy(candidates: Sequence[int], count: int, gain: Callable[[list[int]], Ca
     return chosen
 
 
-def extremes(rows: Floats, rhs: Floats, low: Floats, high: Floats, objectives: Floats) -> Floats:
-    """(2, K): the least and the largest value of each objective over {low <= y <= high : rows @ y <= rhs}; nan where
-    the linear program fails."""
-    engine = Dense()
-    engine.load(rows, rhs, low, high)
-    ends = np.full((2, len(objectives)), np.nan)
-    for k, objective in enumerate(objectives):
-        size = np.abs(objective).max() or 1.0
-        for side, sign in enumerate((1.0, -1.0)):
-            found = engine.minimize(sign * objective / size)
-            if found.status is LinearStatus.OPTIMAL:
-                ends[side, k] = objective @ found.point
-    return ends
+@dataclass
+class Polytope:
+    """{x = to_x @ y + offset : y in [-1, 1]^n, |rows @ y - middle| <= slack}: what measurements allow, to first order.
+
+    x are parameters less those thought best. The first unknowns y stand for them, others for readings.
+    """
+
+    rows: Floats
+    middle: Floats
+    slack: Floats
+    to_x: Floats
+    offset: Floats
+
+    @staticmethod
+    def about(campaign: Campaign, one: CertifiedSet) -> Polytope:
+        """A leg's parameters about the controller's, by the measurements that the set holds."""
+        model = ModelResiduals(campaign, one.leg, PLAIN)
+        to_x, offset = one.basis * np.maximum(one.along.rad, 1e-12), one.basis @ one.along.mid
+        jacobian = model.jacobian(one.controller)
+        slack = one.eps + reading_moves(campaign, one.leg, one.controller).sum(axis=1)
+        middle = -model.values(one.controller) - jacobian @ offset
+        return Polytope(jacobian @ to_x, middle, np.maximum(slack, 1e-9), to_x, offset)
+
+    def ranges(self, forms: Floats) -> tuple[Floats, Floats]:
+        """Middles and half-widths (m,) of linear forms (m, size of x) in the parameters."""
+        size, slack = np.abs(self.rows).max(axis=1), self.slack * _LOOSER
+        matrix = self.rows / size[:, None]
+        rhs = np.concatenate([(self.middle + slack) / size, (slack - self.middle) / size])
+        engine, objectives = Dense(), forms @ self.to_x
+        side = np.ones(matrix.shape[1])
+        engine.load(np.concatenate([matrix, -matrix]), rhs, -side, side)
+        ends = np.abs(objectives).sum(axis=1) * np.array([[-1.0], [1.0]])  # where a program fails
+        for k, objective in enumerate(objectives):
+            for which, sign in enumerate((1.0, -1.0)):
+                found = engine.minimize(sign * objective / (np.abs(objective).max() or 1.0))
+                if found.status is LinearStatus.OPTIMAL:
+                    ends[which, k] = objective @ found.point
+        return 0.5 * (ends[0] + ends[1]) + forms @ self.offset, 0.5 * np.abs(ends[1] - ends[0])
+
+    def measured(self, forms: Floats, slack: Floats, own: Floats | None = None) -> Polytope:
+        """With measurements more, which read what the best parameters have them; `own` (m, p): how they change with
+        numbers of their own, each from -1 to 1."""
+        more = np.zeros((len(forms), 0)) if own is None else own
+        old, new = len(self.rows), forms @ self.to_x
+        return Polytope(
+            np.block([[self.rows, np.zeros((old, more.shape[1]))], [new, more]]),
+            np.concatenate([self.middle, -forms @ self.offset]),
+            np.concatenate([self.slack, slack]),
+            np.pad(self.to_x, ((0, 0), (0, more.shape[1]))),
+            self.offset,
+        )
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # Poses of a platform: those where the certified sets leave a length open most.
 #
 # Near the controller's parameters a leg's set is a polytope, one slab for each measurement. The pose whose own length
-# ranges widest over it, in units of what a new measurement would leave open, is chosen; its slab is added (about the
-# middle of the range, where the reading is expected), and so on. What is expected is the worst bound to first order.
+# ranges widest over it, in units of what a new measurement would leave open, is chosen; its slab is added, and so on.
+# What is expected is the worst bound to first order.
 
 _CANDIDATES, _DRAWN = 40, 400  # of so many drawn
 _LOOSER = 1.0 + 1e-9  # of the slabs, so that rounding leaves a point in them
@@ -77,46 +115,6 @@ class NextPose:
     position: tuple[float, float, float]
     rotation: tuple[float, float, float]
     expected: float
-
-
-@dataclass
-class Polytope:
-    """{y in [-1, 1]^7 : |rows @ y - middle| <= slack} for one leg; parameters are controller + to_x @ y + offset."""
-
-    rows: Floats
-    middle: Floats
-    slack: Floats
-    to_x: Floats
-    offset: Floats
-
-    @staticmethod
-    def about(campaign: Campaign, one: CertifiedSet) -> Polytope:
-        """The controller's parameters."""
-        model = ModelResiduals(campaign, one.leg, PLAIN)  # of the measurements that the set holds
-        to_x, offset = one.basis * np.maximum(one.along.rad, 1e-12), one.basis @ one.along.mid
-        jacobian = model.jacobian(one.controller)
-        slack = one.eps + reading_moves(campaign, one.leg, one.controller).sum(axis=1)
-        middle = -model.values(one.controller) - jacobian @ offset
-        return Polytope(jacobian @ to_x, middle, np.maximum(slack, 1e-9), to_x, offset)
-
-    def ranges(self, forms: Floats) -> tuple[Floats, Floats]:
-        """Middles and half-widths (m,) of linear forms (m, 7) in the parameters."""
-        matrix, slack = np.concatenate([self.rows, -self.rows]), self.slack * _LOOSER
-        rhs, objectives = np.concatenate([self.middle + slack, slack - self.middle]), forms @ self.to_x
-        low, high = extremes(matrix, rhs, -np.ones(7), np.ones(7), objectives)
-        widest = np.abs(objectives).sum(axis=1)
-        low, high = np.where(np.isnan(low), -widest, low), np.where(np.isnan(high), widest, high)
-        return 0.5 * (low + high) + forms @ self.offset, 0.5 * np.abs(high - low)
-
-    def measured(self, form: Floats, slack: float) -> Polytope:
-        """With one measurement more, whose reading is in the middle of what is expected."""
-        middle = float(self.ranges(form[None])[0][0]) - form @ self.offset
-        return replace(
-            self,
-            rows=np.concatenate([self.rows, (form @ self.to_x)[None]]),
-            middle=np.append(self.middle, middle),
-            slack=np.append(self.slack, slack),
-        )
 
 
 def next_poses(
@@ -151,7 +149,7 @@ def next_poses(
         if not chosen:
             return polytopes
         before, form = after(*chosen[:-1]), forms[chosen[-1]]
-        return [one.measured(form[i], float(slacks[i])) for i, one in enumerate(before)]
+        return [one.measured(form[[i]], slacks[[i]]) for i, one in enumerate(before)]
 
     def width(chosen: list[int]) -> Callable[[int], Any]:
         widths = np.stack([one.ranges(forms[:, i])[1] for i, one in enumerate(after(*chosen))], axis=1)
@@ -196,17 +194,13 @@ def attained(
 # ------------------------------------------------------------------------------------------------------------------
 # Poses of a hand-eye study, of a list: those that shrink the widest range most.
 #
-# About the best frames a pixel moves linearly with the frames (and the readings of uncertain poses), so the ranges of
-# the parameters at a tolerance are linear programs. A pose that is not measured yet is taken to show the target where
-# the best frames put it, with errors that are drawn as large as those of the study; what counts is the mean over a few
-# draws, the same for all poses.
+# About the best frames a pixel moves linearly with the frames (and the readings of uncertain poses): what a tolerance
+# allows is a polytope. A pose that is not measured yet is taken to show the target where the best frames put it.
 
 _BEYOND = 1.1  # of the least largest error: the tolerance of the ranges, unless one is given
-_DRAWS = 3
-_LOOSEST = np.array([0.3] * 3 + [300.0] * 3)  # rad and mm: ranges beyond it count as unknown
+_LOOSEST = np.tile([0.3] * 3 + [300.0] * 3, 2)  # rad and mm, of both frames: nothing beyond it is spoken of
 
 Tell = Callable[[str], None]
-_Image = tuple[HandEyeStudy, Floats]  # of a pose that is not measured yet, and the reading (1, 6) of it
 
 
 @dataclass(frozen=True)
@@ -253,40 +247,48 @@ def next_images(
     if not at > least:
         what = f"is {stated(at)} px, and no frames were found that explain the pixels to it"
         raise unusable("tolerance", what, f"give more than {at_most(least, 4)} px")
-    shown = {name: _drawn(study, best.frames, pose, least) for name, pose in candidates.items()}
-    unseen = tuple(name for name, images in shown.items() if not images)
-    shown = {name: images for name, images in shown.items() if images}
+    views = {name: _view(study, best.frames, pose) for name, pose in candidates.items()}
+    unseen = tuple(name for name, one in views.items() if one is None)
+    shown = [(name, one, PixelModel(one)) for name, one in views.items() if one is not None]
     if not 1 <= count <= len(shown):
         what = f"is {count}, and the target is seen from {len(shown)} of {len(candidates)} poses"
         raise unusable("option --count", what, "give fewer, or more poses")
-    ranges = _Ranges(study, best, [image for images in shown.values() for image in images], at)
-    names, first = list(shown), range(len(study.images), len(study.images) + _DRAWS * len(shown), _DRAWS)
-    after = cache(lambda *chosen: ranges.chosen(names[chosen[-1]] if chosen else "", [first[k] for k in chosen]))
+    blocks = [model.blocks(model.stated(best.frames)) for _, _, model in shown]
+    wanted, reach = _as_stated(best.frames), float(PixelModel(study).reach(best)[3])
+
+    @cache
+    def after(*chosen: int) -> tuple[Polytope, ChosenPose]:
+        if not chosen:
+            name, polytope = "", _allowed(study, best, at)
+        else:
+            name, one, _ = shown[chosen[-1]]
+            frames, own = blocks[chosen[-1]]
+            own = own * one.pose_half_width[0, : own.shape[1]]
+            polytope = after(*chosen[:-1])[0].measured(frames, at + np.tile(one.half_width, 2), own)
+        widths = 2.0 * polytope.ranges(wanted)[1]  # turn and place of X, F
+        widest = float((widths * np.tile(np.repeat([reach, 1.0], 3), 2)).max())
+        stated = np.concatenate([widths[3:6], np.degrees(widths[:3]), widths[9:], np.degrees(widths[6:9])])
+        return polytope, ChosenPose(name, tuple(stated.tolist()), widest)
 
     def narrowed(chosen: list[int]) -> Callable[[int], Any]:
         if chosen:
-            tell(f"{after(*chosen).name}: widest range {about(after(*chosen).widest)} mm")
-        return lambda k: (-after(*chosen, k).widest, -sum(after(*chosen, k).widths))
+            last = after(*chosen)[1]
+            tell(f"{last.name}: widest range {about(last.widest)} mm")
+        return lambda k: (-after(*chosen, k)[1].widest, -sum(after(*chosen, k)[1].widths))
 
-    order = greedy(range(len(names)), count, narrowed)
-    found = [after(*order[: n + 1]) for n in range(count)]
-    return NextImages(at, ranges.reach, after(), tuple(found), unseen)
+    order = greedy(range(len(shown)), count, narrowed)
+    return NextImages(at, reach, after()[1], tuple(after(*order[: n + 1])[1] for n in range(count)), unseen)
 
 
-def _drawn(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float], error: float) -> list[_Image]:
-    """Images from a pose, with drawn errors of pixels and pose; none where the target is not wholly seen."""
-    one = _view(study, frames, pose)
-    if one is None:
-        return []
-    random, model, found = np.random.default_rng(0), PixelModel(one), list[_Image]()
-    for _ in range(_DRAWS):
-        reading = random.uniform(-1.0, 1.0, (1, 6)) * one.pose_half_width
-        x = model.in_camera(ReadFrames(frames, reading))
-        if not (x[:, 2] > 0.0).all():
-            return []
-        pixels = one.camera.project(x) + random.uniform(-error, error, one.pixels.shape)
-        found.append((replace(one, pixels=pixels), reading))
-    return found
+def _allowed(study: HandEyeStudy, best: ReadFrames, tolerance: float) -> Polytope:
+    """What the study allows, about the best frames."""
+    model = PixelModel(study)
+    slope, (low, high) = model.jacobian(best), (side[PARAMETERS:] for side in model.room(best))
+    half = np.concatenate([_LOOSEST, 0.5 * (high - low)])
+    middle = np.concatenate([np.zeros(PARAMETERS), 0.5 * (high + low)])
+    slack = tolerance + np.tile(study.half_width, 2)
+    to_x = np.eye(PARAMETERS, len(half)) * half
+    return Polytope(slope * half, -model(best) - slope @ middle, slack, to_x, np.zeros(PARAMETERS))
 
 
 def _view(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float]) -> HandEyeStudy | None:
@@ -309,8 +311,8 @@ def _view(study: HandEyeStudy, frames: HandEyeFrames, pose: Sequence[float]) -> 
     camera = study.camera
     if not (x[:, 2] > 0.0).all():
         return None
-    pixels = camera.project(x)
-    inside = (pixels >= -0.5).all() and (pixels <= [camera.width - 0.5, camera.height - 0.5]).all()
+    one = replace(one, pixels=camera.project(x))
+    inside = (one.pixels >= -0.5).all() and (one.pixels <= [camera.width - 0.5, camera.height - 0.5]).all()
     flat = not study.points[:, 2].any()
     if not inside or (flat and _side(one, frames)[0] != np.sign(_side(study, frames).sum())):
         return None
@@ -323,71 +325,6 @@ def _side(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
     normal = turn @ frames.f_rotation[:, 2] @ frames.e_rotation.T
     place = (turn @ frames.f_translation + shift) @ frames.e_rotation.T + frames.e_translation
     return np.asarray(np.sign(np.einsum("ni,ni->n", normal, place)))
-
-
-class _Ranges:
-    """The linear programs of a study, and of images that may come to it, about its best frames."""
-
-    def __init__(self, study: HandEyeStudy, best: ReadFrames, more: Sequence[_Image], tolerance: float) -> None:
-        whole = _joined([study, *(one for one, _ in more)])
-        at = ReadFrames(best.frames, np.concatenate([best.readings, *(reading for _, reading in more)]))
-        model = PixelModel(whole)
-        slope, residuals, room = model.jacobian(at), model(at), tolerance + np.tile(whole.half_width, 2)
-        self._rows = np.concatenate([slope, -slope])
-        self._room = np.concatenate([room - residuals, room + residuals])
-        self._low, self._high = model.room(at)
-        self._image, self._measured = np.tile(whole.image, 4), np.arange(len(study.images))
-        self.reach = float(PixelModel(study).reach(best)[3])
-        self._wanted = _as_stated(best.frames)  # (12, 12)
-
-    def chosen(self, name: str, more: Sequence[int]) -> ChosenPose:
-        """The mean widths over draws of some more images, each given by the number of its first draw."""
-        draws = range(_DRAWS if more else 1)
-        widths = np.mean([self._widths([k + draw for k in more]) for draw in draws], axis=0)  # turn and place of X, F
-        counted = widths * np.tile(np.repeat([self.reach, 1.0], 3), 2)
-        stated = np.concatenate([widths[3:6], np.degrees(widths[:3]), widths[9:], np.degrees(widths[6:9])])
-        return ChosenPose(name, tuple(stated.tolist()), float(counted.max()))
-
-    def _widths(self, more: Sequence[int]) -> Floats:
-        images = np.append(self._measured, more).astype(np.intp)
-        own = PARAMETERS + READING * images[:, None] + np.arange(READING)
-        columns = np.append(np.arange(PARAMETERS), own[own < self._rows.shape[1]])
-        rows = np.flatnonzero(np.isin(self._image, images))
-        low, high = self._low[columns[PARAMETERS:]], self._high[columns[PARAMETERS:]]
-        loosest, ends = np.tile(_LOOSEST, 2), np.ones(PARAMETERS)
-        scale = np.concatenate([loosest, np.maximum(high - low, 1e-9)])
-        matrix = self._rows[np.ix_(rows, columns)] * scale
-        size = np.abs(matrix).max(axis=1)
-        objectives = np.zeros((PARAMETERS, len(scale)))
-        objectives[:, :PARAMETERS] = self._wanted * loosest
-        least, most = extremes(
-            matrix / size[:, None],
-            self._room[rows] / size,
-            np.concatenate([-ends, low / scale[PARAMETERS:]]),
-            np.concatenate([ends, high / scale[PARAMETERS:]]),
-            objectives,
-        )
-        widths = most - least
-        return np.full(PARAMETERS, np.inf) if np.isnan(widths).any() else widths
-
-
-def _joined(studies: Sequence[HandEyeStudy]) -> HandEyeStudy:
-    """All their images as one study."""
-    first = np.cumsum([0, *(len(one.images) for one in studies)])
-    return replace(
-        studies[0],
-        images=tuple(name for one in studies for name in one.images),
-        poses=Pose(
-            np.concatenate([one.poses.position for one in studies]),
-            np.concatenate([one.poses.quaternion for one in studies]),
-        ),
-        image=np.concatenate([one.image + k for one, k in zip(studies, first, strict=False)]),
-        names=tuple(name for one in studies for name in one.names),
-        pixels=np.concatenate([one.pixels for one in studies]),
-        points=np.concatenate([one.points for one in studies]),
-        half_width=np.concatenate([one.half_width for one in studies]),
-        pose_half_width=np.concatenate([one.pose_half_width for one in studies]),
-    )
 
 
 def _as_stated(frames: HandEyeFrames) -> Floats:
