@@ -117,15 +117,15 @@ WRONG_WAYS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
     ),
     "Euler order": (
         lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "XYZ"))),
-        "Euler angles are XYZ, not ZYX",
+        "rotations are Euler angles XYZ (or zyx), not Euler angles ZYX",
     ),
     "fixed axes for turned ones": (
         lambda c: changed(c, quaternion=quaternion_from_euler("zyx", euler(c, "ZYX"))),
-        "Euler angles are xyz, not XYZ (or ZYX, not zyx",
+        "Euler angles xyz (or ZYX), not Euler angles XYZ",
     ),
     "proper Euler angles": (
         lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler(c, "ZXZ"))),
-        "Euler angles are ZXZ, not XYZ",
+        "Euler angles ZXZ (or zxz), not Euler angles XYZ",
     ),
     "rotation vector": (
         lambda c: changed(c, quaternion=quaternion_from_euler("XYZ", euler_vector(c))),

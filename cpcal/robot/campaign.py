@@ -22,33 +22,9 @@ from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, fr
 from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
 from cpcal.robot.units import (
-    LENGTHS,
     ModelChoice,
     RotationForm,
 )
-
-# ------------------------------------------------------------------------------------------------------------------
-# What users have in memory, as the arguments of a campaign: arrays or tables, in their units and rotation forms.
-
-
-def stated_robot(
-    robot: Robot | str | None,
-    base: npt.ArrayLike | None,
-    mobile: npt.ArrayLike | None,
-    offset: npt.ArrayLike | None,
-    name: str | None,
-) -> Robot:
-    """The robot that was given, whole, by its name in the catalogue, or by its joint centres."""
-    parts = {"base": base, "mobile": mobile, "offset": offset}
-    given = {key: value for key, value in parts.items() if value is not None}
-    if robot is not None:
-        if given:
-            raise unusable("robot", f"is given, and {next(iter(given))} too", "give one of the two")
-        return known_robot(robot).robot if isinstance(robot, str) else robot
-    if missing := [key for key in parts if key not in given]:
-        remedy = "give base=(n, 3), mobile=(n, 3) and offset=(n,) in mm, or robot="
-        raise unusable("robot", f"{' and '.join(missing)} missing", remedy)
-    return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in given.values()))
 
 
 def stated_uncertainty(
@@ -73,18 +49,6 @@ def stated_uncertainty(
         remedy = f"give one number, or 3, 3 and {legs}"
         raise unusable("campaign uncertainty", str(error)[:200], remedy) from None
     return Uncertainty(**rows, factor=factor)
-
-
-def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
-    """An array of lengths. Raises InputError."""
-    if unit not in LENGTHS:
-        raise unusable(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(LENGTHS))
-    factor = float(LENGTHS[unit])
-    try:
-        array = as_floats(values)
-    except (TypeError, ValueError) as error:
-        raise unusable(where, str(error)[:200], "give an array of numbers") from None
-    return array if factor == 1.0 else np.asarray(factor * array)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -280,14 +244,8 @@ class Campaign(Value):
         rotations: npt.ArrayLike | Any,
         lengths: npt.ArrayLike,
         *,
-        base: npt.ArrayLike | None = None,
-        mobile: npt.ArrayLike | None = None,
-        offset: npt.ArrayLike | None = None,
-        name: str | None = None,
-        robot: Robot | str | None = None,
+        robot: Robot | str,
         rotation: str = "quaternion-wxyz",
-        position_unit: str = "mm",
-        length_unit: str = "mm",
         position_sigma: npt.ArrayLike | None = None,
         rotation_sigma: npt.ArrayLike | None = None,
         length_sigma: npt.ArrayLike | None = None,
@@ -299,30 +257,27 @@ class Campaign(Value):
         provenance: Mapping[str, str] | None = None,
         model: ModelChoice | None = None,
     ) -> Campaign:
-        """A campaign of N measurements of n legs in memory, in the units and the rotation form that are named.
+        """A campaign of N measurements of n legs in memory, its rotations in the form that is named.
 
-        positions      (N, 3), P in the base frame; `position_unit` mm, cm, m, um or in
+        positions      (N, 3) mm, P in the base frame
         rotations      (N, ...) in the form `rotation`: quaternion-wxyz or quaternion-xyzw (N, 4), matrix (N, 3, 3),
                        vector-rad or vector-deg (N, 3), euler-xyz-deg, euler-ZYX-rad, ... (N, 3), or a scipy Rotation.
                        `P + R b` maps mobile to base
-        lengths        (N, n), the readings; `length_unit` as for positions
-        base, mobile   (n, 3) mm, joint centres; offset (n,) mm, what a reading lacks of the leg's length; name
-        robot          instead of these four: a Robot, or one of the catalogue (`cpcal robot list`)
+        lengths        (N, n) mm, the readings
+        robot          a Robot, or the name of one in the catalogue (`cpcal robot list`)
         ..._sigma      standard deviations: position (3,) mm, rotation (3,) rad, lengths (n,) mm, or one number for all.
                        Half-widths are `factor` times them. Or give an `uncertainty`, or say that readings are `exact`
         pose, run      N names; left out: p0, p1, ... and all "1"
 
         Raises InputError, with every problem found.
         """
-        form = RotationForm.named(rotation)
-        position, length = in_mm(positions, position_unit, "positions"), in_mm(lengths, length_unit, "lengths")
-        built = stated_robot(robot, base, mobile, offset, name)
+        built = known_robot(robot).robot if isinstance(robot, str) else robot
         sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
         return cls.of(
             built,
-            position,
-            form.quaternions(rotations),
-            length,
+            positions,
+            RotationForm.named(rotation).quaternions(rotations),
+            lengths,
             pose=pose,
             run=run,
             uncertainty=stated_uncertainty(built.legs, sigmas, factor, uncertainty),

@@ -181,7 +181,8 @@ def counts(given: Given) -> Variants:
 
 _DEGREES = 180.0 / np.pi
 _TINY = np.finfo(np.float64).tiny
-_TURNING = tuple(name.upper() for name in TAIT_BRYAN + PROPER)  # turned axes; fixed ones are these backwards
+_VECTOR = "vector"  # beside the orders of Euler angles
+_TAKEN = (*(name.upper() for name in TAIT_BRYAN + PROPER), _VECTOR)  # fixed axes are turned ones backwards
 
 
 def other_angles(given: Given) -> Variants:
@@ -189,60 +190,48 @@ def other_angles(given: Given) -> Variants:
 
     Turned axes ZYX are fixed axes xyz with the angles backwards, so each pair has a twin that looks the same.
     """
-    place = given.pose.position
-    vector = rotation_vector(given.pose.quaternion)
-    for taken in _TURNING:
+    for taken in _TAKEN:
         angles = _angles(taken, given.pose.quaternion)
-        for meant in SEQUENCES:
-            if meant != taken:
-                twins = f"(or {_twin(meant)}, not {_twin(taken)}; capitals: turned axes)"
-                turned = quaternion_from_euler(meant, angles)
-                yield f"Euler angles are {meant}, not {taken} {twins}", given.posed(place, turned)
-        name = f"rotations are rotation vectors, not Euler angles {taken} (or {_twin(taken)})"
-        yield name, given.posed(place, quaternion_from_rotation_vector(angles))
-        back = quaternion_from_rotation_vector(angles[:, ::-1])
-        yield name, given.posed(place, back)
-    for meant in SEQUENCES:
-        name = f"rotations are Euler angles {meant} (or {_twin(meant)}), not rotation vectors"
-        yield name, given.posed(place, quaternion_from_euler(meant, vector))
+        for meant in (*SEQUENCES, _VECTOR):
+            for values in (angles, angles[:, ::-1]) if meant == _VECTOR != taken else (angles,):
+                if meant != taken:
+                    name = f"rotations are {_form(meant)}, not {_form(taken)}; capitals: turned axes"
+                    yield name, given.posed(given.pose.position, _quaternion(meant, values))
 
 
-def _twin(sequence: str) -> str:
-    return sequence[::-1].swapcase()
+def _form(name: str) -> str:
+    return "rotation vectors" if name == _VECTOR else f"Euler angles {name} (or {name[::-1].swapcase()})"
 
 
 def radians_as_degrees(given: Given) -> Variants:
     """Rotations, or one angle of three, that are 57 times too small."""
-    place, name = given.pose.position, "rotation angles are in radians, and were taken for degrees"
-    vector = rotation_vector(given.pose.quaternion)
-    yield name, given.posed(place, quaternion_from_rotation_vector(_DEGREES * vector))
-    for sequence in _TURNING:
-        angles = _angles(sequence, given.pose.quaternion)
-        yield name, given.posed(place, quaternion_from_euler(sequence, _DEGREES * angles))
-        for axis in range(3):
-            one = np.where(np.arange(3) == axis, _DEGREES * angles, angles)
-            told = f"{name}: the one about {sequence[axis].lower()} alone"
-            yield told, given.posed(place, quaternion_from_euler(sequence, one))
+    name = "rotation angles are in radians, and were taken for degrees"
+    for form in _TAKEN:
+        angles = _angles(form, given.pose.quaternion)
+        for axis in (None, *range(3)) if form != _VECTOR else (None,):
+            wrong = np.ones(3, dtype=bool) if axis is None else np.arange(3) == axis
+            turned = _quaternion(form, np.where(wrong, _DEGREES * angles, angles))
+            said = name if axis is None else f"{name}: the one about {form[axis].lower()} alone"
+            yield said, given.posed(given.pose.position, turned)
 
 
 def degrees_as_radians(given: Given) -> Variants:
     """Angles were wrapped at 2 pi then: row by row, the turns are those nearest to what the readings ask for."""
-    place, name = given.pose.position, "rotation angles are in degrees, and were taken for radians"
     wanted = _asked_rotations(given)
-    vector = rotation_vector(given.pose.quaternion)
-    size = np.linalg.norm(vector, axis=1, keepdims=True)
-    axis = vector / np.maximum(size, _TINY)
-    along = np.sum(axis * rotation_vector(wanted), axis=1, keepdims=True)
-    yield name, given.posed(place, quaternion_from_rotation_vector(_unwrapped(size, along) * axis))
-    for sequence in _TURNING:
-        angles, near = _angles(sequence, given.pose.quaternion), _angles(sequence, wanted)
-        both = [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]  # the same rotation
-        if sequence[0] == sequence[2]:
-            both[1] = np.array([np.pi, 0.0, np.pi]) + angles * [1.0, -1.0, 1.0]
-        tried = np.stack([_unwrapped(each, near) for each in both])
-        nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
-        chosen = tried[nearer, np.arange(len(near))]
-        yield name, given.posed(place, quaternion_from_euler(sequence, chosen))
+    for form in _TAKEN:
+        angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
+        if form == _VECTOR:
+            size = np.linalg.norm(angles, axis=1, keepdims=True)
+            axis = angles / np.maximum(size, _TINY)
+            chosen = _unwrapped(size, np.sum(axis * near, axis=1, keepdims=True)) * axis
+        else:
+            proper = form[0] == form[2]  # with either of these the same rotation
+            other = np.pi * np.array([1.0, not proper, 1.0]) + angles * [1.0, -1.0, 1.0]
+            tried = np.stack([_unwrapped(each, near) for each in (angles, other)])
+            nearer = np.argmin(np.abs(tried - near).max(axis=2), axis=0)
+            chosen = tried[nearer, np.arange(len(near))]
+        name = "rotation angles are in degrees, and were taken for radians"
+        yield name, given.posed(given.pose.position, _quaternion(form, chosen))
 
 
 def _unwrapped(angles: Floats, near: Floats) -> Floats:
@@ -271,13 +260,20 @@ def _short(turn: Floats) -> Floats:
     )
 
 
-def _angles(sequence: str, quaternion: Floats) -> Floats:
+def _angles(form: str, quaternion: Floats) -> Floats:
     """(N, 3) rad; in gimbal lock one of the many."""
     from scipy.spatial.transform import Rotation
 
+    if form == _VECTOR:
+        return rotation_vector(quaternion)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(sequence))  # type: ignore[call-overload]
+        return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(form))  # type: ignore[call-overload]
+
+
+def _quaternion(form: str, angles: Floats) -> Floats:
+    """(N, 4), of three angles (N, 3) rad."""
+    return quaternion_from_rotation_vector(angles) if form == _VECTOR else quaternion_from_euler(form, angles)
 
 
 def units(given: Given) -> Variants:
@@ -433,7 +429,6 @@ _GAIN = 60.0  # of it, from which a mistake is named
 _AS_GOOD = 12.0  # of it: what is within is not told apart
 _EQUAL = 1e-3  # of it: two names of one change, of which the first counts
 _NAMED = 2  # causes
-_CLEAR = 0.1  # of the residuals, or of the distance: with so little left nothing else needs to be tried
 _BETTER = 0.34  # of the residuals, or of the distance from the drawing, that a mistake leaves at most
 SHARE = 0.05  # of the robot's size: no drawing is so bad
 DISAGREE = 0.01  # of it, from which drawing and readings disagree: calibration is for less
@@ -466,7 +461,7 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
     few = _evenly(given, min(_ROWS[1], len(given.length)))
     with np.errstate(all="ignore"):
         if not doubted and few.most <= SHARE:
-            return _best(_options(few, []), doubted=False)[0]
+            return _best(_options(few, []))
         turning = int(np.ptp(few.pose.quaternion[:, 1:], axis=0).astype(bool).sum())  # angles that vary
         tried = [
             (name, without, numbers + each * turning * len(few.length))
@@ -474,9 +469,9 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
             for name, without in undone(given if undone is shifted_rows else few)
         ]
         options = _options(few, tried)
-        found, clear = _best(options, doubted=doubted)
-        if not clear and few.most > 2.0 * SHARE:
-            found, clear = _best(options + _options(few, _pairs(few)), doubted=doubted)
+        found = _best(options)
+        if not found and few.most > 2.0 * SHARE:
+            found = _best(options + _options(few, _pairs(few)))
         return found
 
 
@@ -509,25 +504,22 @@ def _options(few: Given, tried: Tried) -> list[Option]:
     return options
 
 
-def _best(options: list[Option], *, doubted: bool) -> tuple[list[Cause], bool]:
-    """What to name, the first option being what is given; and whether so little is left that no more need be tried."""
+def _best(options: list[Option]) -> list[Cause]:
+    """What to name, the first option being what is given."""
     plain, alike = options[0], list[Option]()
     for option in (options[k] for k in _ascending([value for value, _, _ in options])):
         if alike and option[0] > alike[0][0] + _AS_GOOD:
             break
         if all(abs(option[0] - other[0]) > _EQUAL and option[1] != other[1] for other in alike):
             alike.append(option)
-    left, _, share = alike[0][2]
-    clear = bool(share < SHARE and left < _CLEAR * plain[2][0])
-    clear = clear or bool(not doubted and share < min(_CLEAR * plain[2][2], 2.0 * DISAGREE))
     if len(alike) > _NAMED or not all(_explains(plain, v, seen) and seen[2] < SHARE for v, _, seen in alike):
-        return [], clear
+        return []
     causes = []
     for value, name, seen in alike:
         same = [n for v, n, _ in options if abs(v - value) <= _EQUAL and ", and " not in n + name and n != name]
         name += f" (or, to the same effect, {same[0]}{' and others' * (len(same) > 1)})" if same and same[0] else ""
         causes.append(Cause(name, *zip(plain[2][:2].tolist(), seen[:2].tolist(), strict=True)))
-    return causes, clear
+    return causes
 
 
 def _ascending(values: Sequence[float]) -> list[int]:

@@ -22,11 +22,10 @@ pandas = pytest.importorskip("pandas")
 
 GOOD = simulate(seed=3, random_poses=5)
 TURNS = Rotation.from_quat(GOOD.quaternion, scalar_first=True)
-DRAWING = {"base": DELTALAB.base, "mobile": DELTALAB.mobile, "offset": DELTALAB.offset}
 
 
 def from_arrays(rotations, **more):
-    arguments = {"exact": True, **DRAWING, **more}
+    arguments = {"exact": True, "robot": DELTALAB, **more}
     return Campaign.from_arrays(GOOD.position, rotations, GOOD.length, **arguments)
 
 
@@ -68,21 +67,6 @@ def test_quaternions_of_norm_one_are_taken_bit_for_bit_and_rounded_ones_are_norm
     assert_allclose(from_arrays(np.round(GOOD.quaternion, 4)).quaternion, GOOD.quaternion, atol=2e-4)
 
 
-def test_units_are_converted():
-    campaign = Campaign.from_arrays(
-        GOOD.position / 1000,
-        GOOD.quaternion,
-        GOOD.length / 25.4,
-        robot="deltalab",
-        position_unit="m",
-        length_unit="in",
-        exact=True,
-    )
-    assert_allclose(campaign.position, GOOD.position, rtol=1e-15)
-    assert_allclose(campaign.length, GOOD.length, rtol=1e-15)
-    assert campaign.robot == DELTALAB
-
-
 def test_one_sigma_stands_for_all_axes_and_legs():
     stated = from_arrays(GOOD.quaternion, exact=False, position_sigma=0.1, rotation_sigma=1e-4, length_sigma=0.02)
     assert stated.uncertainty == Uncertainty([0.1] * 3, [1e-4] * 3, [0.02] * 6, 3.0)
@@ -93,9 +77,7 @@ def test_one_sigma_stands_for_all_axes_and_legs():
     ("changes", "message"),
     [
         ({"rotation": "euler-xxy-deg"}, "no form of rotations -> give quaternion-wxyz"),
-        ({"position_unit": "furlong"}, "unknown unit 'furlong' -> give one of mm, cm, m"),
-        ({"offset": None}, "offset missing"),
-        ({"robot": "deltalab"}, "is given, and base too"),
+        ({"robot": "delta"}, "there is no robot called 'delta'"),
         ({"exact": False}, "is missing -> give the standard deviations"),
         ({"position_sigma": 0.1}, "rotation_sigma and length_sigma missing"),
         ({"length_sigma": [1, 2], "position_sigma": 0, "rotation_sigma": 0}, "give one number, or 3, 3 and 6"),
@@ -105,8 +87,6 @@ def test_one_sigma_stands_for_all_axes_and_legs():
         ({"rotation": "vector-rad", "rotations": TURNS.as_rotvec() * np.nan}, "not finite"),
         ({"rotations": GOOD.quaternion + 0j}, "rotations: values of the type complex128 are no real numbers"),
         ({"rotations": np.ma.masked_less(GOOD.quaternion, 0.0)}, "rotations: some values are masked"),
-        ({"base": GOOD.robot.base > 0.0}, "values of the type bool are no real numbers"),
-        ({"offset": np.ma.masked_array(GOOD.robot.offset, mask=True)}, "some values are masked"),
     ],
 )
 def test_mistakes_are_said(changes, message):
