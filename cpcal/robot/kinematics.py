@@ -50,10 +50,7 @@ def rotation_numerators(quaternion: Iterable[Any], ring: Any = operator) -> tupl
 def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
     q = np.asarray(quaternion, dtype=np.float64)
-    # plain floats are several times faster for one quaternion, and give the same bits
-    entries, norm_squared = rotation_numerators(q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0))
-    if q.ndim == 1:
-        return np.array(entries) / np.float64(norm_squared)
+    entries, norm_squared = rotation_numerators(np.moveaxis(q, -1, 0))
     matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
     return np.asarray(matrix / norm_squared[..., None, None])
 
@@ -104,22 +101,12 @@ def rotation_vector(quaternion: npt.ArrayLike) -> Floats:
 
 
 def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
-    """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4).
+    """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4)."""
+    from scipy.spatial.transform import Rotation  # here: it takes a while to load
 
-    Each of the four rows below is a multiple of the quaternion; that with the largest pivot is accurate.
-    """
-    (xx, m01, m02), (m10, yy, m12), (m20, m21, zz) = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
-    wx, wy, wz = m21 - m12, m02 - m20, m10 - m01
-    xy, xz, yz = m01 + m10, m02 + m20, m12 + m21
-    rows = [
-        [1 + xx + yy + zz, wx, wy, wz],
-        [wx, 1 + xx - yy - zz, xy, xz],
-        [wy, xy, 1 - xx + yy - zz, yz],
-        [wz, xz, yz, 1 - xx - yy + zz],
-    ]
-    multiples = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-    pivot = np.argmax(np.diagonal(multiples, axis1=-2, axis2=-1), axis=-1)
-    return normalised(np.take_along_axis(multiples, pivot[..., None, None], axis=-2)[..., 0, :])
+    given = np.asarray(matrix, dtype=np.float64)
+    found = Rotation.from_matrix(given.reshape(-1, 3, 3), assume_valid=True).as_quat(scalar_first=True)
+    return normalised(found.reshape(*given.shape[:-2], 4))
 
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
