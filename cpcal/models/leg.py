@@ -435,11 +435,13 @@ def beyond_legs(campaign: Campaign, leg: int, offset: float, error: float, what:
 # One leg of a campaign as a certificate states it.
 
 
-def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
-    """Row k (from 0) of a campaign for one leg (from 1) in exact numbers: what the checker reads from campaign.json."""
-    length, width = float(campaign.length[k, leg - 1]), float(campaign.length_radius[k, leg - 1])
-    widths = (*campaign.position_radius[k].tolist(), *campaign.rotation_radius[k].tolist(), width)
-    return Measurement((*campaign.quaternion[k].tolist(), *campaign.position[k].tolist(), length), widths)
+def leg_readings(campaign: Campaign, leg: int) -> tuple[Floats, Floats]:
+    """What the checker reads of one leg (from 1): quaternions, positions and lengths (N, 8); the half-widths (N, 7) of
+    positions, rotations and lengths."""
+    column = slice(leg - 1, leg)
+    given = np.concatenate([campaign.quaternion, campaign.position, campaign.length[:, column]], axis=1)
+    radii = [campaign.position_radius, campaign.rotation_radius, campaign.length_radius[:, column]]
+    return given, np.concatenate(radii, axis=1)
 
 
 def leg_statement(
@@ -454,7 +456,13 @@ def leg_statement(
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
     stated = [polynomial(form, free) for form in forms]
-    problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only, stated)
+    readings = leg_readings(campaign, leg)
+
+    def exact(k: int) -> Measurement:
+        given, radii = (part[k].tolist() for part in readings)
+        return Measurement(given, radii)
+
+    problem = leg_problem(exact, len(campaign), model, only, stated)
     return stated_leg(problem, campaign_sha256(campaign), leg, only, forms)
 
 

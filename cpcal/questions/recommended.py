@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.models import ModelResiduals, built_in, fit_model, leg_statement, reading_moves, reading_range
+from cpcal.models import ModelResiduals, built_in, fit_model, leg_readings, leg_statement, reading_moves, reading_range
 from cpcal.questions.bracket import written
 from cpcal.questions.question import Question
 from cpcal.questions.result import CONSTRAINED, LEAST_SQUARES, PassesFrom, Recommended, Reduced
@@ -72,6 +72,7 @@ class _Leg:
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
         self._known: dict[bytes, AllReadings] = {}
         self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
+        self._readings = [part[self._mine] for part in leg_readings(campaign, leg)]
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
 
     @cached_property
@@ -105,7 +106,7 @@ class _Leg:
 
     def _exact(self, x: Floats) -> AllReadings | None:
         if self._statement is not None and x.tobytes() not in self._known:
-            self._known[x.tobytes()] = AllReadings(self._statement.problem, x.tolist(), self._mine.tolist())
+            self._known[x.tobytes()] = AllReadings(self._question.model.name, x.tolist(), *self._readings)
         return self._known.get(x.tobytes())
 
     def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:

@@ -16,7 +16,7 @@ from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Rule, Unknowns, Weights
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
-from cpcal.solver.certificate.float_rows import failing, holding
+from cpcal.solver.certificate.float_rows import AllReadings, failing, holding, measured
 from cpcal.solver.certificate.prover import WeightProver
 from cpcal.solver.certificate.recording import with_readings
 from cpcal.solver.interval import Box
@@ -82,6 +82,11 @@ def unknowns(point: Sequence[Any]) -> Unknowns:
     """At a point."""
     x = tuple(F(v) for v in point)
     return Unknowns(ExactBox(x, x), free)
+
+
+def all_readings(problem: Problem, point: Sequence[float]) -> AllReadings:
+    """Of all measurements of a leg's problem, at a point without eps."""
+    return AllReadings(problem.model, point, *measured(problem, range(problem.count), unknowns([*point, 0])))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 import cpcal
 from cpcal.checker import check_run
 from cpcal.common.values import Floats
-from cpcal.models import leg_model, leg_statement, reading_moves, reading_range
+from cpcal.models import leg_model, leg_readings, reading_moves, reading_range
 from cpcal.questions import LegResult, Result, recommendation, save_result, verdict_of
 from cpcal.questions.recommended import nearest_within
 from cpcal.robot import Campaign, Pose, Robot, Uncertainty, leg_vectors, rotation_matrix
@@ -66,7 +66,7 @@ def test_the_largest_error_bounds_that_of_every_reading_and_is_reached(scale: fl
 
 def largest(of: Campaign, x: Floats, factor: float = 1.0) -> float:
     """As a certificate would claim it."""
-    return AllReadings(leg_statement(of, LEG).problem, x.tolist(), range(len(of))).least_eps(factor)
+    return AllReadings("plain", x.tolist(), *leg_readings(of, LEG)).least_eps(factor)
 
 
 @pytest.mark.parametrize("model", ["gain", "lateral"])
@@ -89,7 +89,7 @@ def test_readings_in_which_the_error_is_not_monotone_count_too() -> None:
     sideways = Uncertainty(np.array([10.0, 0.0, 0.0]), np.zeros(3), np.zeros(1))
     of = Campaign.of(robot, up, identity, np.array([[100.0]]), uncertainty=sideways)
     for found in (reading_range(of, 1, leg_model("plain"), np.zeros(7)).hi[0],
-                  AllReadings(leg_statement(of, 1).problem, [0.0] * 7, [0]).least_eps()):  # fmt: skip
+                  AllReadings("plain", [0.0] * 7, *leg_readings(of, 1)).least_eps()):  # fmt: skip
         assert found >= np.hypot(100.0, 10.0) - 100.0
 
 

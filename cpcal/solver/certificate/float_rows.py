@@ -413,7 +413,7 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     found = ["0" * len(problem.radii(k)) for k in numbers]
     mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
     if mine:
-        of = _Readings(problem, [float(v) for v in x.box.lo], [numbers[n] for n in mine])
+        of = _Readings(problem.model, [float(v) for v in x.box.lo], *measured(problem, [numbers[n] for n in mine], x))
         root = np.sqrt(np.maximum(of.square(of.w, of.c), 0.0))
         slopes = np.column_stack([*of.slopes(), -of.gain * root]) * of.radii
         for n, row in zip(mine, np.sign(slopes).astype(int).tolist(), strict=True):
@@ -421,20 +421,26 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     return found
 
 
-class _Readings:
-    """Measurements of a leg at a point (n,), eps last, in the checker's names (`held_leg`): arrays over them."""
+def measured(problem: Problem, numbers: Sequence[int], x: Unknowns) -> tuple[Floats, Floats]:
+    """The readings of measurements of a leg (N, 8), and their half-widths (N, 7), as `cpcal.models.leg` has them."""
+    of = [_leg(problem, x, k).m for k in numbers]
+    return np.array([m.given for m in of], np.float64), np.array([m.radii for m in of], np.float64)
 
-    def __init__(self, problem: Problem, point: Sequence[float], numbers: Sequence[int]) -> None:
-        x = at_point(point)
-        legs = [problem.constraint(k, x, "") for k in numbers]
-        given = np.array([leg.m.given for leg in legs], np.float64)
-        self.radii = np.array([leg.m.radii for leg in legs], np.float64)
+
+class _Readings:
+    """Measurements of a leg at a point (n,), eps last, in the checker's names (`held_leg`): arrays over them.
+
+    `given` (N, 8): quaternion, position, length; `radii` (N, 7): the half-widths of position, turns, length.
+    """
+
+    def __init__(self, model: str | None, point: Sequence[float], given: Floats, radii: Floats) -> None:
+        self.radii = radii
         q, place, self.read = given[:, :4].T, given[:, 4:7], given[:, 7]
         turn = np.moveaxis(np.array(rotation_rows([*q])) / (q * q).sum(axis=0), 2, 0)
         a, b, (self.offset, *extra) = np.array(point[:3]), np.array(point[3:6]), point[6:-1]
         self.c, self.w = turn @ b, place - a
-        self.gain = 1.0 + (extra[0] if problem.model == "gain" else 0.0)
-        self.height = extra[0] if problem.model == "lateral" else 0.0
+        self.gain = 1.0 + (extra[0] if model == "gain" else 0.0)
+        self.height = extra[0] if model == "lateral" else 0.0
         self.size = np.abs(b).sum()
         own = np.abs(place).sum(axis=1) + np.abs(self.read) + np.abs(point[:-1]).sum() + self.radii.sum(axis=1)
         self.rounding = _ROUNDINGS * _UNIT * own
@@ -466,11 +472,13 @@ def _rotated(s: Floats, z: Floats) -> Floats:
 class AllReadings:
     """A point of a leg (n,), without eps: where it is proved to satisfy measurements for all readings of their sets.
 
+    `model`: one that the checker knows; `given` and `radii`: see `measured`.
+
     The checker's rule in float64, for all measurements at once; what may be rounded is on the safe side.
     """
 
-    def __init__(self, problem: Problem, point: Sequence[float], numbers: Sequence[int]) -> None:
-        self._of = _Readings(problem, [*point, 0.0], numbers)
+    def __init__(self, model: str | None, point: Sequence[float], given: Floats, radii: Floats) -> None:
+        self._of = _Readings(model, [*point, 0.0], given, radii)
 
     def needed(self, eps: float, factor: float = 1.0) -> float:
         """If it is at most `eps`, the point with that eps holds for all readings of sets `factor` times as wide."""

@@ -52,8 +52,10 @@ class ReadingConstraint:
         size = int(np.prod(self._over.shape))
         if not self._usable or not self._tape.continuous(slots):
             return np.full(size, np.inf)
+        tape = self._extremes.tape
+        places = {leaf: tape.reading_slots[leaf.digest] - tape.program.given for leaf in tape.readings}
         smallest, largest = (
-            ({leaf.digest: _inside(ends[leaf.digest], leaf) for leaf in self._extremes.tape.readings})
+            ({leaf.digest: _inside(ends[places[leaf]], leaf) for leaf in tape.readings})
             for ends in self._extremes.at(point)
         )
         over = self._tape.value(self._tape.forward(box, smallest), self._over)
@@ -70,12 +72,12 @@ def excess_for_some(constraints: Iterable[ReadingConstraint], box: IntervalArray
     return max((float(np.max(c.excesses(box, point), initial=-np.inf)) for c in choosing), default=-math.inf)
 
 
-def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
+def _inside(values: Floats, reading: Expr) -> IntervalArray:
     """Values moved surely into a reading's set: its bounds are stored rounded outward by up to two floats."""
     data = reading.data
     lo = np.minimum(np.nextafter(np.nextafter(data.lo, np.inf), np.inf), data.mid)
     hi = np.maximum(np.nextafter(np.nextafter(data.hi, -np.inf), -np.inf), data.mid)
-    return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))
+    return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values, lo, hi)))
 
 
 def sides(constraint: Constraint) -> list[Expr]:

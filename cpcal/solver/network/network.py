@@ -39,7 +39,7 @@ Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
 T = TypeVar("T")
 
-_KEPT = 8  # things made of one network
+_KEPT = 16  # things made of one network
 _numbers = itertools.count(1)  # of networks without a name, for messages
 
 
@@ -188,7 +188,7 @@ class ConstraintNetwork:
         hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
 
-    def once(self, what: str, make: Callable[[], T]) -> T:
+    def once(self, what: Hashable, make: Callable[[], T]) -> T:
         """What `make` gives for the network as it is now: made once for it and its copies, under the name `what`.
 
         For what contractors, choices and proofs all need, and only read: tapes, which take long where there are

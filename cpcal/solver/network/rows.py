@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,65 +33,59 @@ class Extremes:
     """
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr, every: bool = False) -> None:
-        self.tape, self._asked = Tape(network, roots), int(every)
-        self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings}
-        self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
+        self.tape, self._asked = shared_tape(network, roots), int(every)
+        first = self.tape.program.given - self.tape.size
+        self._sets = self.tape.leaves()[first:]
 
     @property
     def exclusive(self) -> bool:
         """Whether no component of a reading enters two elements."""
         return exclusive(self.tape)
 
-    def at(self, point: Floats) -> tuple[ReadingSets, ReadingSets]:
-        """Values for every reading that make the elements smallest, and largest, at a point (n,).
+    def at(self, point: Floats) -> tuple[Floats, Floats]:
+        """Values of all readings that make the elements smallest, and largest, at a point (n,).
 
         For a reading that several elements share, their sum.
         """
-        slots = self.tape.forward(IntervalArray.point(point[None]), self.centers)
-        g = _middle(self.tape.gradients(self.tape.derivatives(slots[0])))
-        total, paths = np.zeros(self.tape.program.first), self.tape.reach
-        np.add.at(total, paths.leaf, g[paths.entry])
-        smallest, largest = dict(self.centers), dict(self.centers)
-        for digest, data in self._sets.items():
-            slope = total[self.tape.reading_slots[digest]]
-            smallest[digest] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
-            largest[digest] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
-        return smallest, largest
+        tape = self.tape
+        slopes = tape.slopes(tape.near(point[None]))[0]
+        grows = np.bincount(tape.reach.leaf, slopes, tape.program.first)[tape.program.given :] > 0.0
+        lo, hi = self._sets.lo, self._sets.hi
+        return np.where(grows, lo, hi), np.where(grows, hi, lo)
 
-    def values(self, point: Floats, readings: ReadingSets) -> Floats:
-        """All elements (K,) at a point (n,) and values of the readings."""
-        with np.errstate(all="ignore"):
-            return self.tape.near(point, readings)
+    def slots(self, point: Floats) -> Floats:
+        """All slots (1, M) at a point (n,), the readings where they make the elements smallest, or largest."""
+        return self.tape.near(point[None], self.at(point)[self._asked] if self.tape.readings else None)
 
     def smallest(self, point: Floats) -> Floats:
         """All elements (K,) at a point (n,), each where its readings make it smallest, or largest."""
-        return self.values(point, self.at(point)[self._asked] if self.tape.readings else self.centers)
+        return np.asarray(self.slots(point)[0, self.tape.program.roots])
 
     def linearize(self, point: Floats) -> RowValues:
         """The same with derivatives."""
-        tape = self.tape
-        readings = self.at(point)[self._asked] if tape.readings else self.centers
-        slots = tape.forward(IntervalArray.point(point[None]), readings)
-        jacobian = _middle(tape.jacobian(tape.derivatives(slots[0])))
-        # a derivative that is not defined, as that of a norm at zero, counts as zero
-        return RowValues(_middle(tape.values(slots)[0]), np.where(np.isfinite(jacobian), jacobian, 0.0))
+        slots = self.slots(point)
+        return RowValues(slots[0, self.tape.program.roots], self.tape.near_jacobians(slots)[0])
 
     def jacobians(self, points: Floats) -> Floats:
         """Derivatives (B, K, n) at points (B, n), each as `linearize` has it."""
-        if self.tape.readings:
-            return np.stack([self.linearize(point).jacobian for point in points])
-        return self.tape.point_jacobians(points)
+        each = [self.slots(point) for point in points] if self.tape.readings else [self.tape.near(points)]
+        slots = np.concatenate(each)
+        return self.tape.near_jacobians(slots)
+
+    def second_order(self, point: Floats) -> float:
+        """How far some element is from linear in the readings across their sets: a second difference."""
+        if not self.tape.readings:
+            return 0.0
+        low, high = self.at(point)
+        smallest, center, largest = (self.tape.near(point[None], readings) for readings in (low, None, high))
+        bend = 0.5 * np.abs(smallest + largest - 2.0 * center)[0, self.tape.program.roots]
+        return float(np.max(bend, where=np.isfinite(bend), initial=0.0))
 
 
 def exclusive(tape: Tape) -> bool:
     """Whether no component of a reading enters two elements of the roots: else one value of it must serve both."""
     readings = tape.reach.leaf[tape.reach.leaf >= tape.program.given]
     return len(np.unique(readings)) == len(readings)
-
-
-def _middle(x: IntervalArray) -> Floats:
-    with np.errstate(all="ignore"):
-        return np.asarray(0.5 * x.lo + 0.5 * x.hi)
 
 
 class Rows:
@@ -176,23 +170,22 @@ class Rows:
 
         This is what a relaxation that is exact to first order in the readings may lose.
         """
-        worst = 0.0
-        for part in (part for part in self._parts if part.tape.readings):
-            low, high = part.at(point)
-            smallest, center, largest = (part.values(point, readings) for readings in (low, part.centers, high))
-            with np.errstate(all="ignore"):
-                bend = 0.5 * np.abs(smallest + largest - 2.0 * center)
-            worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
-        return worst
+        with np.errstate(all="ignore"):
+            return max((part.second_order(point) for part in self._parts), default=0.0)
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The tape of a network's rows, which several contractors sweep over.
+# Tapes, which several contractors, fits and proofs sweep over.
+
+
+def shared_tape(network: ConstraintNetwork, roots: Sequence[Expr]) -> Tape:
+    """Written once for a network and its copies."""
+    return network.once(b"".join(root.digest for root in roots), lambda: Tape(network, roots))
 
 
 def rows_tape(network: ConstraintNetwork) -> Tape:
-    """Of all rows `r <= 0`, in the order of the constraints; written once for a network and its copies."""
-    return network.once("rows", lambda: Tape(network, [row.expr for row in one_sided_rows(network)]))
+    """Of all rows `r <= 0`, in the order of the constraints."""
+    return shared_tape(network, [row.expr for row in one_sided_rows(network)])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -217,6 +210,8 @@ class DecisiveReadings:
     def on(self, box: Box) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points."""
         tape = self.tape
+        if not tape.readings:
+            return [{} for _ in tape.roots]
         slots = tape.forward(IntervalArray(box.lo[None], box.hi[None]))
         if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
             return [{} for _ in tape.roots]

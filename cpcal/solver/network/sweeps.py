@@ -75,20 +75,22 @@ def forward_all(p: Program, boxes: Arrays, x: Arrays) -> None:
 
 @compiled
 def near(p: Program, slots: Floats) -> None:
-    """Numbers near the values of all operations at one point, from the leaves: for proposals, three times faster."""
-    for k in range(len(p.code)):
-        c, a, b = p.code[k], slots[p.arg[k, 0]], slots[p.arg[k, 1]]
-        if c == ADD:
-            slots[p.first + k] = a + b
-        elif c == MUL:
-            slots[p.first + k] = a * b
-        elif c == SUB:
-            slots[p.first + k] = a - b
-        elif c == SQR:
-            slots[p.first + k] = a * a
-        else:
-            lo, hi = value(c, p.par[k], (a, a), (b, b))
-            slots[p.first + k] = 0.5 * lo + 0.5 * hi
+    """Numbers near the values of all operations at B points, in slots (B, M), from the leaves: for proposals."""
+    for row in range(len(slots)):
+        x = slots[row]
+        for k in range(len(p.code)):
+            c, a, b = p.code[k], x[p.arg[k, 0]], x[p.arg[k, 1]]
+            if c == ADD:
+                x[p.first + k] = a + b
+            elif c == MUL:
+                x[p.first + k] = a * b
+            elif c == SUB:
+                x[p.first + k] = a - b
+            elif c == SQR:
+                x[p.first + k] = a * a
+            else:
+                lo, hi = value(c, p.par[k], (a, a), (b, b))
+                x[p.first + k] = 0.5 * lo + 0.5 * hi
 
 
 @compiled
@@ -258,21 +260,38 @@ def row_continuity(p: Program, reach: Reach, operations: Bools, out: Bools) -> N
 
 
 @compiled
-def point_jacobians(p: Program, reach: Reach, leaves: Arrays, points: Floats, out: Floats) -> None:
-    """About the derivatives of every root by the components of a box at B points (B, n): `out` (B, K, n), of zeros.
+def slopes(p: Program, reach: Reach, slots: Floats, out: Floats) -> None:
+    """About the derivatives of every root by its leaves at B points, whose values `near` has put into the slots (B, M).
 
-    What is not defined, as the derivative of a norm at zero, stays 0.
+    `out` (B, leaves of all roots), in the order of `Reach`. What is not defined, as the derivative of a norm at zero,
+    is 0.
     """
-    x = np.empty(p.first + len(p.code)), np.empty(p.first + len(p.code))
-    factors, g = np.empty((len(p.code), 4)), (np.empty(len(reach.order)), np.empty(len(reach.order)))
-    for b in range(len(points)):
-        x[0][: p.size], x[1][: p.size] = points[b], points[b]
-        x[0][p.size : p.first], x[1][p.size : p.first] = leaves
-        forward(p, x)
-        all_partials(p, x, factors)
-        gradients(p, reach, factors, g)
+    factors, g = np.empty((len(p.code), 2)), np.zeros(p.first + len(p.code))
+    for row in range(len(slots)):
+        x, found = slots[row], out[row]
+        for k in range(len(p.code)):
+            c, a, b = p.code[k], x[p.arg[k, 0]], x[p.arg[k, 1]]
+            if c in (ADD, SUB):
+                factors[k, 0], factors[k, 1] = 1.0, 1.0 if c == ADD else -1.0
+            elif c == MUL:
+                factors[k, 0], factors[k, 1] = b, a
+            else:
+                z = x[p.first + k]
+                one, two = partials(c, p.par[k], (z, z), (a, a), (b, b))
+                factors[k, 0], factors[k, 1] = 0.5 * one[0] + 0.5 * one[1], 0.5 * two[0] + 0.5 * two[1]
+        place = 0
         for r in range(len(p.roots)):
+            g[p.roots[r]] = 1.0
             for e in range(reach.start[r], reach.start[r + 1]):
-                middle = 0.5 * g[0][e] + 0.5 * g[1][e]
-                if reach.order[e] < p.size and math.isfinite(middle):
-                    out[b, r, reach.order[e]] = middle
+                k = reach.order[e]
+                slope = g[k]
+                g[k] = 0.0
+                if k < p.first:
+                    found[place] = slope if math.isfinite(slope) else 0.0
+                    place += 1
+                elif slope != 0.0:
+                    i, j = p.arg[k - p.first, 0], p.arg[k - p.first, 1]
+                    if not is_constant(p, i):
+                        g[i] += slope * factors[k - p.first, 0]
+                    if not is_constant(p, j):
+                        g[j] += slope * factors[k - p.first, 1]

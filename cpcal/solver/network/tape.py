@@ -76,14 +76,30 @@ class Tape:
         sweeps.forward_all(self.program, _own(boxes), (lo, hi))
         return IntervalArray(lo, hi)
 
-    def near(self, point: Floats, readings: ReadingSets | None = None) -> Floats:
-        """Numbers near all roots' elements (K,) at a point (n,) and the middles of constants and readings.
+    def near(self, points: Floats, readings: Floats | None = None) -> Floats:
+        """Numbers near all slots (B, M) at points (B, n), for readings at these values (default: in their middles).
 
         For proposals: nothing here is a bound.
         """
-        slots = np.concatenate([point, self.leaves(readings).mid, np.empty(len(self.program.code))])
-        sweeps.near(self.program, slots)
-        return np.asarray(slots[self.program.roots])
+        p = self.program
+        slots = np.empty((len(points), p.first + len(p.code)))
+        slots[:, : self.size], slots[:, self.size : p.first] = points, self.middles
+        if readings is not None:
+            slots[:, p.given : p.first] = readings
+        sweeps.near(p, slots)
+        return slots
+
+    def slopes(self, slots: Floats) -> Floats:
+        """About the derivatives (B, leaves) of all roots' elements at points whose slots `near` gives."""
+        out = np.empty((len(slots), len(self.reach.leaf)))
+        sweeps.slopes(self.program, self.reach, slots, out)
+        return out
+
+    def near_jacobians(self, slots: Floats) -> Floats:
+        """The same by the box's components: (B, K, n)."""
+        out, of_box = np.zeros((len(slots), self.count, self.size)), self.reach.leaf < self.size
+        out[:, self.reach.row[of_box], self.reach.leaf[of_box]] = self.slopes(slots)[:, of_box]
+        return out
 
     def value(self, slots: IntervalArray, root: Expr) -> IntervalArray:
         """Bounds (B, *S) of a root."""
@@ -113,6 +129,11 @@ class Tape:
         out = np.ones(self.count, np.bool_)
         sweeps.row_continuity(self.program, self.reach, self._continuity(slots), out)
         return out
+
+    @cached_property
+    def middles(self) -> Floats:
+        """Of constants and readings."""
+        return self._leaves.mid
 
     @cached_property
     def reach(self) -> Reach:
@@ -155,13 +176,6 @@ class Tape:
         row, column, entry = paths.row[of_box], paths.leaf[of_box], paths.entry[of_box]
         lo[row, column], hi[row, column] = g.lo[entry], g.hi[entry]
         return IntervalArray(lo, hi)
-
-    def point_jacobians(self, points: Floats) -> Floats:
-        """About the derivatives of all roots' elements by the box's components (B, K, n), at points (B, n)."""
-        out = np.zeros((len(points), self.count, self.size))
-        own = np.array(points, np.float64, order="C")
-        sweeps.point_jacobians(self.program, self.reach, _both(self._leaves), own, out)
-        return out
 
 
 def _both(x: IntervalArray) -> Arrays:

@@ -28,10 +28,9 @@ from cpcal.solver.existence import (
     upper_ends,
 )
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
 from cpcal.solver.network.expression import leaves
-from cpcal.solver.network.polynomial import one_sided
-from cpcal.solver.network.rows import DecisiveReadings, Rows
+from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
 
 # ------------------------------------------------------------------------------------------------------------------
 # The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.
@@ -223,7 +222,9 @@ class _Rows:
         groups: tuple[list[Constraint], list[Constraint]] = ([], [])
         for c in constraints:
             groups[_enters(network, objective, c)].append(c)
-        self._tapes = [Tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups]
+        self._tapes = [
+            shared_tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups
+        ]
 
     def worst(self, box: IntervalArray) -> tuple[float, bool]:
         """The worst row on a box (1, n), and whether it is one that no objective mends."""
@@ -297,43 +298,32 @@ def verify_point(
     network with readings, in their order, where they are set up already.
     """
     x = np.asarray(point, np.float64)
-    box = IntervalArray.point(x[None])
-    count = max((c.body.shape[0] for c in network.constraints if c.body.shape), default=1)
+    box, constraints = IntervalArray.point(x[None]), network.constraints
+    count = max((c.body.shape[0] for c in constraints if c.body.shape), default=1)
     holds, fails = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     for_some = np.zeros(count, dtype=np.intp)  # constraints at an element that hold, but not for all readings
-    set_up = iter(reading or [ReadingConstraint(network, c) for c in network.constraints if reads(c)])
+    asked = [c for c in constraints if reads(c)]
     with np.errstate(all="ignore"):
-        for constraint in network.constraints:
-            if reads(constraint):
-                one = next(set_up)
-                for_all = one.for_all(box)
-                for_some += ~_by_row(for_all, constraint, count, every=True)
-                good = for_all | (one.excesses(box, x) <= 0.0)
-            else:
-                good = _holds(network, constraint, box)
-            holds &= _by_row(good, constraint, count, every=True)
-        decisive = DecisiveReadings(network)  # of each row `r <= 0` a lower bound over all readings
+        tape, decisive = rows_tape(network), DecisiveReadings(network)
+        slots = tape.forward(box)
+        good = (upper_ends(tape.values(slots), tape.count) <= 0.0) & tape.continuous_rows(slots[0])
         for row, sets in zip(one_sided_rows(network), decisive.on(Box(network.names, x, x)), strict=True):
-            values = decisive.tape.value(decisive.tape.forward(box, sets), row.expr)
-            body = network.constraints[row.constraint].body
-            violated = np.zeros(math.prod(body.shape), dtype=bool)
-            above = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0
-            violated[slice(None) if row.elements is None else row.elements] = above
-            fails |= _by_row(violated, network.constraints[row.constraint], count, every=False)
+            constraint, elements = constraints[row.constraint], slice(None) if row.elements is None else row.elements
+            size = math.prod(constraint.body.shape)
+            if not reads(constraint):
+                met = np.ones(size, dtype=bool)
+                met[elements] = good[tape.rows(row.expr)]
+                holds &= _by_row(met, constraint, count, every=True)
+            values = tape.value(tape.forward(box, sets) if sets else slots, row.expr)
+            violated = np.zeros(size, dtype=bool)
+            violated[elements] = np.where(values.empty, -np.inf, values.lo).ravel() > 0.0  # for all readings
+            fails |= _by_row(violated, constraint, count, every=False)
+        for constraint, one in zip(asked, reading or [ReadingConstraint(network, c) for c in asked], strict=True):
+            for_all = one.for_all(box)
+            for_some += ~_by_row(for_all, constraint, count, every=True)
+            holds &= _by_row(for_all | (one.excesses(box, x) <= 0.0), constraint, count, every=True)
     # two constraints that hold for some reading each need not hold for a common one
     return PointVerdicts(holds & (for_some <= 1), fails)
-
-
-def _holds(network: ConstraintNetwork, constraint: Constraint, box: IntervalArray) -> Bools:
-    """Elements of a constraint without readings that hold."""
-    rows = one_sided(0, constraint)
-    tape = Tape(network, [*(row.expr for row in rows), constraint.body])
-    slots = tape.forward(box)
-    good = np.full(int(np.prod(constraint.body.shape)), tape.continuous(slots))
-    for row in rows:
-        where = slice(None) if row.elements is None else row.elements
-        good[where] &= upper_ends(tape.value(slots, row.expr), good[where].size) <= 0.0
-    return good
 
 
 def _by_row(flags: Bools, constraint: Constraint, count: int, *, every: bool) -> Bools:

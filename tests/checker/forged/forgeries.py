@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from cpcal.solver.certificate.float_rows import AllReadings
 from cpcal.solver.certificate.prover import claims as claimed
 from cpcal.solver.certificate.recording import with_readings
+from tests.checker.proofs import all_readings
 
 # the true certificates: header, (constraints,) claims, split, exclude, pass, halve (a split of what is left)
 Lines = list[dict[str, Any]]
@@ -305,7 +305,7 @@ def fails_twice(rows: list[Any]) -> dict[str, Any]:
 
 def for_all_readings(lines: Lines, proof: Any, scale: float = 1.0, **changes: Any) -> None:
     """The true claim for all readings of sets with a part of the half-widths, and what is changed of it."""
-    every = AllReadings(proof.problem, proof.point[:-1], range(proof.problem.count))
+    every = all_readings(proof.problem, proof.point[:-1])
     at = [*proof.point[:-1], every.least_eps(scale)]
     claims = with_readings(proof.problem, lines[proof.head] | {"point": claimed(None, point=at, factor=scale)["point"]})
     claims["epsilon"]["hi"] = None

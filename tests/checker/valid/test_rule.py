@@ -18,7 +18,8 @@ from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, constant, sign
 from cpcal.checker.rule import Box as ExactBox
 from cpcal.checker.rule import Problem, Unknowns, Weights, beyond
 from cpcal.solver.certificate.exact_network import free
-from cpcal.solver.certificate.float_rows import AllReadings, failing, holding, rows_of, stretchings
+from cpcal.solver.certificate.float_rows import failing, holding, rows_of, stretchings
+from tests.checker.proofs import all_readings
 from tests.checker.valid.exact_legs import (
     REACH,
     SIDES,
@@ -323,7 +324,7 @@ def test_what_holds_for_all_readings_holds_for_each_and_eps_is_the_least(model: 
         x = point_of(rng, box)
         square, length = parts(m, model, x, [F(0)] * 7)
         x[6] += root(square) - length + rng.choice([-2, -1, 1, 2])  # off by some mm
-        least = AllReadings(leg(m, model), [float(v) for v in x[:-1]], [0]).least_eps(float(factor))
+        least = all_readings(leg(m, model), [float(v) for v in x[:-1]]).least_eps(float(factor))
         assert math.isfinite(least) or wide > 3
         eps, x = F(least if math.isfinite(least) else 250.0), [F(float(v)) for v in x]
 

@@ -16,12 +16,13 @@ import pytest
 
 import cpcal
 from cpcal.checker import ExactCampaign, Refused, check
+from cpcal.checker.leg import Measurement
 from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.models import leg_statement
-from cpcal.models.leg import exact_measurement
+from cpcal.models.leg import leg_readings
 from cpcal.questions import save_result
 from cpcal.solver.certificate.exact_network import number
-from cpcal.solver.certificate.float_rows import AllReadings
+from tests.checker.proofs import all_readings
 from tests.checker.valid.exact_legs import Exact, in_fractions, parts
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
@@ -255,7 +256,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.head["campaign"] == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = in_fractions(exact_measurement(loaded, leg, k))
+            ours = in_fractions(Measurement(*(part[k].tolist() for part in leg_readings(loaded, leg))))
             assert ours == in_fractions(files.measurement(k, leg))
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
@@ -264,7 +265,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
 
 def test_a_point_for_all_readings_has_the_values_of_its_forms(uncertain_proof: Any, verdict: Any) -> None:
     """A form is no measurement: it has no readings, and the point must have its value exactly."""
-    every = AllReadings(uncertain_proof.problem, uncertain_proof.point[:-1], range(uncertain_proof.problem.count))
+    every = all_readings(uncertain_proof.problem, uncertain_proof.point[:-1])
     at = [number(v) for v in (*uncertain_proof.point[:-1], every.least_eps())]
     form = [[[0], "0x1p+0"]]  # a_x
     head = uncertain_proof.lines[0] | {"lo": at, "hi": at, "forms": [form]}
