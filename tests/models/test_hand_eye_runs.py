@@ -85,10 +85,10 @@ def exact_run(tmp_path_factory):
     return certified(run, within=NEAR, tolerance=BEYOND * (1.0 + 1e-9))
 
 
-@pytest.fixture(scope="module", params=SETUPS)
-def uncertain(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def uncertain(tmp_path_factory):
     """True poses are readings at the corners of the sets, and every pixel is off by the tolerance."""
-    simulated = simulate_hand_eye(setup=request.param, images=5, corners=(3, 3), pitch=80.0, pixel_error=0.0, seed=4)
+    simulated = simulate_hand_eye(setup=SETUPS[1], images=5, corners=(3, 3), pitch=80.0, pixel_error=0.0, seed=4)
     random = np.random.default_rng(4)
     signs = random.choice([-1.0, 1.0], (5, 6))
     back = normalised(np.concatenate([np.ones((5, 1)), -0.5 * TURN * signs[:, 3:]], axis=1))
@@ -138,12 +138,9 @@ def test_the_standard_library_is_enough_to_check_a_run(exact_run):
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("PROVED") == 4
     assert done.stderr == ""
-
-
-def test_all_certificates_of_a_run_have_one_budget(exact_run):
-    done = checked_alone(exact_run, "--work", "200000")
-    assert done.returncode == 1
-    assert "more work than the 200000" in done.stdout
+    short = checked_alone(exact_run, "--work", "200000")  # one budget for all certificates
+    assert short.returncode == 1
+    assert "more work than the 200000" in short.stdout
 
 
 def test_ranges_hold_the_truth_with_pixels_and_readings_at_their_ends(exact_run, uncertain):
@@ -251,10 +248,13 @@ def test_a_tolerance_below_the_bracket_is_refuted(exact_run, tmp_path):
     assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
 
 
-def test_a_point_of_ones_own_is_asked_about(exact_run, tmp_path):
+def test_a_point_of_ones_own_is_asked_about_and_a_run_without_time_says_so(exact_run, tmp_path):
     run = certified(Run(tmp_path / "run", exact_run.study, None), within=NEAR, time_limit=0.0, at=(10.0, -20.0, 300.0))
     assert run.result.ranges.known.at == (10.0, -20.0, 300.0)
     assert run.result.ranges.known.place > exact_run.result.ranges.known.place  # without time
+    assert run.result.timed
+    assert not run.result.complete
+    assert (True, "lower end: NOT CERTIFIED, eps >= 0") in verify_hand_eye(run.folder)
     assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
     for at in ((1.0, 2.0), (0.0, 0.0, math.nan), (0.0, 0.0, 1e6)):
         with pytest.raises(InputError, match=r"point before the camera: is .* -> give x, y, z in the camera frame, mm"):
@@ -265,14 +265,6 @@ def test_too_many_wrong_images_for_the_study_are_refused():
     study = simulate_hand_eye(images=9, corners=(3, 3), seed=1).study
     with pytest.raises(InputError, match="outliers: is 2 of 9 images"):
         certify_hand_eye(study, outliers=2)
-
-
-def test_a_run_without_time_says_so_and_is_verified(exact_run, tmp_path):
-    run = certified(Run(tmp_path / "run", exact_run.study, None), within=NEAR, time_limit=0.0)
-    assert run.result.timed
-    assert not run.result.complete
-    assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 6
-    assert (True, "lower end: NOT CERTIFIED, eps >= 0") in verify_hand_eye(run.folder)
 
 
 # forged numbers ----------------------------------------------------------------------------------------------------
@@ -291,132 +283,72 @@ def lower_by(certificate):
 
 
 UP, DOWN = (lambda v: v * (1 + 1e-9)), (lambda v: v * (1 - 1e-9))
-BOX = "speaks of another box"
+BOX, SPOILED = "speaks of another box", "so many wrong ones could spoil"
 EMPTY: dict[str, list[float]] = {"lo": [], "hi": [], "low": [], "high": []}
-NUMBERS = {
-    "a larger lower end": (put("eps_lo", to=UP), "lower end", "at another tolerance"),
-    "no lower end": (put("eps_lo", to=0.0), "lower end", "at another tolerance"),
-    "a smaller upper end": (put("eps_hi", to=DOWN), "upper end", "not the largest error of a pixel at the point"),
-    "another point": (put("point", "camera_position", 0, to=plus(1e-3)), "upper end", "not the largest error"),
-    "a smaller tolerance of the ranges": (put("eps", to=DOWN), "ranges", "at another tolerance"),
-    "a larger tolerance": (put("tolerance", to=UP), "ranges", "at another tolerance"),
-    "no tolerance": (put("tolerance", to=None), "ranges", "at another tolerance"),
-    "a range with a larger lower end": (put("ranges", "low", 0, to=plus(1e-3)), "ranges", "another ranges than"),
-    "a turn with a smaller upper end": (put("ranges", "high", 11, to=plus(-1e-9)), "ranges", "another ranges than"),
-    "a larger lower end of an unknown": (put("ranges", "lo", 9, to=plus(1e-9)), "ranges", "another box of the unkn"),
-    "a smaller upper end of an unknown": (put("ranges", "hi", 9, to=plus(-1e-9)), "ranges", "another box of the unkn"),
-    "a point that is known better": (put("ranges", "known", "place", to=DOWN), "ranges", "another place of a point"),
-    "a point elsewhere": (put("ranges", "known", "at", 0, to=plus(1.0)), "ranges", "another place of a point"),
-    "a wider search": (put("asked", "reach", to=200.0), "ranges", BOX),
-    "a box without the point": (put("asked", "reach", to=1e-9), "upper end", "a point that is not in the box"),
-    "a smaller angle": (put("asked", "angle", to=1.0), "ranges", BOX),
-    "a centre elsewhere": (put("asked", "center", "camera_position", 0, to=plus(1e-3)), "centre", "not the least-sq"),
-    "a centre of another box": (put("asked", "center", "camera_position", 0, to=plus(1e-9)), "ranges", BOX),
-    "a target turned": (put("asked", "center", "target_quaternion", 2, to=plus(1e-3)), "centre", "not the least-sq"),
-    "an image more": (put("images", to=plus(1)), "box", "another study"),
-    "another setup": (put("setup", to="eye-to-foot"), "box", "another study"),
-    "a certificate with a NUL": (lower_by("a\0.cert.jsonl"), "lower end", "names no certificate of its folder"),
-    "that of the ranges": (lower_by("ranges.cert.jsonl"), "lower end", "at another tolerance"),
-    "no certificate of the lower end": (put("lower", to=[]), "lower end", "another eps_lo than is proved"),
+HARDLY = {  # of the runs with exact and with uncertain poses, and with a wrong image: false by hardly anything
+    "a larger lower end": ("exact_run", put("eps_lo", to=UP), "lower end", "at another tolerance"),
+    "a smaller upper end": ("exact_run", put("eps_hi", to=DOWN), "upper end", "not the largest error of a pixel"),
+    "a smaller tolerance": ("exact_run", put("eps", to=DOWN), "ranges", "at another tolerance"),
+    "a smaller turn": ("exact_run", put("ranges", "high", 11, to=plus(-1e-9)), "ranges", "another ranges than"),
+    "an unknown's lower end": ("exact_run", put("ranges", "lo", 9, to=plus(1e-9)), "ranges", "another box of the unk"),
+    "a point known better": ("exact_run", put("ranges", "known", "place", to=DOWN), "ranges", "another place of a po"),
+    "another centre": ("exact_run", put("asked", "center", "camera_position", 0, to=plus(1e-9)), "ranges", BOX),
+    "a better image": (
+        "exact_run", put("classical", "images", 0, "largest", to=DOWN), "least squares", "another error in an image"),
+    "readings of exact poses": (
+        "exact_run", put("readings", to=[[1e-9] * 6] * 4), "upper end", "of poses that are exact"),
+    "a reading above its half-width": (
+        "uncertain", put("readings", 0, 0, to=MM * (1 + 1e-9)), "upper end", "beyond its half-width"),
+    "a turn below its half-width": (
+        "uncertain", put("readings", 4, 5, to=-TURN * (1 + 1e-9)), "upper end", "beyond its half"),
+    "another reading": (
+        "uncertain", put("readings", 0, to=lambda one: [0.5 * v for v in one]), "upper end", "not the largest"),
+    "another of least squares": (
+        "uncertain", put("classical", "readings", 0, 1, to=plus(1e-3)), "centre", "not those of least"),
+}  # fmt: skip
+FORGED = HARDLY | {
+    "a centre elsewhere": (
+        "exact_run", put("asked", "center", "target_quaternion", 2, to=plus(1e-3)), "centre", "not the least-sq"),
+    "a box without the point": ("exact_run", put("asked", "reach", to=1e-9), "upper end", "that is not in the box"),
+    "any rotation": ("exact_run", put("asked", "angle", to=None), "ranges", BOX),
+    "a certificate with a NUL": ("exact_run", lower_by("a\0.cert.jsonl"), "lower end", "names no certificate of its"),
+    "that of the ranges": ("exact_run", lower_by("ranges.cert.jsonl"), "lower end", "at another tolerance"),
     "ranges that stop early": (
-        put("ranges", "certificate", to="ranges-image-1.cert.jsonl"), "ranges", "claims no box of frames"),
+        "exact_run", put("ranges", "certificate", to="ranges-image-1.cert.jsonl"), "ranges", "claims no box of frames"),
     "no frames where there are some": (
-        put("ranges", to=lambda one: one | EMPTY | {"known": None}),
-        "ranges", "another box of"),
-    "a point of the support less": (without_one("support"), "lower end", "another support"),
-    "another point of the support": (put("support", 0, 1, to="p"), "lower end", "another support"),
-    "a better image": (put("classical", "images", 0, "largest", to=DOWN), "least squares", "another error in an image"),
-    "another verdict": (
-        put("classical", "images", 0, "ok", to=lambda value: not value), "least squares", "another verdict on an im"),
-    "an image's name": (put("classical", "images", 0, "image", to="b"), "least squares", "states another image than"),
-    "a better classical answer": (put("classical", "largest", to=DOWN), "least squares", "another largest error than"),
-}  # fmt: skip
-EXACT = NUMBERS | {
-    "readings of exact poses": (put("readings", to=[[1e-9] * 6] * 4), "upper end", "of poses that are exact"),
-    "any rotation": (put("asked", "angle", to=None), "ranges", BOX),
-}
-UNCERTAIN = {name: NUMBERS[name] for name in ("a larger lower end", "a smaller upper end", "a larger tolerance")} | {
-    "a reading above its half-width": (put("readings", 0, 0, to=MM * (1 + 1e-9)), "upper end", "beyond its half-width"),
-    "a turn below its half-width": (put("readings", 4, 5, to=-TURN * (1 + 1e-9)), "upper end", "beyond its half"),
-    "no readings": (put("readings", to=[]), "upper end", "are not those of the study's poses"),
-    "a reading too few": (without_one("readings"), "upper end", "are not those of the study's poses"),
-    "another reading": (put("readings", 0, to=lambda one: [0.5 * v for v in one]), "upper end", "not the largest"),
-    "a reading of least squares": (put("classical", "readings", 0, 1, to=plus(1e-3)), "centre", "not those of least"),
-    "a short reading of least squares": (put("classical", "readings", 0, to=[0.0] * 5), "centre", "not those of least"),
-    "one beyond its half-width": (put("classical", "readings", 0, 1, to=0.11), "least squares", "beyond its half"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", EXACT)
-def test_a_forged_number_is_refused(exact_run, refused, name):
-    refused(exact_run.folder, "handeye.json", *EXACT[name])
-
-
-@pytest.mark.parametrize("name", UNCERTAIN)
-def test_a_forged_number_of_uncertain_poses_is_refused(uncertain, refused, name):
-    refused(uncertain.folder, "handeye.json", *UNCERTAIN[name])
-
-
-def blamed(image):
-    return put("blamed", 0, 0, to=image)
-
-
-SPOILED = "so many wrong ones could spoil"
-WRONG = {
-    "a larger lower end": (put("eps_lo", to=UP), "lower end", "at another tolerance"),
-    "no lower end": (put("eps_lo", to=0.0), "lower end", "at another tolerance"),
-    "no groups": (put("lower", to=[]), "lower end", "another eps_lo than is proved"),
-    "a group less": (without_one("lower"), "lower end", SPOILED),
-    "more wrong images": (put("outliers", to=2), "lower end", SPOILED),
-    "no wrong images": (put("outliers", to=0), "upper end", "leaves out other images than may be"),
-    "a smaller upper end": (put("eps_hi", to=DOWN), "upper end", "not the largest error of a pixel"),
-    "another point": (put("point", "target_position", 0, to=plus(1e-3)), "upper end", "not the largest error"),
-    "nothing left out": (put("left_out", to=[]), "upper end", "leaves out other images than may be"),
-    "another left out": (put("left_out", 0, to="image001"), "upper end", "not the largest error of a pixel"),
-    "a stranger left out": (put("left_out", 0, to="image099"), "upper end", "leaves out other images than may be"),
-    "one group twice": (put("lower", to=lambda one: [one[0], one[0]]), "lower end", "a group of images twice"),
-    "an image of a group once more": (
-        put("lower", 0, "images", to=lambda one: [*one, one[-1]]), "lower end", "an image of a group twice"),
-    "a group once more": (put("lower", to=lambda one: [*one, one[-1]]), "lower end", "a group of images twice"),
-    "a stranger in a group": (put("lower", 0, "images", 0, to="image099"), "lower end", "is not in list|kind|tuple"),
-    "an image less in a group": (without_one("lower", 0, "images"), "lower end", "about other images"),
-    "the certificate of another group": (lower_by("lower-2-links.cert.jsonl"), "lower end", "about other images"),
-    "another image blamed": (blamed("image001"), "wrong images", "that is not left out"),
-    "one blamed twice": (put("blamed", to=lambda one: [*one, *one]), "wrong images", "that is not left out, or twice"),
-    "one reason too few": (without_one("blamed", 0, 1), "wrong images", SPOILED),
+        "exact_run", put("ranges", to=lambda one: one | EMPTY | {"known": None}), "ranges", "another box of"),
+    "a group less": ("wrong", without_one("lower"), "lower end", SPOILED),
+    "more wrong images": ("wrong", put("outliers", to=2), "lower end", SPOILED),
+    "nothing left out": ("wrong", put("left_out", to=[]), "upper end", "leaves out other images than may be"),
+    "another left out": ("wrong", put("left_out", 0, to="image001"), "upper end", "not the largest error of a pixel"),
+    "one group twice": ("wrong", put("lower", to=lambda one: [one[0], one[0]]), "lower end", "a group of images twice"),
+    "the certificate of another group": (
+        "wrong", lower_by("lower-2-links.cert.jsonl"), "lower end", "about other images"),
+    "another image blamed": ("wrong", put("blamed", 0, 0, to="image001"), "wrong images", "that is not left out"),
+    "one reason too few": ("wrong", without_one("blamed", 0, 1), "wrong images", SPOILED),
     "a reason without the image": (
-        put("blamed", 0, 1, 0, "images", to=lambda one: [v for v in one if v != "image005"]),
+        "wrong", put("blamed", 0, 1, 0, "images", to=lambda one: [v for v in one if v != "image005"]),
         "wrong images", "a group without the image"),
-    "a larger tolerance": (put("eps", to=UP), "wrong images", "at another tolerance"),
-    "another tolerance that was asked for": (put("tolerance", to=0.1), "wrong images", "at another tolerance"),
-    "images without a point of the support": (without_one("support"), "lower end", "another support"),
-    "a better image that is left out": (
-        put("classical", "images", 4, "largest", to=DOWN), "least squares", "another error in an image"),
     "ranges that nobody proved": (
-        put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "known": None} | EMPTY),
+        "wrong", put("ranges", to={"certificate": "lower-1-links.cert.jsonl", "known": None} | EMPTY),
         "ranges", "at another tolerance"),
-    "a centre elsewhere": (put("asked", "center", "target_position", 0, to=plus(300.0)), "centre", "not the least-sq"),
-    "a wider search": (put("asked", "reach", to=60.0), "lower end", BOX),
-    "any rotation": (put("asked", "angle", to=None), "wrong images", BOX),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_a_forged_number_of_wrong_images_is_refused(wrong, refused, name):
-    refused(wrong.folder, "handeye.json", *WRONG[name])
+@pytest.mark.parametrize("name", FORGED)
+def test_a_forged_number_is_refused(exact_run, uncertain, wrong, refused, name):
+    run, *change = FORGED[name]
+    refused({"exact_run": exact_run, "uncertain": uncertain, "wrong": wrong}[run].folder, "handeye.json", *change)
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         (put("asked", "angle", to=720.0), "an angle of 720.0 degrees"),
-        (put("asked", "angle", to="nan"), "an angle of nan degrees"),
         (put("asked", "reach", to=-1.0), "a reach of -1.0 mm"),
         (put("asked", "center", "target_quaternion", to=[0.0] * 4), "a quaternion is of no rotation"),
         (put("asked", "center", "target_position", to=[0.0]), "no list of 3"),
         (put("point", "camera_position", 0, to="inf"), "point.camera_position is inf"),
-        (put("eps_lo", to="nan"), "eps_lo is nan"),
-        (put("eps_hi", to="inf"), "eps_hi is inf"),
     ],
 )
 def test_a_number_that_is_none_is_refused(exact_run, tmp_path, change, reason):
@@ -431,7 +363,7 @@ def test_a_number_that_is_none_is_refused(exact_run, tmp_path, change, reason):
 # forged studies and certificates -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("place", [2, 3, 4, 5, 6, 7, 9])
+@pytest.mark.parametrize("place", [2, 4, 6, 9])
 def test_certificates_of_another_study_are_refused(exact_run, refused, place):
     """A pixel, an undistorted one, a point or a half-width: each certificate is tied to the file by its digest."""
     amount = 1e-12 if place in (2, 3) else 1e-9
@@ -468,19 +400,15 @@ CERTIFICATES = {
     "a smaller eps": (put(0, "eps", to="0x1p-4"), "at another tolerance"),
     "fewer images": (put(0, "images", to=[0, 1, 2]), "about something else"),
     "another stage": (put(0, "stage", to="links"), "there is no row|about something else"),
-    "an image that is none": (put(0, "images", to=[0, 99]), "there are no such images"),
     "no predecessor": (put(0, "after", to=None), "no such|less than the bound|do not exclude|about something"),
     "itself as predecessor": (put(0, "after", to="lower.cert.jsonl"), "rests on itself"),
     "poses of no image": (put(0, "poses", to=["ranges.cert.jsonl"]), "is about something else"),
-    "a pose twice": (put(0, "poses", to=lambda one: [one[0], one[0]]), "rests on poses of other images"),
     "another origin": (put(0, "asked", "hand", 0, to="0x1p+3"), "is about something else"),
-    "another format": (put(0, "format", to="cpcal-certificate/3"), "is none of cpcal-certificate/6"),
     "no weights of rows": (weightless, "do not exclude the box|less than the bound"),
     "a negative weight": (
         lambda lines: lines[-1].get("weights", lines[-1].get("bounds", [[0] * 4])[0][3])["rows"][0].__setitem__(1, -1),
         "is no whole number"),
     "no step": (lambda lines: lines.__delitem__(slice(2, None)), "a solution is not excluded"),
-    "a box less": (put(1, "infeasible", to=False), "does not claim that there are no frames"),
 }  # fmt: skip
 
 
@@ -550,7 +478,6 @@ def test_the_table_has_every_key_of_a_run(exact_run, uncertain, wrong):
         assert unlisted_keys(run.folder / "handeye.json") == []
 
 
-@pytest.mark.nightly
 def test_every_change_outside_of_the_information_is_refused(exact_run, uncertain, wrong, tmp_path):
     for number, run in enumerate((exact_run, uncertain, wrong)):
         folder = tmp_path / str(number)

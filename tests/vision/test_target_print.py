@@ -75,7 +75,9 @@ def test_the_printed_page_is_seen_as_the_target(tmp_path):
     subprocess.run(["pdftoppm", "-r", "127", "-png", "-gray", "target.pdf", "page"], cwd=tmp_path, check=True)
     (page,) = tmp_path.glob("page*.png")
     found = observe_dots(read_image(page), bright=False)
-    wanted = sheet(SMALL).placed(SMALL.dots) * 5.0 - 0.5  # 127 dots an inch: 5 pixels a mm; pixel centres are whole
+    on = sheet(SMALL)
+    places = (SMALL.dots - on.corner) * [1.0, -1.0] + [0.0, on.size[1]]
+    wanted = places * 5.0 - 0.5  # 127 dots an inch: 5 pixels a mm; pixel centres are whole
     nearest = np.linalg.norm(found.centers[:, None] - wanted, axis=2)
     assert (nearest.min(axis=0) < 0.1).all()
     radii = found.axes[nearest.argmin(axis=0)].mean(axis=1)

@@ -30,7 +30,7 @@ PAPERS = tuple(_PAPERS)
 _STEP = 0.05  # sizes of targets for a paper are multiples of it
 _BORDER = 10.0  # mm, of the page
 _FOOT = 18.0  # mm, below the plate: the bar, the name
-_BAR = 100.0  # mm
+_BAR, _BELOW = 100.0, 7.0  # mm, and so far below the plate
 _TICK = 3.0  # mm, at each of the bar's ends
 _CAPTION = 8.0  # mm, its line below the bar
 _TEXT = 4.0  # mm, its size
@@ -47,43 +47,31 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Sheet:
-    """Where everything is on a page, mm from its upper left corner, y down.
-
-    paper   its name, "" for a size of its own
-    size    width, height of the page
-    plate   left, top, width, height of the ground that the dots lie on
-    origin  (2,) where the target's frame begins; its x goes right, its y up
-    bar     left end and height of the bar of 100 mm
-    """
+    """The page of a target: its paper, "" for a size of its own; width and height, mm; and its lower left corner as the
+    target's frame has it, y up (`upward`)."""
 
     paper: str
     size: tuple[float, float]
-    plate: tuple[float, float, float, float]
-    origin: tuple[float, float]
-    bar: tuple[float, float]
-
-    def placed(self, dots: Floats) -> Floats:
-        """Places (n, 2) mm, y up, on the page."""
-        return np.asarray(np.array(self.origin) + dots * np.array([1.0, -1.0]))
+    corner: Floats
 
 
 def on_paper(target: Target, paper: str) -> Target:
     """The target in the largest size, a multiple of 0.05 of its own, that the paper (one of PAPERS) holds."""
     fits = [resized(target, k * _STEP) for k in range(1, 101)]
-    return [size for size in fits if _sheet_for(size, (paper,))[0]][-1]
+    return [size for size in fits if _sheet_for(size, (paper,)).paper][-1]
+
+
+def upward(target: Target, places: Floats) -> Floats:
+    """Places (n, 2) with y up, as on paper: of OpenCV's boards it goes down."""
+    return np.asarray(places * np.array([1.0, -1.0 if target.board else 1.0]))
 
 
 def _plate(target: Target) -> tuple[Floats, Floats]:
     """The corners of the ground, mm, y up: a detector needs some all around what is printed."""
     margin = target.radius + max(2.0 * target.radius, 5.0)
     squares = _squares(target)
-    every = np.concatenate([_upward(target, target.dots), squares[:, :2], squares[:, :2] + squares[:, 2:]])
+    every = np.concatenate([upward(target, target.dots), squares[:, :2], squares[:, :2] + squares[:, 2:]])
     return every.min(axis=0) - margin, every.max(axis=0) + margin
-
-
-def _upward(target: Target, places: Floats) -> Floats:
-    """Places (n, 2) with y up, as on paper: of OpenCV's boards it goes down."""
-    return np.asarray(places * np.array([1.0, -1.0 if target.board else 1.0]))
 
 
 def _squares(target: Target) -> Floats:
@@ -91,33 +79,28 @@ def _squares(target: Target) -> Floats:
     if not target.printed:
         return np.zeros((0, 3))
     squares = dark_squares(Board.parsed(target.board))
-    return np.column_stack([_upward(target, squares[:, :2]) - [0.0, 1.0] * squares[:, 2:], squares[:, 2]])
+    return np.column_stack([upward(target, squares[:, :2]) - [0.0, 1.0] * squares[:, 2:], squares[:, 2]])
 
 
-def _sheet_for(target: Target, papers: Iterable[str]) -> tuple[str, tuple[float, float]]:
-    """The first of the papers, upright or lying, that holds the target; "" and the size it needs where none does."""
+def _sheet_for(target: Target, papers: Iterable[str]) -> Sheet:
+    """The first of the papers, upright or lying, that holds the target; where none does, none and the size it needs."""
     low, high = _plate(target)
-    width, height = (high - low).tolist()
-    needs = (max(width, _BAR + 2.0 * _TICK) + 2.0 * _BORDER, height + _FOOT + 2.0 * _BORDER)
-    for name in papers:
-        for across, down in (_PAPERS[name], _PAPERS[name][::-1]):
-            if needs[0] <= across and needs[1] <= down:
-                return name, (across, down)
-    return "", needs
+    low = low - [0.0, _FOOT]
+    needs = np.maximum(high - low, [_BAR + 2.0 * _TICK, 0.0]) + 2.0 * _BORDER
+    sizes = [(name, way) for name in papers for way in (_PAPERS[name], _PAPERS[name][::-1])]
+    every = ((name, way) for name, way in sizes if (needs <= way).all())
+    name, (width, height) = next(every, ("", (float(needs[0]), float(needs[1]))))
+    return Sheet(name, (width, height), 0.5 * (low + high - [width, height]))
 
 
 def sheet(target: Target, paper: str | None = None) -> Sheet:
     """That paper, or the smallest sheet from A4 to A0, upright or lying, that holds the target; else one of the size
     that it needs. Raises InputError when the target does not fit the paper that is named."""
-    name, size = _sheet_for(target, _SIZES if paper is None else (paper,))
-    if paper is not None and not name:
-        what = f"needs {size[0]:.0f} x {size[1]:.0f} mm and does not fit {paper}"
+    found = _sheet_for(target, _SIZES if paper is None else (paper,))
+    if paper is not None and not found.paper:
+        what = "needs {:.0f} x {:.0f} mm and does not fit ".format(*found.size) + paper
         raise unusable(f"target {target.name}", what, "choose another --paper")
-    low, high = _plate(target)
-    width, height = (high - low).tolist()
-    left, top = 0.5 * (size[0] - width), 0.5 * (size[1] - height - _FOOT)
-    bar = (0.5 * (size[0] - _BAR), top + height + 7.0)
-    return Sheet(name, size, (left, top, width, height), (left - float(low[0]), top + float(high[1])), bar)
+    return found
 
 
 def print_target(target: Target, path: str | os.PathLike[str], paper: str | None = None) -> None:
@@ -140,32 +123,32 @@ def page_bytes(target: Target, kind: str, paper: str | None = None) -> bytes:
         figure = Figure(figsize=(on.size[0] / _MM_PER_INCH, on.size[1] / _MM_PER_INCH))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        axes.set_xlim(0.0, on.size[0])
-        axes.set_ylim(on.size[1], 0.0)
-        _draw(axes, target, on)
+        axes.set_xlim(on.corner[0], on.corner[0] + on.size[0])
+        axes.set_ylim(on.corner[1], on.corner[1] + on.size[1])
+        _draw(axes, target)
         buffer = io.BytesIO()
         none = {"CreationDate": None, "Creator": None, "Producer": None} if kind == "pdf" else {"Date": None}
         figure.savefig(buffer, format=kind, metadata={"Title": _title(target), **none})
     return buffer.getvalue()
 
 
-def _draw(axes: Axes, target: Target, on: Sheet) -> None:
+def _draw(axes: Axes, target: Target) -> None:
     ground, ink = ("black", "white") if target.bright else ("white", "black")
-    left, top, width, height = on.plate
-    axes.add_patch(Rectangle((left, top), width, height, facecolor=ground, linewidth=0.0))
-    squares = _squares(target)
-    for (u, v), side in zip(on.placed(squares[:, :2]).tolist(), squares[:, 2].tolist(), strict=True):
-        axes.add_patch(Rectangle((u, v - side), side, side, facecolor=ink, linewidth=0.0))
-    for u, v in on.placed(_upward(target, target.dots)).tolist() if not target.printed else ():
-        axes.add_patch(Circle((u, v), target.radius, facecolor=ink, linewidth=0.0))
-    x, y = on.bar
+    low, high = _plate(target)
+    axes.add_patch(Rectangle(low.tolist(), *(high - low).tolist(), facecolor=ground, linewidth=0.0))
+    for x, y, side in _squares(target).tolist():
+        axes.add_patch(Rectangle((x, y), side, side, facecolor=ink, linewidth=0.0))
+    for x, y in upward(target, target.dots).tolist() if not target.printed else ():
+        axes.add_patch(Circle((x, y), target.radius, facecolor=ink, linewidth=0.0))
+    middle, y = 0.5 * float(low[0] + high[0]), float(low[1]) - _BELOW
+    ends = middle - 0.5 * _BAR, middle + 0.5 * _BAR
     thin: dict[str, Any] = {"color": "black", "linewidth": 0.2 * _POINTS_PER_MM, "solid_capstyle": "butt"}
-    axes.plot([x, x + _BAR], [y, y], **thin)
-    for end in (x, x + _BAR):
+    axes.plot(ends, [y, y], **thin)
+    for end in ends:
         axes.plot([end, end], [y - _TICK, y + _TICK], **thin)
     axes.text(
-        0.5 * on.size[0],
-        y + _CAPTION,
+        middle,
+        y - _CAPTION,
         _caption(target),
         fontsize=_TEXT * _POINTS_PER_MM,
         horizontalalignment="center",
