@@ -37,9 +37,6 @@ class Deviations:
     repeats   (K,) readings of each configuration
     freedom   N - K
     sigma     (C,) standard deviations of one reading, pooled over the configurations, divisor N - K
-    errors    (N', C) deviations times sqrt(r / (r - 1)), of configurations with r >= 2: a deviation from the mean of r
-              readings has (r - 1) / r of a reading's variance; these have all of it, and stand for the errors of single
-              readings in what follows (they are nearly independent when r is large)
     """
 
     names: tuple[str, ...]
@@ -50,7 +47,6 @@ class Deviations:
     repeats: Ints
     freedom: int
     sigma: Floats
-    errors: Floats
 
 
 def deviations(
@@ -65,10 +61,8 @@ def deviations(
     centred = values - group_means(values, group, len(names))[group]
     repeats, freedom = np.bincount(group, minlength=len(names)).astype(np.int64), len(group) - len(names)
     sigma = np.sqrt(np.sum(centred**2, axis=0) / freedom)
-    r = repeats[group][:, None]
-    errors = (centred * np.sqrt(r / np.maximum(r - 1.0, 1.0)))[r[:, 0] > 1]
     identified = names, group, tuple(row_names), tuple(channels)
-    return Deviations(*identified, frozen_array(centred), repeats, freedom, sigma, errors)
+    return Deviations(*identified, frozen_array(centred), repeats, freedom, sigma)
 
 
 def campaign_deviations(campaign: Campaign) -> Deviations:

@@ -11,15 +11,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.budget import Budget
-from cpcal.calibration.fit import Fit, LegEquations, fit
+from cpcal.calibration.fit import Fit, fit
 from cpcal.calibration.frames import (
     FittedFrame,
     first_frames,
@@ -30,7 +29,6 @@ from cpcal.calibration.frames import (
 )
 from cpcal.calibration.statistics import (
     Of,
-    Repeatability,
     Screening,
     Tests,
     averaged,
@@ -49,7 +47,6 @@ from cpcal.common.values import Floats, Ints
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, inverse
-from cpcal.solver.optimize.least_squares import least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
@@ -59,20 +56,16 @@ from cpcal.solver.optimize.least_squares import least_squares
 class StudyRows:
     """Measurements of a table.
 
-    readings    how many rows there are
     screening   outliers among them; None where no pose is repeated, so that nothing tells them
     good        the rows without them
     runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
                 images count as runs
-    run_names   the runs of those
     shared      (N, 6) of those: deviations of the errors that all images share, mm and rad; None where there are none
     """
 
-    readings: int
     screening: Screening | None
     good: Campaign
     runs: Campaign
-    run_names: tuple[str, ...]
     shared: Floats | None
 
     @property
@@ -92,16 +85,15 @@ def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | N
         if table.image is None or not has_runs:
             screening = screen(spread)
         else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
-            every = _run_means(rows, runs)[0]
-            legs = scores(campaign_deviations(every))[_by_run(rows, runs)][:, 6:]
+            legs = scores(campaign_deviations(_run_means(rows, runs)))[_by_run(rows, runs)][:, 6:]
             screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
     keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
     good = rows.rows(keep)
-    averages, names = _run_means(good, runs[keep])
+    averages = _run_means(good, runs[keep])
     shared = None
     if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
-        shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(names)))
-    return StudyRows(len(rows), screening, good, averages, names, shared)
+        shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(averages)))
+    return StudyRows(screening, good, averages, shared)
 
 
 def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
@@ -124,15 +116,15 @@ def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
     return grouped(list(zip(rows.pose, runs.tolist(), strict=True)), repeated=False)[0]
 
 
-def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> tuple[Campaign, tuple[str, ...]]:
+def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> Campaign:
     group = _by_run(rows, runs)
     first = np.unique(group, return_index=True)[1]
     names = tuple(runs[first].tolist())
     if len(first) == len(rows):
-        return rows, names
+        return replace(rows, run=names)
     pose = [rows.pose[k] for k in first]
     of_means = means(rows, group, len(first))
-    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance), names
+    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -252,8 +244,7 @@ class CalibrationRecord:
     """The calibration of a study.
 
     drawing          (n, 7) nominal parameters in the drawing's own frames; the campaign's robot has them moved
-    x_c_of_f         (n, 7) mm, the paper's x_c: least squares of f = ||v||^2 - (L + l)^2, laid on the drawing
-    campaign_sha256  of the campaign that the fits are of; check_sha256 of the one that they were validated with
+    campaign_sha256  of the campaign that the fits are of
     factor, of       of the reading sets: half-widths of so many standard deviations of the "mean" of the repeats about
                      which a set is, or of "single" readings
     camera_in_base, target_in_mobile    the frames by the joint centres of x_c_sigma
@@ -263,7 +254,6 @@ class CalibrationRecord:
     robot: str
     drawing: Rows
     campaign_sha256: str
-    check_sha256: str
     factor: float
     of: str
     repeats: RepeatRecord
@@ -271,15 +261,14 @@ class CalibrationRecord:
     target_in_mobile: FittedFrame
     x_c: Parameters
     x_c_sigma: Parameters
-    x_c_of_f: Rows
     validation: ValidationRecord
     budget: Budget | None
 
     def __post_init__(self) -> None:
         """Raises ValueError when the parts are not of the same number of legs."""
         legs = len(self.drawing)
-        if not legs or len(self.x_c_of_f) != legs or any(len(row) != 7 for row in (*self.drawing, *self.x_c_of_f)):
-            raise ValueError("the drawing, or x_c of f, is not seven numbers a leg")
+        if not legs or any(len(row) != 7 for row in self.drawing):
+            raise ValueError("the drawing is not seven numbers a leg")
         if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
             raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
 
@@ -316,7 +305,7 @@ class CalibrationRecord:
             yield self.budget.sentence
 
 
-FORMAT = "cpcal-calibration/12"
+FORMAT = "cpcal-calibration/13"
 RECORD_NAME = "calibration.json"
 
 
@@ -342,15 +331,13 @@ class StudyCalibration:
     drawing       the study's robot
     campaign      one measurement a configuration: means; reading sets of `factor` standard deviations
     check         the same of the validation poses
-    repeats       whose scatter the repeats show: camera's, sensors', robot's
-    x_c, x_c_sigma        least squares of g: plain, and weighted by the noise of the means, all legs together
+    x_c, x_c_sigma  least squares of g: plain, and weighted by the noise of the means, all legs together
     record        all of it as plain values, with statistics and validation
     """
 
     drawing: Robot
     campaign: Campaign
     check: Campaign
-    repeats: Repeatability
     x_c: Fit
     x_c_sigma: Fit
     record: CalibrationRecord
@@ -408,11 +395,10 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         robot=campaign.title,
         drawing=_rows(drawing.parameters),
         campaign_sha256=campaign_sha256(campaign),
-        check_sha256=campaign_sha256(check),
         factor=factor,
         of=of,
         repeats=RepeatRecord(
-            readings=rows.readings,
+            readings=len(study.calibration),
             configurations=len(of_rows.names),
             screening=screening.sentence,
             left_out=screening.left_out,
@@ -420,14 +406,13 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
             equation_sigma=tuple(repeats.equation_sigma.tolist()),
             robot_sigma=tuple(repeats.robot_sigma.tolist()),
             scatter=repeats.sentence,
-            tests=repeat_tests(repeats, rows.run_names),
+            tests=repeat_tests(repeats, rows.runs.run),
             shared=None if shared is None else tuple(shared.tolist()),
         ),
         camera_in_base=camera_in_base,
         target_in_mobile=target_in_mobile,
         x_c=Parameters.of(x_c, drawing),
         x_c_sigma=Parameters.of(x_c_sigma, drawing),
-        x_c_of_f=_rows(on_drawing(_implicit(campaign, x_c.parameters), drawing)),
         validation=ValidationRecord(
             "measured once each, so that nothing tells outliers." if outliers is None else outliers.sentence,
             () if outliers is None else outliers.left_out,
@@ -436,31 +421,7 @@ def calibrate_study(study: Study, *, factor: float = 3.0, of: Of = "mean") -> St
         ),
         budget=None,
     )
-    return StudyCalibration(drawing, campaign, check, repeats, x_c, x_c_sigma, record)
-
-
-def _implicit(campaign: Campaign, start: Floats) -> Floats:
-    """(n, 7) mm: the least sum of squares of the paper's f = ||v||^2 - (L + l)^2 = g (g + 2 (L + l)), leg by leg."""
-
-    def parts(x: Floats, equations: LegEquations) -> tuple[Floats, Floats]:
-        """g and L + l, (N,)."""
-        return equations.values(x[None])[:, 0], equations.length[:, 0] + x[6]
-
-    def values(x: Floats, equations: LegEquations) -> Floats:
-        gap, read = parts(x, equations)
-        return np.asarray(gap * (gap + 2.0 * read))
-
-    def jacobian(x: Floats, equations: LegEquations) -> Floats:
-        gap, read = parts(x, equations)
-        return np.asarray(2.0 * np.stack([gap + read] * 6 + [read], 1) * equations.by_parameters(x[None])[:, 0])
-
-    each = [LegEquations.of(campaign, [leg]) for leg in range(1, len(start) + 1)]
-    return np.stack(
-        [
-            least_squares(partial(values, equations=own), partial(jacobian, equations=own), at, tolerance=1e-10).at
-            for own, at in zip(each, start, strict=True)
-        ]
-    )
+    return StudyCalibration(drawing, campaign, check, x_c, x_c_sigma, record)
 
 
 def _rows(values: Floats) -> Rows:

@@ -35,7 +35,7 @@ from cpcal.models import PLAIN
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.points import certify_fits
 from cpcal.questions.question import question_of
-from cpcal.report.study_page import PAPERS_WAY, of_f, render_study
+from cpcal.report.study_page import PAPERS_WAY, render_study
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
@@ -84,7 +84,7 @@ def demo(
     found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
     write_calibration(found, found.record, folder)
     show_record(talk, found.record)
-    talk.say(PAPERS_WAY, of_f(found.record), f"Tolerance: {stated(PLAN.tolerance)} mm for each leg.")
+    talk.say(PAPERS_WAY, f"Tolerance: {stated(PLAN.tolerance)} mm for each leg.")
     campaign = load_campaign(folder / CAMPAIGN)
     _fits(campaign, found.record, folder / FITS, talk)
     question = question_of(campaign, legs=PLAN.legs, ranges=True, tolerance=PLAN.tolerance)

@@ -126,17 +126,6 @@ def parameters(fit: Parameters) -> Table:
     return of_legs(fit.drawn, fit.drawn_errors)
 
 
-def of_f(record: CalibrationRecord) -> str:
-    """The paper's x_c beside the one of g, in a sentence."""
-    apart = np.abs(np.array(record.x_c_of_f) - np.array(record.x_c.drawn))
-    leg, k = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    size = "more" if apart[leg, k] > 2.0 * record.x_c.drawn_errors[leg][k] else "less"
-    return (
-        f"By f, as the paper has it, x_c differs from this one by up to {about(float(apart.max()), 2)} mm "
-        f"({SYMBOLS[int(k)]} of leg {int(leg) + 1}), {size} than its U."
-    )
-
-
 def validation(record: CalibrationRecord) -> Table:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
     plain, weighted = record.validation.x_c, record.validation.x_c_sigma
@@ -265,7 +254,7 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
     tests = [sentence for _, sentence in record.repeats.tests]
     yield Section(sentences=said, items=tests, tables=[equations(record)])
     yield Section(sentences=[record.repeats.screening, record.frames, record.sets])
-    yield Section("Table 4: x_c, plain least squares [mm]", [of_f(record)], tables=[parameters(record.x_c)])
+    yield Section("Table 4: x_c, plain least squares [mm]", tables=[parameters(record.x_c)])
     doubt = ", which the model does not explain: errors of the model are not in it, and IT DOES NOT COVER THEM"
     apart = np.abs(np.array(record.x_c.drawn) - np.array(record.x_c_sigma.drawn))
     leg, k = np.unravel_index(int(np.argmax(apart)), apart.shape)

@@ -50,9 +50,6 @@ def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) ->
         known = true_robot(campaign)
         assert known is not None
         np.testing.assert_allclose(known.parameters, true, atol=1e-9)
-    # the paper's f weighs legs by their length and no more, so that both fits of one leg are near each other
-    of_f = np.array(found.record.x_c_of_f)
-    assert 0.0 < np.abs(of_f - found.record.x_c.drawn).max() < 0.2
     for best in (found.x_c, found.x_c_sigma):
         assert np.mean(np.abs(best.parameters - true) <= 3.9 * best.standard_errors) > 0.9
         assert np.abs(best.parameters - true).max() < 0.5

@@ -21,7 +21,6 @@ def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
     assert sorted(p.name for p in (tmp_path / "c").iterdir()) == ["calibration.json", "campaign", "validation"]
     campaign, record = cpcal.load_campaign(tmp_path / "c" / "campaign"), load_record(tmp_path / "c")
     assert record.campaign_sha256 == campaign_sha256(campaign)
-    assert record.check_sha256 == campaign_sha256(cpcal.load_campaign(tmp_path / "c" / "validation"))
     assert record.factor == 2.0
     expected = calibrate_study(cpcal.files.load_study(study), factor=2.0)
     assert campaign_sha256(campaign) == campaign_sha256(expected.campaign)
