@@ -87,29 +87,12 @@ def test_set_algebra(x: Interval, y: Interval, z: Interval, value: float) -> Non
     assert x.subset(y) == (x & y == x)
 
 
-def test_empty_and_entire_are_neutral() -> None:
-    x = Interval(1, 2)
-    assert x | Interval.empty() == x == x & ENTIRE
-    assert (x & Interval(3, 4)).is_empty
-    assert Interval.empty().subset(x)
-    assert not x.subset(Interval.empty())
+def test_numbers_are_in_an_interval_exactly() -> None:
     assert 0 not in Interval.empty()
     assert math.nan not in ENTIRE
     assert 10**400 in Interval(0, math.inf)
     assert Fraction(1, 3) not in Interval(0.34, 1)
     assert np.int64(2**53 + 1) not in Interval(2**53)
-
-
-@pytest.mark.parametrize("operation", OPERATIONS)
-@settings(max_examples=50, deadline=None)
-@given(x=INTERVALS, y=INTERVALS)
-def test_operations_contain_the_exact_results(operation: object, x: Interval, y: Interval) -> None:
-    result = operation(x, y)  # type: ignore[operator]
-    for a in (x.lo, x.hi):
-        for b in (y.lo, y.hi):
-            if math.isfinite(a) and math.isfinite(b) and not (b == 0.0 and operation is operator.truediv):
-                assert operation(Fraction(a), Fraction(b)) in result  # type: ignore[operator]
-    assert result.is_empty or not (x.is_empty or y.is_empty)
 
 
 @pytest.mark.parametrize("number", [3, 0.1, Fraction(1, 3), 2**53 + 1, np.float64(0.7), np.int32(4)])
@@ -168,26 +151,6 @@ def test_round_trips(x: Interval) -> None:
         assert same.is_empty == x.is_empty
 
 
-def test_text() -> None:
-    assert repr(Interval(1, 2)) == "Interval(1.0, 2.0)"
-    assert str(Interval(1, 2.5)) == "[1, 2.5]"
-    assert str(Interval(-math.inf, 0.1)) == "[-inf, 0.1]"
-    assert repr(Interval.empty()) == "Interval.empty()"
-    assert str(Interval.empty()) == "[empty]"
-
-
-@settings(max_examples=75, deadline=None)
-@given(x=BOUNDED)
-def test_mid_lies_inside_and_width_is_enough(x: Interval) -> None:
-    assert x.mid in x
-    assert x.width >= Fraction(x.hi) - Fraction(x.lo)
-
-
-def test_negative_zero_is_zero() -> None:
-    assert repr(Interval(-0.0)) == "Interval(0.0, 0.0)"
-    assert hash(Interval(-0.0)) == hash(Interval(0.0))
-
-
 FINITE = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
 
 
@@ -201,10 +164,11 @@ def test_decimals_hold_the_interval(a: float, b: float, decimals: int) -> None:
     assert printed_hi - unit < Decimal(hi) <= printed_hi
 
 
-def test_formats() -> None:
+def test_text_and_formats() -> None:
+    assert repr(Interval(-0.0, 2)) == "Interval(0.0, 2.0)"
+    assert str(Interval(-math.inf, 2.5)) == f"{Interval(-math.inf, 2.5)}" == "[-inf, 2.5]"
+    assert str(Interval.empty()) == f"{Interval.empty():.3f}" == "[empty]"
     assert f"{Interval(1.26, 2.24):.1f}" == "[1.2, 2.3]"
     assert f"{Interval(0.0, math.inf):.2f}" == "[0.00, inf]"
-    assert f"{Interval(1.0, 2.0)}" == str(Interval(1.0, 2.0))
-    assert "empty" in f"{Interval.empty():.3f}"
     with pytest.raises(ValueError, match=re.escape("'.6f'")):
         f"{Interval(1.0, 2.0):>10}"
