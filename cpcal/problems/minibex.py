@@ -10,7 +10,6 @@ function    = "function" name "(" name dimensions { "," name dimensions } ")"
               { name "=" expression ";" } "return" expression [";"] "end"
 block       = "for" name "=" expression ":" expression ";" block { ";" block } [";"] "end"
             | expression ("=" | "<=" | ">=" | "<" | ">" | "in") expression
-            | "(" block ")" | name "=" expression     for a new name: what it stands for from there on
 expression  = sums of products of powers: + -, then * /, then ^ (which binds a minus sign to what follows)
 """
 
@@ -21,7 +20,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -72,7 +70,6 @@ _DEEPEST = 60  # of nested brackets, functions and loops
 
 _HABITS = {"==": "write = once", "**": "write ^ for a power"}  # of other languages
 _RELATIONS = ("=", "<=", ">=", "<", ">", "in")
-_OPENING, _CLOSING = ("(", "["), (")", "]")
 _PI = Interval(3.141592653589793, 3.1415926535897936)
 _EVERYTHING = Data(Interval(-np.inf, np.inf))
 _BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*": times, "/": divided, "^": power}
@@ -114,8 +111,6 @@ class Function:
 
 @dataclass(frozen=True)
 class Relation:
-    """A name that nothing has yet = `right` says what the name stands for."""
-
     sign: Token
     left: SyntaxNode
     right: SyntaxNode
@@ -337,13 +332,6 @@ class _Parser:
         return tuple(out)
 
     def relation(self) -> Relation:
-        """In brackets or not."""
-        if self.now.text == "(" and self.holds_relation():
-            self.take()
-            with self.deeper():
-                found = self.relation()
-                self.needs(")")
-            return found
         left = self.expression()
         if self.now.text not in _RELATIONS:
             self.fail(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
@@ -351,17 +339,6 @@ class _Parser:
         if self.now.text in _RELATIONS:
             self.fail("a second relation follows", "write a <= b and b <= c as two constraints")
         return found
-
-    def holds_relation(self) -> bool:
-        """Whether the bracket that begins here is round a relation, not round an expression."""
-        depth = 0
-        for before, token in pairwise(self.tokens[self.at :]):
-            depth += (before.text in _OPENING) - (before.text in _CLOSING)
-            if depth == 1 and token.text in _RELATIONS:
-                return True
-            if depth == 0 or token.text == ";":
-                return False
-        return False
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -375,7 +352,6 @@ class _Evaluator(_Parser):
         super().__init__(text, where)
         self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(np.finfo(float).max, np.inf))}
         self.functions: dict[str, Function] = {}
-        self.used: set[str] = set()  # names that were asked for
         self.calls = 0  # of functions in one another
 
     @contextmanager
@@ -399,7 +375,6 @@ class _Evaluator(_Parser):
         if kind == "name":
             if token.text not in names:
                 raise self.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
-            self.used.add(token.text)
             return names[token.text]
         if kind in _BINARY:
             return self.chain(node, names)
@@ -504,7 +479,6 @@ class _Meaning(_Evaluator):
         super().__init__(text, where)
         self.network = Network(Path(where).stem or "problem")
         self.names: dict[str, Value] = {}  # of variables
-        self.set_here: dict[str, Token] = {}  # names that are set in the constraints
 
     def problem(self) -> StatedProblem:
         if self.takes("constants"):
@@ -545,10 +519,6 @@ class _Meaning(_Evaluator):
                 raise self.wrong(what, "write fewer", relation.sign)
             with self.placed(relation.sign):
                 self.network.add(self.constraint(relation, scope))
-        for name, token in self.set_here.items():  # one that is used nowhere is a slip of the pen
-            if name not in self.used:
-                what = f"{shown(name)} is set here and used nowhere"
-                raise self.wrong(what, "correct the name of the variable, or take the line out", token)
         return StatedProblem(self.network, goal)
 
     # declarations -----------------------------------------------------------------------------
@@ -608,17 +578,10 @@ class _Meaning(_Evaluator):
     # constraints ------------------------------------------------------------------------------
 
     def relations(self, blocks: tuple[Relation | Loop, ...], names: Names) -> Iterator[tuple[Relation, Names]]:
-        names = dict(names)
         for block in blocks:
             if isinstance(block, Loop):
                 for k in self.range(block.name, block.first, block.last, names):
                     yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
-                continue
-            token = block.left.token
-            known = token.text in names or token.text in self.functions
-            if block.left.kind == "name" and block.sign.text == "=" and not known:
-                names[token.text] = self.value(block.right, names)  # what has no meaning yet gets one
-                self.set_here[token.text] = token
             else:
                 yield block, names
 
