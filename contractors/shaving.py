@@ -16,11 +16,10 @@ from cpcal.solver.contract import (
     Composable,
     Contraction,
     Contractor,
-    answered,
+    TakesBatches,
     contracted,
     narrowed,
     shrunk,
-    takes_batches,
 )
 from cpcal.solver.interval import Box, Floats, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
@@ -75,7 +74,7 @@ class Cid(Composable):
         left. All at once, in several passes, where it takes batches."""
         lo, hi = (np.repeat(bound[None], len(ends) - 1, axis=0) for bound in (box.lo, box.hi))
         lo[:, component], hi[:, component] = ends[:-1], ends[1:]
-        if not takes_batches(self._inner):
+        if not isinstance(self._inner, TakesBatches):
             parts = [box.with_bounds(*bounds) for bounds in zip(lo, hi, strict=True)]
             left = [contracted(self._inner, part, deadline).box for part in parts]
             return IntervalArray(np.stack([one.lo for one in left]), np.stack([one.hi for one in left]))
@@ -85,7 +84,7 @@ class Cid(Composable):
             if not alive.size:
                 break
             lo, hi = array.lo.copy(), array.hi.copy()
-            some = answered(self._inner, "contract_batch", array[alive], deadline)
+            some = self._inner.contract_batch(array[alive], deadline)
             lo[alive], hi[alive] = some.lo, some.hi
             with np.errstate(all="ignore"):
                 pays = shrunk((array.hi - array.lo)[alive], (hi - lo)[alive], 0.9)

@@ -17,12 +17,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from inspect import signature
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from cpcal.common.values import Floats, Indices
-    from cpcal.solver.interval import Box
+    from cpcal.solver.interval import Box, IntervalArray
     from cpcal.solver.network import ConstraintNetwork
 
 
@@ -117,9 +116,13 @@ class Restrictable(Protocol):
         ...
 
 
-def takes_batches(contractor: Contractor) -> bool:
-    """Whether it has `contract_batch(boxes, deadline) -> boxes`, bounds (B, n), NaN where a box holds no solution."""
-    return callable(getattr(contractor, "contract_batch", None))
+@runtime_checkable
+class TakesBatches(Protocol):
+    """What a contractor may offer besides: many boxes at a time, which `solve` decides together then."""
+
+    def contract_batch(self, boxes: IntervalArray, deadline: float = math.inf) -> IntervalArray:
+        """Bounds (B, n) in and out, NaN where a box holds no solution."""
+        ...
 
 
 class ContractorFactory(Protocol):
@@ -138,7 +141,7 @@ def gives_weights(contractor: Contractor) -> bool:
 
 def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> Contraction:
     """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
-    found = answered(contractor, "contract", box, deadline)
+    found = contractor.contract(box, deadline)
     if not isinstance(found, Contraction) or getattr(found.box, "names", None) != box.names:
         from cpcal.common.errors import PluginError
 
@@ -147,24 +150,6 @@ def contracted(contractor: Contractor, box: Box, deadline: float = math.inf) -> 
             "whose box is a part of the given one"
         )
     return found
-
-
-def answered(contractor: Contractor, method: str, given: object, deadline: float) -> Any:
-    """`contract(box, deadline)` or `contract_batch(boxes, deadline)`. Raises PluginError where it takes no deadline."""
-    function = getattr(contractor, method)
-    try:
-        return function(given, deadline)
-    except TypeError:
-        try:
-            signature(function).bind(given, deadline)
-        except TypeError:
-            from cpcal.common.errors import PluginError
-
-            raise PluginError(
-                f"{method} of the contractor {type(contractor).__name__} takes no deadline: write "
-                f"def {method}(self, {'box' if method == 'contract' else 'boxes'}, deadline=math.inf)"
-            ) from None
-        raise
 
 
 def narrowed(name: str, box: Box, after: Box) -> Contraction:

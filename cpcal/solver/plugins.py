@@ -53,60 +53,48 @@ def load(name: str, group: str = GROUP, ours: Iterable[str] = ()) -> Any:
         raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}") from error
 
 
+_ROOT = str(Path(__file__).parents[2])
+_OURS = "contractors"  # the package of our contractors, a name that others use, too
+
+
 def _loaded(point: EntryPoint) -> Any:
-    """From the distribution that registered it, also where another module of its package's name comes first.
+    """Ours from beside cpcal, also where another module of that name comes first.
 
     That one is not run: a file contractors.py where Python was started is somebody's own. It keeps its name, and our
     modules are found in it, too, so that what is pickled by their names is unpickled.
     """
-    package = point.module.partition(".")[0]
-    own, first = _own(point, package), sys.modules.get(package)
-    if own is None or own.submodule_search_locations is None:
+    if point.module.partition(".")[0] != _OURS or _package(point) != "cpcal":
         return point.load()
-    folders = list(own.submodule_search_locations)
-    _shared.folders[package] = folders
+    own, first = PathFinder.find_spec(_OURS, [_ROOT]), sys.modules.get(_OURS)
+    if own is None:
+        return point.load()
     if first is not None:
         path = vars(first).setdefault("__path__", [])
-        if not set(folders) & set(path):
-            path.extend(folders)
+        path += [folder for folder in own.submodule_search_locations or [] if folder not in path]
         return point.load()
-    spec = PathFinder.find_spec(package)
+    spec = PathFinder.find_spec(_OURS)
     if spec is not None and spec.origin == own.origin:
         return point.load()
-    sys.modules[package] = module_from_spec(own)
+    sys.modules[_OURS] = module_from_spec(own)
     try:
         return point.load()
     finally:
-        del sys.modules[package]
-
-
-def _own(point: EntryPoint, package: str) -> ModuleSpec | None:
-    """A package as its distribution has it, installed or editable."""
-    if _package(point) == "cpcal":
-        return PathFinder.find_spec(package, [str(Path(__file__).parents[2])])
-    roots = [] if point.dist is None else [Path(str(point.dist.locate_file("")))]
-    for file in (point.dist.files or []) if point.dist is not None else []:
-        if file.suffix == ".pth":
-            roots += map(Path, Path(str(file.locate())).read_text().splitlines())
-    return PathFinder.find_spec(package, [str(root) for root in roots])
+        del sys.modules[_OURS]
 
 
 class _Shared(MetaPathFinder):
-    """Finds packages of plug-ins that share their names with other modules, and lets them share the submodules, too."""
-
-    def __init__(self) -> None:
-        self.folders = {"contractors": [str(Path(__file__).parents[2] / "contractors")]}
+    """Finds a module that has the name of our package, and lets it have our submodules, too."""
 
     def find_spec(self, name: str, path: object, target: object = None) -> ModuleSpec | None:
-        spec = PathFinder.find_spec(name) if path is None and name in self.folders else None
+        spec = PathFinder.find_spec(name) if path is None and name == _OURS else None
         if spec is not None:
+            ours = str(Path(_ROOT) / _OURS)
             found = spec.submodule_search_locations or []
-            spec.submodule_search_locations = [*found, *(f for f in self.folders[name] if f not in found)]
+            spec.submodule_search_locations = [*found, *([] if ours in found else [ours])]
         return spec
 
 
-_shared = _Shared()
-sys.meta_path.insert(0, _shared)
+sys.meta_path.insert(0, _Shared())
 
 
 @lru_cache(maxsize=16)

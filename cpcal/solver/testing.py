@@ -24,9 +24,6 @@ from cpcal.solver.contract import (
     Contraction,
     Contractor,
     ContractorFactory,
-    Repeat,
-    Then,
-    Union,
 )
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr, sqrt
@@ -206,19 +203,6 @@ def is_repeatable(factory: ContractorFactory, seed: int = 0) -> None:
         assert case.network.digest == digest == fresh.digest, f"the network {case.name!r} was changed"
 
 
-def composes(factory: ContractorFactory, seed: int = 0) -> None:
-    """Twice, repeated and joined with itself by the core's algebra it still loses no solution."""
-    for case in cases(seed):
-        made = factory(case.network, objective=None)
-        for both in (Then(made, made), Union(made, made), Repeat(made, most=3)):
-            for box in itertools.islice(boxes(case, seed), 4):
-                left = both.contract(box).box
-                where = f"by {type(both).__name__} on the network {case.name!r} and {box!r}"
-                assert left.subset(box), f"the result is no subset {where}: {left!r}"
-                lost = [point.tolist() for point in case.solutions if point in box and point not in left]
-                assert not lost, f"the solution {lost[0]} is lost {where}"
-
-
 def _content(c: Contraction) -> tuple[object, ...]:
     """What is compared; of steps the repr, because NaN, the bound of one that empties the box, equals nothing."""
     return c.box, repr(c.steps), None if c.point is None else c.point.tobytes(), c.programs
@@ -226,7 +210,7 @@ def _content(c: Contraction) -> tuple[object, ...]:
 
 Check = Callable[..., None]  # (factory) or (factory, seed)
 
-_CHECKS: tuple[Check, ...] = (keeps_solutions, leaves_a_part, is_repeatable, composes)
+_CHECKS: tuple[Check, ...] = (keeps_solutions, leaves_a_part, is_repeatable)
 CONFORMANCE: dict[str, Check] = {check.__name__: check for check in _CHECKS}
 
 

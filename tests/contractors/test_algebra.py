@@ -6,12 +6,11 @@ import math
 
 import pytest
 
-import cpcal
-from contractors import HC4, Cid, Lifted
+from contractors import HC4, Lifted
 from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
-from cpcal.solver.contract import Composable, Contraction, Repeat, Then, Union, elements, gives_weights
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.contract import Contraction, Repeat, Then, Union, elements, gives_weights
+from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
 
@@ -86,30 +85,3 @@ def test_unknown_contractor_is_an_error_that_lists_those_found(network: Constrai
 def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
     with pytest.raises(PluginError, match="no contractor: give its name"):
         plugins.build(network, ["hc4", 5])  # type: ignore[list-item]
-
-
-def test_a_contractor_that_takes_no_deadline_is_refused_with_the_remedy() -> None:
-    class Former(Composable):
-        """With the signature of before."""
-
-        def contract(self, box: Box) -> Contraction:  # type: ignore[override]
-            return Contraction(box)
-
-    class FormerBatches(HC4):
-        def contract_batch(self, boxes: IntervalArray) -> IntervalArray:  # type: ignore[override]
-            return boxes
-
-    class Broken(Composable):
-        def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-            raise TypeError("of its own")
-
-    net = cpcal.Network()
-    x = net.variable("x", (), (0, 1))
-    net.add(x * x <= 0.25)
-    for contractor in (Former(), Cid(Former()), Repeat(Former()), Former() >> HC4(net)):
-        with pytest.raises(PluginError, match=r"Former takes no deadline: write def contract\(self, box, dead"):
-            net.contract(contractors=[contractor])
-    with pytest.raises(PluginError, match=r"write def contract_batch\(self, boxes, deadline=math"):
-        net.solve(contractors=[FormerBatches(net)], strategy="largest", width=0.1)
-    with pytest.raises(TypeError, match="of its own"):
-        net.contract(contractors=[Broken()])

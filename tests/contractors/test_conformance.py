@@ -172,11 +172,6 @@ def claim_empty(box: Box, result: Contraction) -> Contraction:
     return Contraction(box, (Step("x", None, "", np.nan),))
 
 
-def halve_smaller(box: Box, result: Contraction) -> Contraction:
-    """Loses solutions of boxes that were contracted before: a repetition shows it."""
-    return halve(box, result) if not box.is_empty and not np.allclose(box.lo, np.round(box.lo)) else result
-
-
 def scribble(box: Box, result: Contraction) -> Contraction:
     if not box.is_empty:
         object.__setattr__(box, "lo", np.nextafter(box.lo, -np.inf))
@@ -198,7 +193,6 @@ BROKEN = {
     "claim": (spoilt(claim_empty), "leaves_a_part"),
     "no weights": (spoilt(lambda box, result: result, gives_weights=True), "leaves_a_part"),
     "no word": (spoilt(lambda box, result: result, gives_weights="yes"), "leaves_a_part"),
-    "second call": (spoilt(halve_smaller), "composes"),
 }
 
 

@@ -27,10 +27,7 @@ class Package:
     """A distribution with a name."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.version, self.files = name, "1.0", []
-
-    def locate_file(self, path: str) -> Path:
-        return Path(path)
+        self.name, self.version = name, "1.0"
 
 
 def registered(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str, str]) -> None:

@@ -24,14 +24,13 @@ from cpcal.solver.contract import (
     Contractor,
     Step,
     Strategy,
+    TakesBatches,
     Then,
-    answered,
     contracted,
     elements,
     followed,
     gives_weights,
     shrunk,
-    takes_batches,
 )
 from cpcal.solver.execution.executors import Place, Shared
 from cpcal.solver.interval import Box, IntervalArray
@@ -166,7 +165,8 @@ class Divide:
         self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
         plain = inside is None and again is None and not (outside or contracting.proves)
         ours = type(strategy) in (LargestFirst, Smear)
-        self._arrays = plain and ours and all(takes_batches(contractor) for _, contractor in contracting.named)
+        batches = [contractor for _, contractor in contracting.named if isinstance(contractor, TakesBatches)]
+        self._arrays = batches if plain and ours and len(batches) == len(contracting.named) else []
         self._elsewhere: Shared[Divide] | None = None  # and none in what travels
         if place is not None:
             self._elsewhere = Shared(self, place)
@@ -182,11 +182,11 @@ class Divide:
         """For contractors that take batches and the strategies of `strategies`; who contracted is not told."""
         names = nodes[0].box.names
         lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
-        for _, contractor in self._contracting.named:
+        for contractor in self._arrays:
             alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
             if alive.size:
                 some = IntervalArray(lo[alive], hi[alive])
-                left = answered(contractor, "contract_batch", some, self._contracting.deadline)
+                left = contractor.contract_batch(some, self._contracting.deadline)
                 lo[alive], hi[alive] = np.maximum(some.lo, left.lo), np.minimum(some.hi, left.hi)
                 dead = ~(lo <= hi).all(axis=1)
                 lo[dead], hi[dead] = np.nan, np.nan
