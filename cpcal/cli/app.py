@@ -126,7 +126,7 @@ class Verb(NamedTuple):
 
 
 VERBS = {
-    "demo": Verb("demo", "demo", "demo -o demo", _CERTIFIED),
+    "demo": Verb("study", "demo", "demo -o demo", _CERTIFIED),
     "robot": Verb("campaign", "robot", "robot list"),
     "import": Verb(
         "campaign",
@@ -141,7 +141,7 @@ VERBS = {
         "check campaign",
         ("nothing looks wrong", "something is to be looked at (each with a sentence)"),
     ),
-    "calibrate": Verb("calibrate", "calibrate", "calibrate study -o calibrated"),
+    "calibrate": Verb("study", "calibrate", "calibrate study -o calibrated"),
     "certify": Verb("certify", "certify", "certify campaign -o run --tolerance 0.5", _CERTIFIED),
     "accuracy": Verb("report", "accuracy", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"),
     "verify": Verb("verify", "verify", "verify run", ("every certificate proved", "one refused")),

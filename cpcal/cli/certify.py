@@ -92,10 +92,10 @@ def show(talk: Talk, *sections: Section) -> None:
         show(talk, *section.parts)
 
 
-def show_table(talk: Talk, table: Table, title: str = "") -> None:
+def show_table(talk: Talk, table: Table) -> None:
     """Names and words at the left, numbers at the right."""
     left = [k for k, (_, style, _) in enumerate(table.cells(table.head)) if not k or "word" in style]
-    talk.table(table.head, [tuple(map(text_of, row)) for row in table.rows], left, title)
+    talk.table(table.head, [tuple(map(text_of, row)) for row in table.rows], left)
 
 
 def text_of(words: Words, style: str = "") -> Text:

@@ -103,8 +103,16 @@ def study(
     check_new(folder, force=force)
     left: list[str] = []
     if photos is not None:
-        form = {"rotation": rotation, "unit": unit or "", "base_in_hand": base_in_hand}
-        made, left = _of_photos(photos, board, camera, poses, robot, setup, first_row, form)
+        if board is None or camera is None or (poses is None) == (robot is None):
+            remedy = "give --board, --camera and --poses (or --robot) too"
+            raise unusable("option --photos", "is not enough", remedy)
+        if poses is not None:
+            form: dict[str, Any] = {"rotation": rotation, "unit": unit or "", "base_in_hand": base_in_hand}
+            given = load_hand_poses(poses, **form, names=photo_names(photos))
+        elif robot is not None:
+            given, setup = platform_poses(load_study(robot)), "eye-to-hand"
+        lens, turn, target = load_camera(camera).camera, hinted(first_row), load_target(board)
+        made, left = study_of_photos(photos, target, camera=lens, poses=given, setup=setup, first_row=turn)
     elif robot is not None:
         made = study_of_robot(load_study(robot))
     elif of is not None:
@@ -132,29 +140,6 @@ def study(
         f"{made.setup}: {len(made.images)} images, {len(made.image):,} points in {folder}",
         *(f"half-widths of poses, {made.provenance['half_widths']}" for _ in [off] if off == "estimated"),
     )
-
-
-def _of_photos(
-    photos: Path,
-    board: str | None,
-    camera: Path | None,
-    poses: Path | None,
-    robot: Path | None,
-    setup: Setup,
-    first_row: str | None,
-    form: dict[str, Any],
-) -> tuple[HandEyeStudy, list[str]]:
-    if board is None or camera is None or (poses is None) == (robot is None):
-        remedy = "give --board, --camera and --poses (or --robot) too"
-        raise unusable("option --photos", "is not enough", remedy)
-    if poses is not None:
-        given = load_hand_poses(poses, **form, names=photo_names(photos))
-    else:
-        assert robot is not None
-        given, setup = platform_poses(load_study(robot)), "eye-to-hand"
-    lens = load_camera(camera).camera
-    turn, target = hinted(first_row), load_target(board)
-    return study_of_photos(photos, target, camera=lens, poses=given, setup=setup, first_row=turn)
 
 
 # ------------------------------------------------------------------------------------------------------------------

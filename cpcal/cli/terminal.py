@@ -60,9 +60,7 @@ class Talk:
         for line in lines:
             self.out.print(line, style=style, soft_wrap=True)
 
-    def table(
-        self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,), title: str = ""
-    ) -> None:
+    def table(self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,)) -> None:
         """A table; the columns `left` are text, the others numbers."""
         from rich import box
         from rich.table import Table
@@ -72,8 +70,6 @@ class Talk:
             table.add_column(name, justify="left" if k in left else "right", overflow="fold")
         for row in rows:
             table.add_row(*row)
-        if title:
-            self.say(title, style="bold")
         self.out.print(table)
 
     def progress(self) -> Callable[[str], None]:

@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -75,7 +75,6 @@ DEPTH_MAX = 30  # of nested lists and tables
 
 _BREAKS = re.compile(r"""[][{}=,"']""")
 _DOTS_MAX = 1_000  # in a key: tomllib's time grows with its square
-_DIGITS_MAX = 300  # of a whole number in JSON: one that is a float, too
 _SURROGATE = re.compile(r"\\u[dD][89abABcdefCDEF]")
 
 
@@ -138,7 +137,7 @@ def parsed_object(content: bytes | str) -> dict[str, Any]:
         raise ValueError("it is not UTF-8 text") from None
     try:
         data = json.loads(
-            text, object_pairs_hook=_object, parse_constant=_no_number, parse_float=_number, parse_int=_whole
+            text, object_pairs_hook=_object, parse_constant=_number, parse_float=_number, parse_int=_whole
         )
         if _SURROGATE.search(text):
             json.dumps(data, ensure_ascii=False).encode()
@@ -161,20 +160,15 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-def _no_number(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number")
-
-
 def _number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{shown(text)} is too large for a number")
+        raise ValueError(f"{shown(text)} is no finite number")
     return value
 
 
 def _whole(text: str) -> int:
-    if len(text) > _DIGITS_MAX:
-        raise ValueError(f"{shown(text)} is too large for a number")
+    _number(text)
     return int(text)
 
 

@@ -56,7 +56,6 @@ from cpcal.report.words import (
 )
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
-from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
@@ -66,6 +65,11 @@ _UNKNOWN = "—"
 _DRAWN = (
     "Dots: errors of the recommended parameters at the readings; bars: within the reading sets. A leg passes where "
     "every bar lies within the band, ± the tolerance (without one, ± their largest error). Diamonds: measure again."
+)
+_RANGES = (
+    "Least squares, weighted by the stated deviations, or among the parameters that pass. Each range holds every value "
+    "that the parameter can have if the model holds to within the number of mm that is named, for some readings; "
+    "certified, but where it says otherwise. Lengths in mm, in the frames of the campaign."
 )
 _LONGEST = 100  # characters; longer values of the provenance stand in campaign.json only
 
@@ -130,7 +134,13 @@ def render(
         answer_section(result, found),
         *([] if study is None else [study]),
         *([outliers_section(result)] if result.options.outliers else []),
-        _parameters(campaign, result, fits),
+        Section(
+            "Recommended parameters",
+            parts=[parameters_section(campaign, result, leg, fits.get(leg.leg)) for leg in result.legs],
+            notes=[_RANGES],
+            name="parameters",
+            style="parameters",
+        ),
         Section("Measurement by measurement", [_DRAWN], parts=legs, name="legs", style="legs"),
         *_bounds(result),
         Section("What was assumed", data=assumptions(campaign, result), name="assumed"),
@@ -199,30 +209,27 @@ def answer_section(result: Result, found: Mapping[int, Advice]) -> Section:
 
 def bounds_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
-    eps = result.options.eps
+    eps, some_wrong = result.options.eps, result.options.outliers
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
         bounds = bracket_words(leg) if eps is None else (stated(eps),)
-        certified, support = "yes" if leg.certified else "no", str(len(leg.support))
-        rows.append((str(leg.leg), badge(result, leg), *bounds, certified, support))
+        rest = "yes" if leg.certified else "no", str(len(leg.support))
+        if some_wrong:
+            rest = ", ".join(leg.bracket.left_out) or "none", str(len(leg.bracket.proofs))
+        rows.append((str(leg.leg), badge(result, leg), *bounds, *rest))
     bounds_head = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
-    return Table(("leg", "verdict", *bounds_head, "certified", "support"), rows, ("", "word"))
+    rest = ("left out", "proofs") if some_wrong else ("certified", "support")
+    return Table(("leg", "verdict", *bounds_head, *rest), rows, ("", "word", "", "", "word"))
 
 
 def outliers_section(result: Result) -> Section:
     """The brackets when some measurements may be wrong, nobody knows which."""
-    rows = []
-    for leg in result.legs:
-        of, left_out = leg.bracket, ", ".join(leg.bracket.left_out) or "none"
-        closed = "closed" if of.verdict is Verdict.PROVED else "open: the search stopped at a limit"
-        rows.append((str(leg.leg), *bracket_text(of.lo, of.hi), closed, left_out, str(len(of.proofs))))
     said = (
         f"Whichever {result.options.outliers} measurements of a leg are wrong, no parameters in the box explain the "
         "others better than eps_lo; some explain all but those left out to within eps_hi. Both bounds are proved. "
         "This page does not check them: cpcal verify RUN does."
     )
-    head = ("leg", "eps_lo [mm]", "eps_hi [mm]", "gap", "left out", "proofs")
-    return Section("Proved bounds", [said], tables=[Table(head, rows, ("", "", "", "word", "word"))], name="bounds")
+    return Section("Proved bounds", [said], tables=[bounds_table(result)], name="bounds")
 
 
 def _bounds(result: Result) -> Iterator[Section]:
@@ -309,23 +316,9 @@ def leg_section(
     )
 
 
-def _parameters(campaign: Campaign, result: Result, fits: Mapping[int, Fitted]) -> Section:
-    return Section(
-        "Recommended parameters",
-        parts=[parameters_section(campaign, result, leg, fits.get(leg.leg)) for leg in result.legs],
-        notes=[
-            "Least squares, weighted by the stated deviations, or among the parameters that pass. Each range holds "
-            "every value that the parameter can have if the model holds to within the number of mm that is named, for "
-            "some readings; certified, but where it says otherwise. Lengths in mm, in the frames of the campaign."
-        ],
-        name="parameters",
-        style="parameters",
-    )
-
-
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
-    of, box, held = _range(result, leg)
+    _, box, held = _range(result, leg)
     best, marked, said = leg.recommended, "", list[Words]()
     if best is not None:
         why = {"fail": ", not recommended: fails", "pass": ""}.get(verdict_of(result, leg).word, ", not shown to pass")
@@ -333,32 +326,51 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
         if math.isfinite(best.largest):
             known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
             said = ["Off by ", known, " mm at most for all readings. "]
-    rows = []
-    for k, name in enumerate(result.model.parameters):
-        decimals, cells = _row(result, name)
-        load: Words = _UNKNOWN
-        if best is not None:
-            x = best.point[k]
-            load = claimed_by(best.certificate, nearest(x, decimals), "recommended", leg, x, name)
-        rows.append((*cells, load, *_sides(of, box, leg, k, name, decimals)[:2]))
-    head = ("parameter", "load", "at least", "at most")
-    title = f"Leg {leg.leg}{marked}"
     if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
         held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
-    return Section(title, [(*said, *held)], tables=[Table(head, rows, ("", "main"))])
+    table = _table(campaign, result, leg, fit, ("parameter", "load", "at least", "at most"), ("", "main"))
+    return Section(f"Leg {leg.leg}{marked}", [(*said, *held)], tables=[table])
 
 
-def _row(result: Result, name: str) -> tuple[int, list[Words]]:
-    """Decimals of a parameter, and its name."""
-    unit = result.model.unit(name)
-    return (_DECIMALS, [name]) if unit == "mm" else (_MORE, [f"{name} [{unit}]"])
+def _table(
+    campaign: Campaign,
+    result: Result,
+    leg: LegResult,
+    fit: Fitted | None,
+    head: Sequence[str],
+    columns: Sequence[str] = (),
+) -> Table:
+    """A row a parameter, of what is known of it what `head` names."""
+    (of, box, _), best, point = _range(result, leg), leg.recommended, leg.bracket.point
+    nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
+    rows = []
+    for k, name in enumerate(result.model.parameters):
+        unit = result.model.unit(name)
+        decimals, called = (_DECIMALS, name) if unit == "mm" else (_MORE, f"{name} [{unit}]")
+        row: dict[str, Words] = {"parameter": called, "nominal": nearest(nominal[k], decimals)}
+        if fit is not None:
+            row["fit"] = nearest(float(fit.x[k]), decimals)
+        if best is not None:
+            load = nearest(best.point[k], decimals)
+            row["load"] = claimed_by(best.certificate, load, "recommended", leg, best.point[k], name)
+        if point is not None:
+            row["witness"] = claim(nearest(point[k], decimals), "point", leg, point[k], name)
+        if box is not None:
+            lo, hi = float(box.lo[k]), float(box.hi[k])
+            row["at least"] = claim(rounded_down(lo, decimals), f"{of}.lo", leg, lo, name)
+            row["at most"] = claim(rounded_up(hi, decimals), f"{of}.hi", leg, hi, name)
+            row["width"] = claim(plain_gap(lo, hi), f"{of}.width", leg, "", name)
+        rows.append([row.get(column, _UNKNOWN) for column in head])
+    return Table(head, rows, columns)
 
 
 def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words, ...]]:
     """Which bounds of the parameters are proved, and under which condition, in words."""
     enclosure, eps = leg.bracket.enclosure, result.options.eps
     if leg.ranges is not None:
-        within = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg, leg.ranges.eps)
+        at = leg.ranges.eps  # rounded down, where it was not given: what holds to within eps, holds to within less
+        text = stated(at) if at in (eps, result.options.tolerance) else at_least(at)
+        within = claim(text, "ranges.eps", leg, at)
         open_ = " (no certificate holds it)" * (leg.ranges.certificate is None)
         return "ranges", leg.ranges.box, ("Ranges if the model holds to within ", within, f" mm{open_}.")
     if enclosure.is_empty:
@@ -371,31 +383,9 @@ def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words
     )
 
 
-def _sides(of: str, box: Box | None, leg: LegResult, k: int, name: str, decimals: int) -> list[Words]:
-    """The bounds of a parameter and their distance, as claims."""
-    if box is None:
-        return [_UNKNOWN] * 3
-    lo, hi = float(box.lo[k]), float(box.hi[k])
-    ends: tuple[float | str, ...] = lo, hi, ""
-    each = zip(outward(lo, hi, decimals), ("lo", "hi", "width"), ends, strict=True)
-    return [claim(text, f"{of}.{side}", leg, end, name) for text, side, end in each]
-
-
-def outward(lo: float, hi: float, decimals: int) -> tuple[str, str, str]:
-    """Bounds and their distance."""
-    return rounded_down(lo, decimals), rounded_up(hi, decimals), plain_gap(lo, hi)
-
-
-def eps_text(result: Result, eps: float) -> str:
-    """An eps that the user gave as it was given; another one rounded down: what holds to within eps, holds to within
-    less."""
-    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else at_least(eps)
-
-
 def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
     """The witness of eps_hi, other parameters, and what the search did: for experts."""
     work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
-    (of, box, _), point = _range(result, leg), leg.bracket.point
     said: list[Words] = [
         f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
         f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
@@ -406,19 +396,11 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
         more = f", and {len(names) - _MOST_NAMES:,} more in result.json" if len(names) > _MOST_NAMES else ""
         listed = f"{', '.join(names[:_MOST_NAMES])}{more}"
         said.append(Mark(f"Support, {len(names)} measurements that were found to be enough: {listed}.", "names"))
-    nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
-    rows = []
-    for k, name in enumerate(result.model.parameters):
-        decimals, cells = _row(result, name)
-        at = _UNKNOWN if point is None else claim(nearest(point[k], decimals), "point", leg, point[k], name)
-        least = math.nan if fit is None else float(fit.x[k])
-        width = _sides(of, box, leg, k, name, decimals)[2]
-        rows.append((*cells, at, nearest(least, decimals), nearest(nominal[k], decimals), width))
     return Section(
         f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
-        tables=[Table(("parameter", "witness", "fit", "nominal", "width"), rows)],
+        tables=[_table(campaign, result, leg, fit, ("parameter", "witness", "fit", "nominal", "width"))],
         folded=True,
     )
 

@@ -87,7 +87,6 @@ class Drawing:
     figures: Sequence[Svg] = ()
     legend: Mapping[str, Words] = field(default_factory=dict)
     caption: Words = ""
-    style: str = "scroll"
     pictures: Sequence[tuple[Picture, Words]] = ()
 
     def _repr_html_(self) -> str:

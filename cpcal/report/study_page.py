@@ -291,22 +291,25 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
     yield Section("Figure 5: position errors of the validation poses", said, figures=[drawing])
 
 
+def solutions(fits: CertifiedFits) -> list[str]:
+    """Whether each fit is a solution, within the stated reading uncertainty: a sentence each."""
+    said = []
+    for name, points in fits.both:
+        legs = {word: [str(fit.leg) for fit in points if fit.verified.verdict is word] for word in Verdict}
+        words = [f"{word.value} for leg {', '.join(some)}" for word, some in legs.items() if some]
+        said.append(f"Is {name} a solution, within the stated reading uncertainty? {'; '.join(words).capitalize()}.")
+    return said
+
+
 def _certified(found: StudyFound) -> Iterator[Section]:
     delta, fits = stated(found.result.options.delta), found.fits
-    rows, said = [], []
+    rows = []
     for name, points in fits.both:
         rows.append((f"{name}: satisfied", *(str(fit.verified.holds) for fit in points)))
         rows.append((f"{name}: refuting", *(str(fit.verified.fails) for fit in points)))
-        verdicts = [fit.verified.verdict for fit in points]
-        proved, refuted = verdicts.count(Verdict.PROVED), verdicts.count(Verdict.REFUTED)
-        some = (
-            f"a solution for {proved} of {len(points)} legs and refuted for {refuted}; of the others nothing is proved."
-        )
-        none = "no solution for any leg verified: refuted by measurements, with proof."
-        said.append(f"{name} is {none if refuted == len(points) else some}")
     yield Section(
         "Section 5.1.2: are x_c and x_c_sigma solutions?",
-        said,
+        solutions(fits),
         tables=[Table(_legs(fit.leg for fit in fits.x_c), rows)],
         notes=[
             f"Of {len(found.campaign):,} measurements at eps = 0: “satisfied” counts those with some reading in their "

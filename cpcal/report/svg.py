@@ -126,9 +126,9 @@ class Plot:
         """Polylines (n, 2) that look alike."""
         self._path("".join(_track(self.at(points)) for points in tracks), colour, width, dash)
 
-    def across(self, heights: Iterable[float], colour: str = GRID, width: float = 0.6, dash: str = "") -> None:
+    def across(self, heights: Iterable[float], colour: str = GRID, width: float = 0.6) -> None:
         """Lines from left to right at these heights."""
-        self.line(colour, *([(self.x[0], h), (self.x[1], h)] for h in heights), width=width, dash=dash)
+        self.line(colour, *([(self.x[0], h), (self.x[1], h)] for h in heights), width=width)
 
     def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, width: float = 1.4) -> None:
         """Marks of that size where points lie in the frame: "dot", or one of _SHAPES, drawn with a line of `width`."""

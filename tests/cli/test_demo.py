@@ -6,7 +6,7 @@ import pytest
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.cli.demo import DemoPlan
+from cpcal.cli.study import DemoPlan
 from cpcal.cli.verify import checked_certificates
 from cpcal.files import campaign_sha256, load_study
 from cpcal.questions.points import fits_of
@@ -19,7 +19,7 @@ SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
+        patch.setattr("cpcal.cli.study.PLAN", SMALL)
         outcome = run("demo", "-o", folder, "--seed", 3)
     return folder, outcome
 

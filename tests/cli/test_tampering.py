@@ -121,10 +121,6 @@ def inner(box: dict[str, Any]) -> dict[str, Any]:
     return box | {"lo": moved(box["lo"])}
 
 
-def outer(box: dict[str, Any]) -> dict[str, Any]:
-    return box | {"hi": [*box["hi"][:-1], down(box["hi"][-1])]}
-
-
 FIRST = "leg1.cert.jsonl"
 
 
@@ -137,32 +133,15 @@ def bracket(key: str, value: object) -> Tamper:
 
 TAMPERED: dict[str, Tamper] = {
     "eps_lo is a little more": bracket("lo", up),
-    "eps_lo is a little less": bracket("lo", down),
-    "eps_lo is 0": bracket("lo", 0.0),
     "eps_hi is a little less": bracket("hi", down),
-    "eps_hi is a little more": bracket("hi", up),
-    "eps_hi is 0": both(bracket("hi", 0.0), bracket("lo", 0.0)),
     "the point is another": bracket("point", moved),
     "the enclosure is smaller": bracket("enclosure", inner),
-    "the enclosure is smaller above": bracket("enclosure", outer),
     "the enclosure is empty": bracket("enclosure", lambda box: box | {"lo": None, "hi": None}),
     "the support has an unknown measurement": at("legs.0.information.support", lambda ids: [*ids, "none/1"]),
-    "the certificate is that of the other leg": bracket("certificate", "leg2.cert.jsonl"),
     "the certificate is outside": bracket("certificate", "../run/leg1.cert.jsonl"),
     "numbers without a certificate": both(bracket("certificate", None), lambda run: (run / FIRST).unlink()),
-    "not certified, with a certificate beside it": stated(lambda data: uncertified(data["legs"][0])),
     "certified, but with a reason not to be": at(f"{INFORMATION}.not_certified", "the search was interrupted"),
-    "the leg is the second": at("legs.0.leg", 2),
-    "a leg is left out": stated(lambda data: data["legs"].pop()),
-    "a leg is there twice": stated(lambda data: data["legs"].append(data["legs"][0])),
-    "no legs at all": stated(lambda data: data["legs"].clear()),
-    "the box was a little larger": at("options.delta", 2.001),
     "the center is called nominal": at("options.information.center", "nominal"),
-    "the method was the paper's": both(
-        at("options.information.method", "timeout"), at("options.information.time_limit", 60.0)
-    ),
-    "the gap is narrower than the bracket": at("options.information.gap", 0.0),
-    "another model": at("model.name", "gain"),
     "a parameter more": stated(
         lambda data: data["model"]["parameters"].append({"name": "s", "unit": "", "half_width": 1.0})
     ),
@@ -177,17 +156,14 @@ TAMPERED: dict[str, Tamper] = {
     ),
     "a certificate is gone": lambda run: (run / FIRST).unlink(),
     "all certificates are gone": emptied,
-    "a certificate is empty": lambda run: (run / FIRST).write_text("") and None,
     "a certificate is cut short": text(FIRST, lambda old: old[: len(old) // 2]),
     "a certificate lacks its last step": text(FIRST, lambda old: "\n".join(old.splitlines()[:-1]) + "\n"),
     "a certificate more": lambda run: shutil.copy(run / FIRST, run / "leg9.cert.jsonl") and None,
     "a certificate is a link to nowhere": linked,
     "certificates trade places": swapped,
     "a certificate claims more": line(FIRST, 1, lambda claims: claims["epsilon"].update(lo=claims["cap"])),
-    "a certificate claims nothing": line(FIRST, 1, lambda claims: claims.update(epsilon=None, enclosure=None)),
     "a certificate's box is smaller": line(FIRST, 0, lambda head: head["hi"].__setitem__(0, head["lo"][0])),
     "a certificate of another campaign by its header": line(FIRST, 0, lambda head: head.update(campaign="0" * 64)),
-    "campaign.json: another layout": text("campaign.json", lambda old: old.replace('"robot":', '"robot" :')),
     "campaign.json: cut short": text("campaign.json", lambda old: old[:-20]),
 }  # fmt: skip
 
@@ -195,16 +171,10 @@ TAMPERED: dict[str, Tamper] = {
 GARBLED: dict[str, tuple[Tamper, str]] = {  # and why it is refused
     f"{path} is {value!r}": (at(path, value), why)
     for path, value, why in (
-        ("campaign.sha256", 5, "campaign.sha256 is no text"),
-        ("options.delta", "wide", "options.delta is no number"),
         ("options.information.center", "left", "not known"),
-        ("options.information.gap", -1, "no relative gap"),
-        ("model.parameters", ["x"] * 7, "model.parameters[0] is no object"),
         ("legs.0.bracket.enclosure.names", list("tuvwxyz"), "has not the parameters"),
-        ("legs.0.leg", 99, "another list of legs"),
         ("legs.0.leg", "\x1b[2J", "leg"),
         ("legs.0.information.not_certified", "proved", "not_certified is none of"),
-        ("legs.0.bracket.enclosure.lo", [2.0], "no box"),
         ("legs.0.ranges.box.hi", ["inf"] * 7, "not finite"),
     )
 }
@@ -222,7 +192,7 @@ def test_a_run_that_was_touched_is_refused(run: Path, name: str, monkeypatch: py
     assert "\x1b" not in said
 
 
-@pytest.mark.parametrize("name", ["eps_lo is 0", "the point is another", "a certificate is gone", next(iter(GARBLED))])
+@pytest.mark.parametrize("name", ["the point is another", "a certificate is gone", next(iter(GARBLED))])
 def test_what_is_refused_has_no_page_and_no_parameters(run: Path, name: str) -> None:
     TOUCHED[name][0](run)
     (run / "report.html").unlink()
@@ -234,16 +204,9 @@ def test_what_is_refused_has_no_page_and_no_parameters(run: Path, name: str) -> 
     assert not (run / "report.html").exists()
 
 
-@pytest.mark.parametrize("files", [[FIRST], [FIRST, "leg2.cert.jsonl"], ["campaign.json"], ["result.json"]])
-@pytest.mark.parametrize("source", [1, 2])
-def test_files_of_another_run_are_refused(
-    run: Path, runs: tuple[Path, Path, Path], files: list[str], source: int
-) -> None:
-    for name in files:
-        shutil.copy(runs[source] / name, run / name)
-    if (files, source) == (["campaign.json"], 2):  # the same campaign
-        done("verify", run)
-        return
+@pytest.mark.parametrize("name", [FIRST, "campaign.json", "result.json"])
+def test_files_of_another_run_are_refused(run: Path, runs: tuple[Path, Path, Path], name: str) -> None:
+    shutil.copy(runs[1] / name, run / name)
     done("verify", run, status=1)
 
 

@@ -40,7 +40,7 @@ ESTIMATES = (
     "simulate",
     "robot",
     "files",
-    "cli/demo.py",
+    "cli/study.py",
     "cli/image.py",
     "report/svg.py",  # coordinates of drawings, and ticks, which are round numbers
 )

@@ -11,7 +11,6 @@ import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.questions import Options, Uncertified, VerifiedPoint
 from cpcal.questions.verdict import proved_sentence
-from cpcal.report.run_page import outward
 from cpcal.report.words import leg_sentence, overall
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
@@ -43,14 +42,6 @@ def test_a_robot_passes_if_every_leg_does_and_nothing_is_missing(campaign):
 def test_a_leg_that_asked_for_a_certificate_and_has_none_says_so(campaign):
     lost = leg(1, 0.1, 0.2, not_certified=Uncertified.INTERRUPTED)
     assert f"Not certified: {Uncertified.INTERRUPTED}." in leg_sentence(made_result(campaign, lost), lost)
-
-
-@pytest.mark.parametrize(("lo", "hi"), [(0.1, 0.7), (-0.26, -0.13), (1 / 3, 2 / 3)])
-def test_a_range_is_printed_outward(lo, hi):
-    low, high, width = outward(lo, hi, 1)
-    assert float(low) <= lo
-    assert hi <= float(high)
-    assert float(width) >= hi - lo
 
 
 @pytest.mark.parametrize(
