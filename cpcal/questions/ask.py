@@ -234,13 +234,11 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
             write_file(question.certificates / name, content)
         except InputError:
             lost.add(name)
-    bracket, ranges = leg.bracket, leg.ranges
-    for name in ("recommended", "passes_from", "reduced"):
+    bracket = leg.bracket
+    for name in ("recommended", "passes_from", "reduced", "ranges"):
         of = getattr(leg, name)
         if of is not None and of.certificate in lost:
             leg = replace(leg, **{name: replace(of, certificate=None)})
-    if ranges is not None and ranges.certificate in lost:
-        leg = replace(leg, ranges=replace(ranges, certificate=None))
     if lost.intersection((bracket.certificate, bracket.point_certificate, *bracket.proofs)):
         kept = all_or_none(question, [None if name in lost else name for name in bracket.proofs])
         bracket = replace(

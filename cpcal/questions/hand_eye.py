@@ -454,33 +454,23 @@ def _lower_end(
 ) -> tuple[float, _Refuted]:
     """eps_lo and its proofs, a group each; of all images they begin with what `wide` leaves, or with the box."""
     study, found = prover.study, (0.0, _Refuted())
-    most = eps_hi * (1.0 - 0.9 * gap)
+    most, tried = eps_hi * (1.0 - 0.9 * gap), list[tuple[float, Sequence[Sequence[int]]]]()
     if wide is None:
         least = min(_least_error(study, group) for group in groups)
-        tried = [share * least for share in _GROUP_SHARES]
-    elif eps_hi <= _NOTHING:
-        tried = []
-    else:
-        tried = [most * (1.0 - share) for share in _SHARES]
+        tried = [(share * least, groups) for share in _GROUP_SHARES]
+    elif eps_hi > _NOTHING and not study.uncertain:
+        tried = [(most * (1.0 - share), groups) for share in _SHARES]
+    elif eps_hi > _NOTHING:  # the image that fits worst by itself, then all together
+        least, k = max((error, k) for k, error in least_errors(study, best).items())
+        least = min(most, least)
+        tried = [(least * (1.0 - share), [[k]]) for share in _NEAR]
+        tried += [(least + share * (most - least), groups) for share in _BETWEEN if most > least * 1.001]
     if wide is not None and wide.refuted:
         found = wide.eps, [(groups[0], wide)]
-    if wide is not None and tried and study.uncertain:
-        least, k = max((error, k) for k, error in least_errors(study, best).items())
-        for eps in (min(most, least) * (1.0 - share) for share in _NEAR):
-            if eps <= found[0] or time.monotonic() > end:
-                break
-            prover.tell(f"does {study.images[k]} alone allow anything below {at_least(eps, 7)} px?")
-            proof = prover.alone(LOWER, k, eps)
-            if proof.refuted:
-                found = eps, [([k], proof)]
-                break
-        tried = [found[0] + share * (most - found[0]) for share in _BETWEEN] if most > found[0] * 1.001 else []
-    for eps in tried:
-        if eps <= found[0] or time.monotonic() > end:
-            break
-        proofs = _refuted(prover, LOWER, groups, eps, end, wide)
-        if proofs is not None:
-            return eps, proofs
+    for eps, some in tried:
+        if eps > found[0] and time.monotonic() <= end:
+            proofs = _refuted(prover, LOWER, some, eps, end, wide)
+            found = found if proofs is None else (eps, proofs)
     return found
 
 
@@ -490,9 +480,12 @@ def _refuted(
     """Proofs that no frames explain any of the groups to within eps; None where one is not proved."""
     found = _Refuted()
     for n, group in enumerate(groups, 1):
-        prover.tell(f"is there anything below {at_least(eps, 7)} px in {len(group)} images?")
-        file = name if len(groups) == 1 else f"{name}-{n}"
-        if wide is None or wide.refuted or eps > wide.eps:
+        file, what = name if len(groups) == 1 else f"{name}-{n}", f"{len(group)} images"
+        what = what if len(group) > 1 else f"{prover.study.images[group[0]]} alone"
+        prover.tell(f"is there anything below {at_least(eps, 7)} px in {what}?")
+        if len(group) == 1:
+            proof = prover.alone(file, group[0], eps)
+        elif wide is None or wide.refuted or eps > wide.eps:
             proof = prover.chain(file, eps, group, end)
         else:
             proof = prover.lower(file, wide, eps, end)

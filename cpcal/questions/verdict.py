@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from cpcal.common.numbers import at_least, at_most, gap_text, plain_gap, stated
 from cpcal.models import PARAMETERS
@@ -141,21 +141,35 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
     options, bracket = result.options, leg.bracket
     at, eps = options.tolerance if tolerance is None else tolerance, options.eps
-    poor: dict[str, Any] = {"determination": leg.determination, "ranges": _wide(options, leg)}
+    closed, lo, hi = (
+        bracket.verdict is Verdict.PROVED,
+        bracket.lo,
+        bracket.hi if bracket.point is not None else math.inf,
+    )
     largest = math.inf if leg.recommended is None else leg.recommended.largest
-    if eps is None:
-        hi = bracket.hi if bracket.point is not None else math.inf
-        found = verdict_on(bracket.lo, hi, at, largest, closed=bracket.verdict is Verdict.PROVED, **poor)
-    # where one error was asked about, nothing is known of smaller ones unless it is refuted
-    elif bracket.verdict is not Verdict.REFUTED:
-        hi = eps if bracket.verdict is Verdict.PROVED else math.inf
-        found = verdict_on(0.0, hi, at, largest, closed=bracket.verdict is Verdict.PROVED, **poor)
-    elif at is None or eps >= at:
-        found = LegVerdict("unexplained", eps, math.inf, at, beyond=eps)
+    poor, wide, beyond = leg.determination, _wide(options, leg), None
+    if poor is not None and poor.tests_the_model:
+        poor = None
+    found: Found
+    if eps is not None:  # nothing is known of smaller errors unless it is refuted
+        refuted = bracket.verdict is Verdict.REFUTED
+        lo, hi = eps if refuted else 0.0, eps if closed else math.inf
+        beyond = eps if refuted and (at is None or eps >= at) else None
+    if beyond is not None or math.isinf(lo) or (at is not None and lo > at):
+        found = "unexplained"
+    elif eps is not None and bracket.verdict is Verdict.REFUTED:
+        found = "undecided"
+    elif poor is not None or wide:
+        found = "undetermined"
+    elif at is not None:
+        found = "explained" if largest <= at else "undecided"
     else:
-        found = LegVerdict("undecided", eps, math.inf, at)
-    found = replace(found, passes_from=math.inf if leg.passes_from is None else leg.passes_from.eps)
-    return found if result.model.is_ours else replace(found, model=result.model.name)
+        found = "explained" if hi == 0.0 else "bounded" if closed and math.isfinite(hi) else "undecided"
+    if found != "undetermined":
+        poor, wide = None, ()
+    passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
+    model = "" if result.model.is_ours else result.model.name
+    return LegVerdict(found, lo, hi, at, largest, passes_from, beyond, poor, wide, model)
 
 
 def recommendation(result: Result, leg: LegResult) -> str:
@@ -189,28 +203,6 @@ def _wide(options: Options, leg: LegResult) -> Wide:
         return ()
     sides = zip(PARAMETERS, box.lo.tolist(), box.hi.tolist(), strict=False)
     return tuple((name, lo, hi) for name, lo, hi in sides if hi - lo > SHARE * 2.0 * options.delta)
-
-
-def verdict_on(
-    lo: float,
-    hi: float,
-    tolerance: float | None,
-    largest: float = math.inf,
-    *,
-    closed: bool = False,
-    determination: Determination | None = None,
-    ranges: Wide = (),
-) -> LegVerdict:
-    """The verdict on proved numbers; `closed`: the bracket is as narrow as was asked for. `ranges`: the wide ones."""
-    if math.isinf(lo) or (tolerance is not None and lo > tolerance):
-        return LegVerdict("unexplained", lo, hi, tolerance, largest)
-    poor = determination if determination is not None and not determination.tests_the_model else None
-    if poor is not None or ranges:
-        return LegVerdict("undetermined", lo, hi, tolerance, largest, determination=poor, wide=ranges)
-    if tolerance is not None:
-        return LegVerdict("explained" if largest <= tolerance else "undecided", lo, hi, tolerance, largest)
-    found: Found = "explained" if hi == 0.0 else "bounded" if closed and math.isfinite(hi) else "undecided"
-    return LegVerdict(found, lo, hi, None, largest)
 
 
 def plain_side(rounded: Callable[[float, int], str], value: float, tolerance: float | None) -> str:
