@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from array import array as array_of
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
 from hashlib import sha256
-from itertools import accumulate, pairwise, repeat
+from itertools import repeat
 from operator import add, mul
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from .files import content, parsed
 from .polynomial import (
@@ -36,144 +36,84 @@ from .rule import ENDS, SIDES, Constraint, Problem, Unknowns, beyond
 # a formula, traced once ----------------------------------------------------------------------------------------------
 #
 # The rows of a leg have the same monomials for every measurement on every box; only their coefficients differ. So the
-# formula runs once on `Traced` polynomials, which know places instead of coefficients and note what becomes of these:
-# `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial. They are run for many
-# measurements side by side: each v is a column, so that the loop over notes costs little.
+# formula runs once on `Traced` polynomials, which know places instead of coefficients; the trace notes what becomes of
+# these. Whoever runs it gets the coefficients, and looks up no monomial: for many measurements side by side.
 #
-# Each number is whole over one power of two, 2 ** unit. A coefficient that is a product of d of them is whole over
-# 2 ** (d unit): d is its degree.
+# Each number that is given is whole over one power of two, 2 ** unit; the first of them is 2 ** unit itself, the number
+# one. A coefficient that is a product of d of them is whole over 2 ** (d unit): d is its degree.
 
 Column = int | list[int]  # of all measurements the same, or one for each
-Parts = list[tuple[int, int, int]]
-T = TypeVar("T")
+Note = int | tuple[tuple[int, int], ...]
+Sums = dict[tuple[int, int], int]  # the sum of factor * v[i] * v[j]
 
 
-class Program:
-    """Notes (k, i, j): v[k] += v[i] * v[j]. `shared`: whether the numbers that it is given, which come first, are the
-    same for all measurements."""
+class Trace:
+    """Notes, each of the next place: a whole number, or pairs (i, j) whose products v[i] * v[j] are added.
+
+    `shared`: whether the numbers that are given, which come first, are the same for all measurements.
+    """
 
     def __init__(self, shared: Sequence[bool]) -> None:
-        self.shared = tuple(shared)
-        self.notes: list[tuple[int, int, int]] = []
-        self.whole: dict[int, int] = {}  # fixed numbers by their places
-        self.ones: dict[int, int] = {}  # places of the number one in some degree
-        self.size = len(self.shared)
-        self._known: dict[Hashable, int] = {}
-        self.unit = self._number(1)
-        self.highest = 0  # degree of what is asked for
+        self.shared = list(shared)  # of all places
+        self.count, self.notes = len(shared), list[Note]()
+        self._known: dict[Note, int] = {}
+        self.work = 0  # products
+        self.unit = self.place(1)
 
-    def given(self) -> list[Traced]:
-        """The numbers that it is given, as polynomials without variables."""
-        return [Traced(self, {0: [(k, self.unit, 1)]}, 1) for k in range(len(self.shared))]
+    def place(self, note: Note) -> int:
+        if note not in self._known:
+            self._known[note] = len(self.shared)
+            self.notes.append(note)
+            self.shared.append(isinstance(note, int) or all(self.shared[i] and self.shared[j] for i, j in note))
+            self.work += 1 if isinstance(note, int) else len(note)
+        return self._known[note]
 
-    def one(self) -> Traced:
-        return Traced(self, {0: [(self.unit, self.unit, 1)]}, 0)
+    def settled(self, sums: Sums) -> tuple[int, int]:
+        """Place and factor of a sum."""
+        if len(sums) == 1 and self.unit in next(iter(sums)):
+            (((i, j), factor),) = sums.items()
+            return (j if i == self.unit else i), factor
+        return self.place(tuple((self.multiple(i, factor), j) for (i, j), factor in sums.items())), 1
 
-    def settled(self, sums: dict[tuple[int, int], int]) -> tuple[int, int]:
-        """Place and factor of a sum of factor * v[i] * v[j]; it is noted if it is more than a multiple of one place."""
-        if len(sums) == 1:
-            ((i, j), factor), *_ = sums.items()
-            if self.unit in (i, j):
-                return (j if i == self.unit else i), factor
-        pairs = [(i if factor == 1 else self._times(i, self._number(factor)), j) for (i, j), factor in sums.items()]
-        k = self._fresh()
-        self.notes += [(k, i, j) for i, j in pairs]
-        return k, 1
+    def multiple(self, i: int, factor: int) -> int:
+        """The place of factor * v[i]."""
+        if factor == 1:
+            return i
+        number = self.place(factor)
+        return number if i == self.unit else self.place(((number, i),))
 
-    def raised(self, i: int, degree: int) -> int:
-        """The place of v[i] with a degree raised by that."""
-        one = self._place(("one", degree), self.ones, degree)
-        return one if i == self.unit else self._times(i, one)
-
-    def _number(self, value: int) -> int:
-        return self._place(value, self.whole, value)
-
-    def _place(self, key: Hashable, table: dict[int, T], value: T) -> int:
-        if key not in self._known:
-            self._known[key] = self._fresh()
-            table[self._known[key]] = value
-        return self._known[key]
-
-    def _times(self, i: int, j: int) -> int:
-        key = ("times", i, j)
-        if key not in self._known:
-            self._known[key] = self._fresh()
-            self.notes.append((self._known[key], i, j))
-        return self._known[key]
-
-    def _fresh(self) -> int:
-        self.size += 1
-        return self.size - 1
-
-
-class Formula:
-    """Numbers of a program, computed for many measurements side by side."""
-
-    def __init__(self, program: Program, places: Sequence[int]) -> None:
-        self._program, self._places = program, list(places)
-        sums: dict[int, list[tuple[int, int]]] = {}
-        for k, i, j in program.notes:
-            sums.setdefault(k, []).append((i, j))
-        needed = set(places)
-        for k in reversed(list(sums)):
-            if k in needed:
-                needed.update(i for pair in sums[k] for i in pair)
-        self.notes = sum(len(pairs) for k, pairs in sums.items() if k in needed)
-        degrees = {**dict.fromkeys(range(len(program.shared)), 1), **dict.fromkeys(program.whole, 0), **program.ones}
-        self._products = 0  # of degrees, in all multiplications together
-        own = {k for k, shared in enumerate(program.shared) if not shared}  # differ from measurement to measurement
-        self._shared: list[tuple[int, list[tuple[int, int]]]] = []
-        self._columns: list[tuple[int, tuple[int, int], list[tuple[int, int]]]] = []
-        for k, pairs in sums.items():
-            if k not in needed:
-                continue
-            for i, j in pairs:
-                self._products += degrees[i] * degrees[j]
-            degrees[k] = degrees[i] + degrees[j]
-            if own.isdisjoint(i for pair in pairs for i in pair):
-                self._shared.append((k, pairs))
-            else:
-                own.add(k)
-                pairs.sort(key=own.isdisjoint)  # the first of them is a column
-                self._columns.append((k, pairs[0], pairs[1:]))
-
-    def cost(self, given: Sequence[Column], unit: int) -> tuple[int, int]:
-        """The work for each measurement, and the bits of the longest number that may come up."""
-        each = (
-            column.bit_length() if isinstance(column, int) else max(map(int.bit_length, column)) for column in given
-        )
-        longest = max(unit, *each)
-        return self.notes + (self._products * longest * longest >> 17), self._program.highest * longest
-
-    def run(self, given: Sequence[Column], unit: int) -> list[Iterable[int]]:
-        """The numbers at the places for what the program is given, in this unit; shared ones without end."""
-        program, first = self._program, len(given)
-        v = [*(column if isinstance(column, int) else 0 for column in given), *[0] * (program.size - first)]
-        for k, value in program.whole.items():
-            v[k] = value
-        for k, degree in program.ones.items():
-            v[k] = 1 << degree * unit
-        for k, pairs in self._shared:
-            v[k] = sum([v[i] * v[j] for i, j in pairs])
-        w: list[Iterable[int]] = list(map(repeat, v))
-        for k, column in enumerate(given):
-            if not isinstance(column, int):
-                w[k] = column
-        for k, (i, j), others in self._columns:
-            found = map(mul, w[i], w[j])
-            for i, j in others:
-                found = map(add, found, map(mul, w[i], w[j]))
-            w[k] = list(found)
-        return [w[k] for k in self._places]
+    def run(self, given: Sequence[Column]) -> list[Iterable[int]]:
+        """The numbers at all places; shared ones without end."""
+        v = [column if isinstance(column, int) else 0 for column in given]
+        w: list[Iterable[int]] = [repeat(column) if isinstance(column, int) else column for column in given]
+        for note, shared in zip(self.notes, self.shared[self.count :], strict=True):
+            if shared:
+                v.append(note if isinstance(note, int) else sum([v[i] * v[j] for i, j in note]))
+                w.append(repeat(v[-1]))
+            elif not isinstance(note, int):
+                (i, j), *others = note
+                found = map(mul, w[i], w[j])
+                for i, j in others:
+                    found = map(add, found, map(mul, w[i], w[j]))
+                v.append(0)
+                w.append(list(found))
+        return w
 
 
 class Traced:
-    """A polynomial whose coefficients are sums of products of places: entries (i, j, whole factor)."""
+    """A polynomial whose coefficients are numbers of a trace."""
 
-    __slots__ = ("degree", "program", "terms")
+    __slots__ = ("_known", "degree", "terms", "trace")
 
-    def __init__(self, program: Program, terms: dict[int, Parts], degree: int) -> None:
-        self.program, self.terms, self.degree = program, terms, degree
+    def __init__(self, trace: Trace, terms: dict[int, Sums], degree: int) -> None:
+        self.trace, self.terms, self.degree = trace, terms, degree
+        self._known: dict[int, tuple[int, int]] | None = None
+
+    @staticmethod
+    def of(trace: Trace, places: dict[int, int], degree: int = 1) -> Traced:
+        """Of numbers by their monomials."""
+        terms: dict[int, Sums] = {m: {(min(i, trace.unit), max(i, trace.unit)): 1} for m, i in places.items()}
+        return Traced(trace, terms, degree)
 
     def __add__(self, other: Traced) -> Traced:
         return self._summed(other, 1)
@@ -183,61 +123,37 @@ class Traced:
 
     def _summed(self, other: Traced, sign: int) -> Traced:
         degree = max(self.degree, other.degree)
-        terms: dict[int, Parts] = {}
-        for p, factor in ((self, 1), (other, sign)):
-            for m, parts in p._raised(degree).items():
-                terms[m] = terms.get(m, []) + [(i, j, factor * own) for i, j, own in parts]
-        return Traced(self.program, terms, degree)
+        terms = {m: dict(sums) for m, sums in self._raised(degree).terms.items()}
+        for m, sums in other._raised(degree).terms.items():
+            own = terms.setdefault(m, {})
+            for pair, factor in sums.items():
+                own[pair] = own.get(pair, 0) + sign * factor
+        return Traced(self.trace, terms, degree)
 
-    def _raised(self, degree: int) -> dict[int, Parts]:
-        more = degree - self.degree
-        if not more:
-            return self.terms
-        raised = self.program.raised
-        return {m: [(raised(i, more), j, factor) for i, j, factor in parts] for m, parts in self.terms.items()}
-
-    def settled(self) -> dict[int, tuple[int, int]]:
-        """Place and factor of every coefficient."""
-        sums = {m: _collected(parts) for m, parts in self.terms.items()}
-        found = {m: self.program.settled(one) for m, one in sums.items() if one}
-        self.terms = {m: [(i, self.program.unit, factor)] for m, (i, factor) in found.items()}
-        return found
+    def _raised(self, degree: int) -> Traced:
+        """The same, of a degree that is not lower."""
+        one = Traced.of(self.trace, {0: 0})
+        return self if degree == self.degree else (self * one)._raised(degree)
 
     def __mul__(self, other: Traced) -> Traced:
-        terms: dict[int, Parts] = {}
-        ours = self.settled()
-        if ours == {0: (self.program.unit, 1)}:
-            return other
-        theirs = other.settled()
+        terms: dict[int, Sums] = {}
+        ours, theirs = self._settled(), other._settled()
         for m, (i, f) in ours.items():
             for n, (j, g) in theirs.items():
-                terms.setdefault(m + n, []).append((i, j, f * g))
-        return Traced(self.program, terms, self.degree + other.degree)
+                sums, pair = terms.setdefault(m + n, {}), (min(i, j), max(i, j))
+                sums[pair] = sums.get(pair, 0) + f * g
+        return Traced(self.trace, terms, self.degree + other.degree)
+
+    def _settled(self) -> dict[int, tuple[int, int]]:
+        """Place and factor of every coefficient."""
+        if self._known is None:
+            left = {m: {pair: f for pair, f in sums.items() if f} for m, sums in self.terms.items()}
+            self._known = {m: self.trace.settled(sums) for m, sums in left.items() if sums}
+        return self._known
 
     def places(self) -> dict[int, int]:
         """The place of every coefficient itself."""
-        program = self.program
-        found = {m: (i if f == 1 else program._times(i, program._number(f))) for m, (i, f) in self.settled().items()}
-        self.terms = {m: [(i, program.unit, 1)] for m, i in found.items()}
-        return found
-
-    def times(self, factor: int) -> Traced:
-        """A whole multiple."""
-        terms = {m: [(i, j, factor * own) for i, j, own in parts] for m, parts in self.terms.items()}
-        return Traced(self.program, terms, self.degree)
-
-    def moved(self, monomial: int) -> Traced:
-        """Times a monomial."""
-        return Traced(self.program, {m + monomial: parts for m, parts in self.terms.items()}, self.degree)
-
-
-def _collected(parts: Parts) -> dict[tuple[int, int], int]:
-    """The factor of every product that does not vanish."""
-    sums: dict[tuple[int, int], int] = {}
-    for i, j, factor in parts:
-        pair = (i, j) if i <= j else (j, i)
-        sums[pair] = sums.get(pair, 0) + factor
-    return {pair: factor for pair, factor in sums.items() if factor}
+        return {m: self.trace.multiple(i, f) for m, (i, f) in self._settled().items()}
 
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -246,7 +162,6 @@ _SURE, AXES = ("plain", "lateral"), range(3)
 _KEPT = 4096  # measurements
 POINT_WORK, _POINT_BITS = 300, 16  # of a measurement at a point, and of bits times bits of its longest number a part
 _BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
-Quaternion = list[Traced]
 
 
 def check_model(name: str) -> None:
@@ -316,40 +231,41 @@ class LegConstraint:
 
 
 def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], int]:
-    """What the program takes of legs that have one: whole numbers, and the power of two that they are divided by."""
+    """What the trace of legs takes that have one formula: whole numbers, and the power of two that divides them."""
     x, reads = legs[0].x.numbers, legs[0].m.uncertain
     given = dyadics([v for leg in legs for v in leg.m.given])
     reach = dyadics([v for leg in legs for v in leg.m.radii] if reads else [])
     unit = max(given.power, reach.power + 1, x.power)
     own, widths = given.over(unit), reach.over(unit)
-    columns: list[Column] = [own[j::8] for j in range(8)]
+    columns: list[Column] = [1 << unit, *(own[j::8] for j in range(8))]
     columns.append([v - width for v, width in zip(own[7::8], widths[6::7], strict=True)] if reads else own[7::8])
     columns += x.over(unit)
     for part in range(2 * reads):
         for j in range(READINGS):
             signs = [ENDS[leg.signs[j]][part] for leg in legs]
             both = zip(signs, widths[j::7], strict=True)
-            columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in both])
+            columns.append([sign * width >> (3 <= j < 6) for sign, width in both])
     return columns, unit
 
 
-def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tuple[Sequence[int], int]]:
-    """For each of legs that have one program the coefficients of some parts, and the unit that they are in."""
-    formula = _formula(legs, names).formula
+def formed(
+    legs: Sequence[LegConstraint], formula: LegFormula
+) -> Iterator[tuple[list[Iterable[int]], int, Sequence[LegConstraint]]]:
+    """Batches of legs that have one formula: all numbers of its trace, and the unit that they are in."""
+    trace = formula.trace
     for start in range(0, len(legs), _BATCH):
         batch = legs[start : start + _BATCH]
         columns, unit = taken(batch)
-        work, bits = formula.cost(columns, unit)
-        batch[0].x.spend(3 * formula.notes + len(batch) * (60 + work))
-        step = max(1, _HELD // (formula.notes * (64 + bits // 8) + 1))
+        longest = max(max(map(int.bit_length, [column] if isinstance(column, int) else column)) for column in columns)
+        batch[0].x.spend(trace.work * (3 + len(batch) * (1 + (longest * longest >> 14))) + 60 * len(batch))
+        step = max(1, _HELD // (trace.work * (64 + longest)))
         for k in range(0, len(batch), step):
             some = [column if isinstance(column, int) else column[k : k + step] for column in columns]
-            found = formula.run(some, unit)
-            yield from ((values, unit) for _, *values in zip(batch[k : k + step], *found))  # noqa: B905 - endless ones
+            yield trace.run(some), unit, batch[k : k + step]
 
 
 def settled_legs(x: Unknowns, items: Sequence[LegConstraint | Constraint], side: str) -> Iterator[Polynomial]:
-    """Their rows at the reference readings, less the penalties, in order; legs have one program."""
+    """Their rows at the reference readings, less the penalties, in order; legs have one formula."""
     legs = [item for item in items if isinstance(item, LegConstraint)]
     found = _settled(x, legs, side) if legs else iter(())
     return (next(found) if isinstance(item, LegConstraint) else item.row(side, signed(len(x))) for item in items)
@@ -358,19 +274,27 @@ def settled_legs(x: Unknowns, items: Sequence[LegConstraint | Constraint], side:
 def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
     bounded = side == "lower" and not legs[0].sure
     names = (side, "at_least", "factor") if bounded else (side,)
-    formula = _formula(legs, names)
-    for leg, (values, unit) in zip(legs, formed(legs, names), strict=True):
-        x.spend(2 * len(values))
-        mask = signed(len(x), leg.signs)
-        exponents = [-unit * degree for degree in formula.degrees]
-        parts = formula.split(values)
-        row = shortened(formula.remainder(0, leg.signs, mask).of(parts[0]), exponents[0], x.spend)
-        if bounded:
-            low, factor = (
-                shortened(dict(zip(formula.places[k], parts[k], strict=True)), exponents[k], x.spend) for k in (1, 2)
-            )
-            row = row - constant(beyond(low, factor, mask), x.spend)
-        yield row
+    formula = leg_formula(legs[0].model, legs[0].m.uncertain, names)
+    for v, unit, batch in formed(legs, formula):
+        parts = [
+            (tuple(places), -unit * degree, zip(*(v[k] for k in places.values()), strict=False))
+            for places, degree in formula.parts
+        ]
+        for leg in batch:
+            x.spend(2 * sum(len(monomials) for monomials, *_ in parts))
+            mask, settled = signed(len(x), leg.signs), parts[0][0]
+            remainder = _remainder(settled, "".join("0" if sign == "0" else "+" for sign in leg.signs), mask)
+            row = shortened(remainder.of(next(parts[0][2])), parts[0][1], x.spend)
+            if bounded:
+                low, factor = (
+                    shortened(dict(zip(monomials, next(values), strict=True)), exponent, x.spend)
+                    for monomials, exponent, values in parts[1:]
+                )
+                row = row - constant(beyond(low, factor, mask), x.spend)
+            yield row
+
+
+_remainder = lru_cache(maxsize=4096)(Remainder)
 
 
 def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | None) -> bool:
@@ -438,100 +362,60 @@ def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | No
     return low <= off or kappa * (low - off) ** 2 <= least
 
 
-def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
-    return leg_formula(legs[0].model, legs[0].m.uncertain, names)
-
-
 class LegFormula(NamedTuple):
-    """A program, the places of the coefficients of some parts by monomial, their degrees, and what computes them."""
+    """A trace, and of polynomials the places of their coefficients by monomial, and their degrees."""
 
-    program: Program
-    places: list[dict[int, int]]
-    degrees: list[int]
-    formula: Formula
-    remainders: dict[tuple[int, str, int], Remainder]
-
-    def split(self, values: Sequence[int]) -> list[Sequence[int]]:
-        """The coefficients of each part."""
-        ends = [0, *accumulate(map(len, self.places))]
-        return [values[a:b] for a, b in pairwise(ends)]
-
-    def remainder(self, part: int, signs: str, mask: int) -> Remainder:
-        """Of a part, for readings with these signs."""
-        key = part, "".join("0" if sign == "0" else "+" for sign in signs), mask
-        if key not in self.remainders:
-            self.remainders[key] = Remainder(list(self.places[part]), *key[1:])
-        return self.remainders[key]
+    trace: Trace
+    parts: list[tuple[dict[int, int], int]]
 
 
 @lru_cache(maxsize=256)
 def leg_formula(model: str, reads: bool, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u, and in y if it `reads` sets."""
     n = 8 + len(EXTRA[model])
-    program = Program([False] * 9 + [True] * 2 * n + [False] * 2 * READINGS * reads)
-    given = iter(program.given())
-    quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
-    x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)]
-    nothing = Traced(program, {}, 0)
-    reading = [nothing] * READINGS
+    trace = Trace([True, *[False] * 9, *[True] * 2 * n, *[False] * 2 * READINGS * reads])
+    quaternion, position = ([Traced.of(trace, {0: k}) for k in range(start, end)] for start, end in ((1, 5), (5, 8)))
+    length, shortest = (Traced.of(trace, {0: k}) for k in (8, 9))
+    x = [Traced.of(trace, {0: 10 + i, unknown(i): 10 + n + i}) for i in range(n)]
+    reading, first = [Traced(trace, {}, 0)] * READINGS, 10 + 2 * n
     if reads:
-        at = [next(given) for _ in reading]
-        reading = [end + next(given).moved(1 << FIELD * j) for j, end in enumerate(at)]
-    found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading)
-    parts = [found.part(name) for name in names]
-    program.highest = max(part.degree for part in parts)
-    places = [part.places() for part in parts]
-    formula = Formula(program, [k for part in places for k in part.values()])
-    return LegFormula(program, places, [part.degree for part in parts], formula, {})
+        reading = [Traced.of(trace, {0: first + j, 1 << FIELD * j: first + READINGS + j}) for j in range(READINGS)]
+    parts = _parts(model, Traced.of(trace, {0: trace.unit}, 0), (position, quaternion, length, shortest), x, reading)
+    return LegFormula(trace, [(part.places(), part.degree) for part in map(parts, names)])
 
 
-class _Constraint(NamedTuple):
-    """`at_least <= sqrt(under_root / factor) <= at_most`, and what else is at most zero."""
-
-    under_root: Traced
-    factor: Traced
-    at_least: Traced
-    at_most: Traced
-    length: Traced
-
-    def part(self, name: str) -> Traced:
-        """A row, or one of the fields."""
-        body, factor, low, high = self[:4]
-        if name == "upper":
-            return body - factor * (high * high)
-        if name == "lower":
-            return factor * (low * low) - body
-        if name == "sign":
-            return high.times(-1)
-        found: Traced = body.times(-1) if name == "body" else getattr(self, name)
-        return found
-
-
-def _constraint(
+def _parts(
     model: str,
     one: Traced,
-    m: tuple[Quaternion, Quaternion, Traced, Traced],
+    m: tuple[Sequence[Traced], Sequence[Traced], Traced, Traced],
     x: Sequence[Traced],
     y: Sequence[Traced],
-) -> _Constraint:
-    """See docs/certificate-format.md, "A leg as constraints", for every name here."""
+) -> Callable[[str], Traced]:
+    """By name; see docs/certificate-format.md, "A leg as constraints", for every name here."""
     position, quaternion, reading, shortest = m
     a, b, offset, eps = x[:3], x[3:6], x[6], x[-1]
-    s, fixed = y[3:6], rotation_rows(quaternion)
-    turned, norm = inner(s, s), inner(quaternion, quaternion)
-    kappa = norm * (one + turned)
-    p = plus(position, y[:3])
-    z = minus(p, a)
+    s, fixed, nothing = y[3:6], rotation_rows(quaternion), one - one
+    factor = inner(quaternion, quaternion) * (one + inner(s, s))
+    z = minus(plus(position, y[:3]), a)
     along = inner(z, applied(rotation_rows([one, *s]), applied(fixed, b)))
     square = inner((*z, *b), (*z, *b))
     if model == "lateral":
         square = square - x[7]
-    body = kappa * square + along.times(2)
-    read = reading + y[6]
-    length = read + offset
+    body = factor * square + along + along
+    length = reading + y[6] + offset
     if model == "gain":
-        length = length + x[7] * read
-    return _Constraint(body, kappa, length - eps, length + eps, eps - offset - shortest)
+        length = length + x[7] * (reading + y[6])
+    low, high = length - eps, length + eps
+    parts: dict[str, Callable[[], Traced]] = {
+        "upper": lambda: body - factor * (high * high),
+        "lower": lambda: factor * (low * low) - body,
+        "sign": lambda: nothing - high,
+        "body": lambda: nothing - body,
+        "length": lambda: x[-1] - offset - shortest,
+        "at_least": lambda: low,
+        "factor": lambda: factor,
+    }
+    return lambda name: parts[name]()
 
 
 # campaign.json: the exact numbers of a campaign ----------------------------------------------------------------------

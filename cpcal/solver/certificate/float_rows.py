@@ -1,7 +1,7 @@
 """Rows of a leg in float64: the checker's own formula, with a bound of all that is rounded on the way.
 
-The checker traces the formula once (`cpcal.checker.leg`); its notes `v[k] += v[i] * v[j]` are swept here in
-float64, each v with a bound of its error. With unit roundoff u the product of two such numbers is wrong by at most
+The checker traces the formula once (`cpcal.checker.leg`); its notes, `v[k] += v[i] * v[j]`, are swept here in float64,
+each v with a bound of its error. With unit roundoff u the product of two such numbers is wrong by at most
 |v_i| e_j + |v_j| e_i + e_i e_j + u |v_i v_j|, the sum by u of its size more. What is rounded in the bound itself is
 covered by a factor.
 """
@@ -38,7 +38,7 @@ class FloatRow(NamedTuple):
 
 
 def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
-    """`Problem.row`, nearly, of constraints that have one program; of `sure` sides, whose rows are all that it says."""
+    """`Problem.row`, nearly, of constraints that have one formula; of `sure` sides, whose rows are all that it says."""
     plan = _plan(legs[0], side)
     found, errors = plan.settled(*plan.swept(_given(legs)), _ends(legs))
     return [FloatRow(plan.monomials, *row) for row in zip(found, errors.tolist(), strict=True)]
@@ -46,7 +46,7 @@ def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
 
 def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
     """The reference readings that cost least, by the range over the box of the derivative by each reading: `legs` are
-    at the centres of the sets, and have one program."""
+    at the centres of the sets, and have one formula."""
     plan = _plan(legs[0], side)
     chosen = np.flatnonzero(plan.linear >= 0)
     values, alone = plan.swept(_given(legs))[0].T[chosen], plan.alone[chosen, None]
@@ -64,7 +64,7 @@ def _cheapest(low: float, high: float) -> str:
 
 @dataclass(frozen=True)
 class _Plan:
-    """A program and its output as arrays. Of each coefficient (T,): its place, the first reading in its monomial (-1:
+    """A trace and its output as arrays. Of each coefficient (T,): its place, the first reading in its monomial (-1:
     none), the odd exponents as bits, whether its monomial is that reading `alone`, the one reading that it is `linear`
     in (-1: none), its number among `monomials` (-1: it has a reading)."""
 
@@ -90,11 +90,11 @@ class _Plan:
 
 
 def _given(legs: Sequence[LegConstraint]) -> Floats:
-    """(B, G) what their program takes: measurements, unknowns, and where readings begin and how far they go."""
+    """(B, G) what their trace takes: one, measurements, unknowns, and where readings begin and how far they go."""
     x, uncertain = legs[0].x.numbers, legs[0].m.uncertain
     m, widths = np.array([leg.m.given for leg in legs], np.float64), np.array([leg.m.radii for leg in legs], np.float64)
     floats = np.broadcast_to([value / (1 << x.power) for value in x.values], (len(legs), len(x.values)))
-    parts = [m, m[:, 7:] - widths[:, 6:], floats]
+    parts = [np.ones((len(legs), 1)), m, m[:, 7:] - widths[:, 6:], floats]
     if uncertain:
         widths[:, 3:6] *= 0.5
         ends = np.array([[ENDS[sign] for sign in leg.signs] for leg in legs])
@@ -114,18 +114,24 @@ def _plan(leg: LegConstraint, side: str) -> _Plan:
 @lru_cache(maxsize=64)
 def _planned(model: str, reads: bool, side: str) -> _Plan:
     formed = leg_formula(model, reads, (side,))
-    program, (places,) = formed.program, formed.places
+    trace, ((places, _),) = formed
+    fixed, sums = {0: 1}, list[tuple[int, int, int]]()
+    for k, note in enumerate(trace.notes, start=trace.count):
+        if isinstance(note, int):
+            fixed[k] = note
+        else:
+            sums += ((k, i, j) for i, j in note)
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
     number = {m: k for k, m in enumerate(kept)}
     powers = [_exponents(m) for m in places]
     readings = [_exponents(m & of_readings) for m in places]
     return _Plan(
-        notes=np.array(program.notes, dtype=np.intp).reshape(-1, 3),
+        notes=np.array(sums, dtype=np.intp).reshape(-1, 3),
         places=np.array(list(places.values()), dtype=np.intp),
-        fixed=np.array([*program.whole, *program.ones], dtype=np.intp),
-        numbers=np.array([*program.whole.values(), *(1 for _ in program.ones)], dtype=np.float64),
-        size=program.size,
+        fixed=np.array(list(fixed), dtype=np.intp),
+        numbers=np.array(list(fixed.values()), dtype=np.float64),
+        size=trace.count + len(trace.notes),
         monomials=tuple(kept),
         first=np.array([found[0][0] if found else -1 for found in readings], dtype=np.intp),
         odd=np.array([sum(1 << f for f, power in found if power % 2) for found in powers], dtype=np.intp),
@@ -145,14 +151,14 @@ def _exponents(monomial: int) -> list[tuple[int, int]]:
 def _swept(
     notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int, places: Indices
 ) -> tuple[Floats, Floats]:
-    """The numbers at `places` of a program for each of (B, G) given, which were rounded once; and their errors."""
+    """The numbers at `places` of a trace for each of (B, G) given, which were rounded once; and their errors."""
     found, errors = np.empty((len(given), places.size)), np.empty((len(given), places.size))
     for leg in range(len(given)):
         v, e = np.zeros(size), np.zeros(size)
         for k in range(given.shape[1]):
             v[k], e[k] = given[leg, k], _UNIT * abs(given[leg, k]) + _SMALLEST
         for k in range(fixed.size):
-            v[fixed[k]] = numbers[k]
+            v[fixed[k]], e[fixed[k]] = numbers[k], 0.0
         for n in range(notes.shape[0]):
             k, i, j = notes[n, 0], notes[n, 1], notes[n, 2]
             a, b = v[i], v[j]
@@ -291,7 +297,7 @@ class FloatRule:
         legs = {n: leg for n in new if (leg := self._leg(n)) is not None}
         swept: list[tuple[int, FloatRow]] = []
         for side in dict.fromkeys(self._table[n][0] for n in legs):
-            for reads in (True, False):  # which have one program each
+            for reads in (True, False):  # which have one formula each
                 own = [n for n, leg in legs.items() if self._table[n][0] == side and leg.m.uncertain is reads]
                 if own:
                     swept += zip(own, float_rows([legs[n] for n in own], side), strict=True)

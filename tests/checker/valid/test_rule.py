@@ -45,14 +45,13 @@ EXAMPLES = int(os.environ.get("CPCAL_EXAMPLES", "25"))  # of a model, in each pr
 
 
 def unsettled(one: LegConstraint, side: str) -> Polynomial:
-    """The row with its readings, from what its program computes."""
+    """The row with its readings, from what its trace computes."""
     names = (side,) if side == "upper" or one.sure else (side, "at_least", "factor")
     formula = leg_formula(one.model, one.m.uncertain, names)
-    ((values, unit),) = formed([one], names)
-    left = iter(values)
+    ((numbers, unit, _),) = formed([one], formula)
     row, *others = (
-        Polynomial(dict(zip(places, left)), -unit * degree, free)  # noqa: B905 - the rest is the others'
-        for places, degree in zip(formula.places, formula.degrees, strict=True)
+        Polynomial({m: next(iter(numbers[k])) for m, k in places.items()}, -unit * degree, free)
+        for places, degree in formula.parts
     )
     mask = signed(len(one.x), one.signs)
     return row - constant(beyond(others[0], others[1], mask), free) if others else row
