@@ -1,6 +1,6 @@
 """Simulated scenes of the DeltaLab target, all from a seed: poses, lists of dots, views, images that show none.
 
-    python -m benchmarks.vision_scenes [--lists 2000] [--images 20] [--cameras 50]
+    python -m benchmarks.vision_scenes [--lists 2000] [--images 20]
 
 Measures with them, and prints:
 
@@ -8,10 +8,6 @@ Measures with them, and prints:
    anywhere or on the very rows that identify the target; or the target partly out of view. One wrong pair is wrong.
 2. Dots in rendered images, 550 to 850 mm away, tilted to 30 degrees, under light that differs by up to 40 %: errors to
    the centre of the dot's exact image, Cramer's and Rao's bound for a known blurred edge, errors over stated ones.
-3. Poses from such images, 700 mm away and over the whole range: RMS and largest errors (mm, degrees), and the mean
-   square of the errors over the stated ones.
-4. Cameras calibrated from 15 views with centres good to 0.01 px: the variance of the nine numbers' errors over the
-   stated ones, freed from their correlations.
 """
 
 from __future__ import annotations
@@ -33,21 +29,21 @@ from cpcal.robot import (
     quaternion_product,
     rotation_vector,
 )
-from cpcal.vision.calibrate import Calibration, TargetView, calibrate_camera
+from cpcal.vision.calibrate import Calibration, TargetView
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.identify import Unidentified, identify
-from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import PoseEstimate
 from cpcal.vision.projection import centers_by_pose, predicted_centers
-from cpcal.vision.render import Scene, contours, render
+from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ROWS = (slice(0, 7), slice(7, 13))  # the diagonals of the default target, off its grid
 MOST = 10  # false and missing dots
 KINDS = ("none", "anywhere", "missing on the rows", "false on the rows", "both on the rows")
 ASIDE = "partly out of view"
+_APART = 1.5  # radii between false dots and others
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # x right, y up on the target: half a turn about the camera's x
 
@@ -81,53 +77,26 @@ def found_dots(
     """Centres (m, 2) in random order, and which dot of the target each is (-1: none).
 
     Dots out of the image are left out, then `missing` more; `false` dots are strewn over the image, or on the rows
-    that identify the target, no nearer to other dots than three radii. `on_rows` takes missing ones from there too.
+    that identify the target, no nearer to other dots than 1.5 radii. `on_rows` takes missing ones from there too.
     """
-    numbers, places = spoiled_dots(rng, target, camera, pose, missing, false, on_rows)
-    centers = predicted_centers(target, camera, pose)
-    added = centers_by_pose(places, target.radius, camera.packed, pose)[0]
-    added = added[(added > 0.0).all(axis=1) & (added < [camera.width, camera.height]).all(axis=1)]
+    centers, size, margin = predicted_centers(target, camera, pose), np.array([camera.width, camera.height]), 12.0
+    numbers = np.flatnonzero(((centers > margin) & (centers < size - margin)).all(axis=1))
+    preferred = np.intersect1d(numbers, np.arange(13)) if on_rows else numbers
+    numbers = np.setdiff1d(numbers, rng.permutation(preferred)[:missing])
+    places: list[Floats] = []
+    while len(places) < false:
+        line = target.dots[ROWS[rng.integers(2)]]
+        on_line = line[0] + rng.uniform(-0.02, 1.02) * (line[-1] - line[0])
+        place = on_line if on_rows else rng.uniform(target.dots.min() * 1.2, target.dots.max() * 1.2, 2)
+        others = np.concatenate([target.dots, *places])
+        if np.linalg.norm(others - place, axis=1).min() > _APART * target.radius:
+            places.append(place[None])
+    added = centers_by_pose(np.reshape(places, (-1, 2)), target.radius, camera.packed, pose)[0]
+    added = added[((added > 0.0) & (added < size)).all(axis=1)]
     points = np.concatenate([centers[numbers], added])
     labels = np.concatenate([numbers, np.full(len(added), -1)])
     order = rng.permutation(len(points))
     return points[order] + noise * rng.standard_normal((len(points), 2)), labels[order]
-
-
-def spoiled_dots(
-    rng: np.random.Generator,
-    target: Target,
-    camera: Camera,
-    pose: Pose,
-    missing: int,
-    false: int,
-    on_rows: bool,
-    apart: float = 1.5,
-) -> tuple[Ints, Floats]:
-    """The numbers of the dots that are left, clear of the image's border, and places (false, 2) mm of false ones, so
-    many radii `apart` from others."""
-    centers = predicted_centers(target, camera, pose)
-    margin = 12.0
-    inside = (centers > margin).all(axis=1) & (centers < [camera.width - margin, camera.height - margin]).all(axis=1)
-    numbers = np.flatnonzero(inside)
-    rows = np.arange(13)
-    preferred = np.intersect1d(numbers, rows) if on_rows else numbers
-    numbers = np.setdiff1d(numbers, rng.permutation(preferred)[:missing])
-    return numbers, _strewn(rng, target, false, on_rows, apart)
-
-
-def _strewn(rng: np.random.Generator, target: Target, count: int, on_rows: bool, apart: float) -> Floats:
-    """Places (count, 2) mm on the target, clear of its dots; on its rows where that is asked for."""
-    places: list[Floats] = []
-    while len(places) < count:
-        if on_rows:
-            line = target.dots[ROWS[rng.integers(2)]]
-            place = line[0] + rng.uniform(-0.02, 1.02) * (line[-1] - line[0])
-        else:
-            place = rng.uniform(target.dots.min() * 1.2, target.dots.max() * 1.2, 2)
-        others = np.concatenate([target.dots, np.array(places).reshape(-1, 2)])
-        if np.linalg.norm(others - place, axis=1).min() > apart * target.radius:
-            places.append(place)
-    return np.array(places).reshape(-1, 2)
 
 
 def spoiled(rng: np.random.Generator, kind: str) -> dict[str, Any]:
@@ -169,24 +138,6 @@ def pose_error(true: Pose, estimate: PoseEstimate) -> Floats:
     return np.concatenate([true.position - estimate.pose.position, rotation_vector(turn)])
 
 
-def measured(images: int, seed: int, *, nominal: bool) -> tuple[Floats, Floats]:
-    """Errors (n, 6), mm and degrees, of the poses of rendered images, and their squares over the stated variances."""
-    rng = np.random.default_rng(seed)
-    poses = facing_poses(rng, images, depth=(700.0, 700.0) if nominal else (550.0, 850.0))
-    errors, squares = [], []
-    for k in range(images):
-        scene = Scene() if nominal else Scene(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1.0, 4.0))
-        image = render(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), scene, seed=seed + k)
-        try:
-            found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
-        except NotMeasured:
-            continue
-        error = pose_error(one(poses, k), found.estimate)
-        errors.append(error * np.repeat([1.0, np.degrees(1.0)], 3))
-        squares.append(np.linalg.solve(np.linalg.cholesky(found.covariance), error) ** 2)
-    return np.array(errors), np.array(squares)
-
-
 def degenerate_images(seed: int) -> dict[str, npt.NDArray[np.generic]]:
     """Images without a target that could be measured, 1024 x 768 unless their name says otherwise."""
     rng = np.random.default_rng(seed)
@@ -218,16 +169,27 @@ def degenerate_images(seed: int) -> dict[str, npt.NDArray[np.generic]]:
     }
 
 
+def bent(x: Floats, y: Floats, distortion: Floats) -> Floats:
+    """Where the lens shows the directions x, y: (..., 2)."""
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
+    dy = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return np.stack([dx, dy], axis=-1)
+
+
 def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
-    """The centres (n, 2) of the conics through the dots' exact contours, pixels."""
-    points = contours(target, camera, pose)
-    middle = points.mean(axis=1, keepdims=True)
-    x, y = np.moveaxis((points - middle) / 10.0, -1, 0)
-    terms = np.stack([x * x, x * y, y * y, x, y], axis=-1)
-    conic = np.linalg.solve(terms.transpose(0, 2, 1) @ terms, terms.sum(axis=1)[..., None])[..., 0]
-    xx, xy, yy = conic[:, 0], conic[:, 1], conic[:, 2]
-    matrix = np.stack([np.stack([2.0 * xx, xy], axis=-1), np.stack([xy, 2.0 * yy], axis=-1)], axis=-2)
-    return np.asarray(middle[:, 0] - 10.0 * np.linalg.solve(matrix, conic[:, 3:, None])[..., 0])
+    """The centroids (n, 2) of the dots' images, pixels: of polygons of 360 points on each circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    rim = target.dots[:, None, :] + target.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    p = rim @ pose.rotation[:, :2].T + pose.position
+    at = camera.center + camera.focal * bent(p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], camera.distortion)
+    start = at.mean(axis=1, keepdims=True)
+    (x, y), (x1, y1) = np.moveaxis(at - start, -1, 0), np.moveaxis(np.roll(at, -1, axis=1) - start, -1, 0)
+    cross = x * y1 - x1 * y
+    moments = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=-1)
+    return np.asarray(start[:, 0] + moments / (3.0 * cross.sum(axis=1, keepdims=True)))
 
 
 @dataclass(frozen=True)
@@ -297,7 +259,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lists", type=int, default=2000)
     parser.add_argument("--images", type=int, default=20, help="of each kind")
-    parser.add_argument("--cameras", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     opencv().setNumThreads(1)
@@ -317,19 +278,6 @@ def main() -> None:
             rms = ", ".join(f"{np.sqrt((values**2).mean()):.4f}" for values in each)
             lost = f"missing {sum(e.missing for e in found)}, false {sum(e.false for e in found)}"
             print(f"blur {blur}, noise {noise}: dots' errors, bound [px], over stated ones: {rms}; {lost}")
-    for nominal in (True, False):
-        off, squares = measured(asked.images, asked.seed, nominal=nominal)
-        rows = (np.sqrt((off**2).mean(axis=0)), np.abs(off).max(axis=0), squares.mean(axis=0))
-        print(
-            f"poses, {'700 mm' if nominal else '550 to 850 mm'}: {len(off)} of {asked.images}; RMS, largest, normalised"
-        )
-        print(*(" ".join(f"{value:8.4f}" for value in row) for row in rows), sep="\n")
-    freed = []
-    for seed in range(asked.cameras):
-        views, _ = simulated_views(np.random.default_rng(seed), DELTALAB_TARGET, DELTALAB_CAMERA, Setting())
-        camera = calibrate_camera(views, DELTALAB_TARGET, (DELTALAB_CAMERA.width, DELTALAB_CAMERA.height))
-        freed.append(normalised_errors(camera, DELTALAB_CAMERA)[1])
-    print(f"{asked.cameras} cameras: variance of errors over stated ones {np.mean(np.square(freed)):.2f}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 Every pixel is looked through at `FINE` x `FINE` places: the ray's point on the plate is found by the camera's inverse
 and a homography, and where it is near a dot's edge the covered share follows from its distance. Around the plate is a
 background of any kind, before it a shadow or an occluder; then come the optics (blur, motion), the sensor's noise
-and 8 bits. Camera and target are values; how a camera bends rays is written here once more.
+and 8 bits. Camera and target are values; how a camera bends rays is written once more (`vision_scenes`).
 
 For each condition are printed: poses found; images whose identification is wrong (a single wrong pair is wrong); the
 centres' RMS error, pixels; NEES/6, the mean of e' C^-1 e / 6 over the poses' errors e and stated covariances C: 1 is
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -24,12 +24,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from benchmarks.vision_scenes import facing_poses, one, pose_error
+from benchmarks.vision_scenes import bent, facing_poses, one, pose_error, true_centers
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
+from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -41,21 +40,14 @@ Single = npt.NDArray[np.float32]
 cv2: Any = opencv()
 
 
-def background(
-    size: tuple[int, int], kind: str, amount: int, fine: int, dark: float, bright: float, rng: np.random.Generator
-) -> Single:
-    """Grey levels (height, width) before light and optics; `fine` of these places are a pixel, each way."""
-    height, width = size
-    grey = np.full((height, width), dark, dtype=np.float32)
-    if kind == "discs":
-        for _ in range(amount):
-            place = (int(rng.integers(width)), int(rng.integers(height)))
-            cv2.circle(grey, place, int(fine * rng.uniform(5.0, 9.0)), bright, -1)
-    elif kind == "texture":
-        for _ in range(amount):
-            place = (int(rng.integers(width)), int(rng.integers(height)))
-            cv2.circle(grey, place, int(fine * rng.uniform(1.5, 2.3)), bright, -1)
-    return grey
+def background(size: tuple[int, int], world: World, rng: np.random.Generator) -> Single:
+    """Grey levels of fine places (height, width) before light and optics."""
+    grey = np.full(size, world.dark, dtype=np.float32)
+    low, high = {"dark": (0.0, 0.0), "discs": (5.0, 9.0), "texture": (1.5, 2.3)}[world.background]
+    for _ in range(world.amount):
+        place = (int(rng.integers(size[1])), int(rng.integers(size[0])))
+        cv2.circle(grey, place, int(FINE * rng.uniform(low, high)), world.bright, -1)
+    return grey * np.float32(world.level)
 
 
 FINE = 2  # places in a pixel, each way
@@ -100,39 +92,29 @@ def photograph(
 ) -> npt.NDArray[np.uint8]:
     """The image (height, width) of the target at `pose` in a world."""
     size = camera.height * FINE, camera.width * FINE
-    grey = background(size, world.background, world.amount, FINE, world.dark, world.bright, rng)
-    grey *= np.float32(world.level)
-    if world.second:
-        plate = FOREIGN if world.second == "foreign" else target
-        _lay(grey, plate, camera, _beside(pose, target, world.second == "mirrored"), world, world.dim, bend=0.0)
+    grey, half = background(size, world, rng), float(np.abs(target.dots).max()) + _MARGIN
+    if world.second:  # to the right of the first, farther away, so that both are in sight
+        mirror = replace(target, dots=target.dots * [-1.0, 1.0])
+        plate = {"foreign": FOREIGN, "mirrored": mirror, "same": target}[world.second]
+        beside = Pose(pose.position + np.array([2.3 * half, 0.0, 250.0]), pose.quaternion)
+        _lay(grey, plate, camera, beside, world, world.dim, bend=0.0)
     _lay(grey, target, camera, pose, world, 1.0, bend=world.bent)
-    if world.occluded:
-        _cover(grey, target, camera, pose, world, rng)
+    if world.occluded:  # by a bar of middling grey, as of a cable or an arm
+        u, v, _, _ = _on_plate(camera, pose, 0.0, half)
+        angle, at = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.6, 0.6) * half
+        across = u * np.float32(np.cos(angle)) + v * np.float32(np.sin(angle))
+        grey[np.abs(across - np.float32(at)) < world.occluded * half] = 0.4 * world.bright
     grey *= _light(camera, world, rng)
-    return _exposed(_optics(grey, world, rng), world, rng)
-
-
-def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
-    """The centroids (n, 2) of the dots' images, pixels: of polygons of 360 points on each circle."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    rim = target.dots[:, None, :] + target.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    p = rim @ pose.rotation[:, :2].T + pose.position
-    at = camera.center + camera.focal * bent(p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], camera.distortion)
-    start = at.mean(axis=1, keepdims=True)
-    (x, y), (x1, y1) = np.moveaxis(at - start, -1, 0), np.moveaxis(np.roll(at, -1, axis=1) - start, -1, 0)
-    cross = x * y1 - x1 * y
-    moments = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=-1)
-    return np.asarray(start[:, 0] + moments / (3.0 * cross.sum(axis=1, keepdims=True)))
-
-
-def bent(x: Floats, y: Floats, distortion: Floats) -> Floats:
-    """Where the lens shows the directions x, y: (..., 2)."""
-    k1, k2, p1, p2, k3 = distortion
-    r2 = x**2 + y**2
-    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
-    dy = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return np.stack([dx, dy], axis=-1)
+    if world.blur:
+        grey = cv2.GaussianBlur(grey, (0, 0), world.blur * FINE)
+    if world.motion:
+        angle = rng.uniform(0.0, np.pi)
+        ways = FINE * np.linspace(-0.5 * world.motion, 0.5 * world.motion, 41)
+        shifts = (np.array([[1.0, 0.0, t * np.cos(angle)], [0.0, 1.0, t * np.sin(angle)]]) for t in ways)
+        grey = np.mean([cv2.warpAffine(grey, shift, size[::-1]) for shift in shifts], axis=0)
+    grey = grey.reshape(camera.height, FINE, camera.width, FINE).mean(axis=(1, 3))
+    grey = grey + world.noise * rng.standard_normal(grey.shape)
+    return np.asarray(np.clip(np.rint(grey), 0, 255), dtype=np.uint8)
 
 
 @lru_cache(maxsize=2)
@@ -150,9 +132,7 @@ def _rays(camera: Camera) -> tuple[Single, Single]:
     return x.astype(np.float32), y.astype(np.float32)
 
 
-def _on_plate(
-    camera: Camera, pose: Pose | _Mirrored, bend: float, half: float
-) -> tuple[Single, Single, Single, Floats]:
+def _on_plate(camera: Camera, pose: Pose, bend: float, half: float) -> tuple[Single, Single, Single, Floats]:
     """The plate's coordinates u, v (mm) of every fine place, the depth factor w, and the homography."""
     x, y = _rays(camera)
     turn = pose.rotation
@@ -168,9 +148,7 @@ def _on_plate(
     return u, v, w, h
 
 
-def _lay(
-    grey: Single, target: Target, camera: Camera, pose: Pose | _Mirrored, world: World, light: float, bend: float
-) -> None:
+def _lay(grey: Single, target: Target, camera: Camera, pose: Pose, world: World, light: float, bend: float) -> None:
     """Put the plate into the image of fine places."""
     half = float(np.abs(target.dots).max()) + _MARGIN
     u, v, w, h = _on_plate(camera, pose, bend, half)
@@ -210,38 +188,6 @@ def pose_scale(h: Floats, camera: Camera) -> float:
     return 3.0 * float(np.sqrt(abs(np.linalg.det(h))) / abs(h[2, 2]) ** 1.5) / (float(camera.focal.min()) * FINE)
 
 
-def _beside(pose: Pose, target: Target, mirrored: bool) -> Pose | _Mirrored:
-    """A second plate to the right of the first, farther away, so that both are in sight."""
-    size = float(np.abs(target.dots).max()) + _MARGIN
-    moved = Pose(pose.position + np.array([2.3 * size, 0.0, 250.0]), pose.quaternion)
-    return _Mirrored(moved) if mirrored else moved
-
-
-@dataclass(frozen=True)
-class _Mirrored:
-    """A pose in a mirror: the plate's x axis is turned over."""
-
-    pose: Pose
-
-    @property
-    def position(self) -> Floats:
-        return self.pose.position
-
-    @property
-    def rotation(self) -> Floats:
-        return np.asarray(self.pose.rotation * [-1.0, 1.0, 1.0])
-
-
-def _cover(grey: Single, target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator) -> None:
-    """A bar of middling grey, as of a cable or an arm, over a part of the plate in some direction."""
-    half = float(np.abs(target.dots).max()) + _MARGIN
-    u, v, _, _ = _on_plate(camera, pose, 0.0, half)
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    across = u * np.float32(np.cos(angle)) + v * np.float32(np.sin(angle))
-    at = rng.uniform(-0.6, 0.6) * half
-    grey[np.abs(across - np.float32(at)) < world.occluded * half] = 0.4 * world.bright
-
-
 def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | float:
     if not (any(world.gradient) or world.shadow):
         return 1.0
@@ -255,33 +201,6 @@ def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | f
         edge = np.clip((across - rng.uniform(-100.0, 100.0)) / world.softness, -0.5, 0.5) + 0.5
         light = light * (1.0 - np.float32(world.shadow) * edge * edge * (3.0 - 2.0 * edge))
     return np.asarray(light, dtype=np.float32)
-
-
-def _optics(grey: Single, world: World, rng: np.random.Generator) -> Single:
-    """Blur, on fine places; then the mean of each pixel's."""
-    if world.blur:
-        grey = cv2.GaussianBlur(grey, (0, 0), world.blur * FINE)
-    if world.motion:
-        grey = cv2.filter2D(grey, -1, _line(world.motion * FINE, rng.uniform(0.0, np.pi)))
-    height, width = grey.shape
-    return np.asarray(grey.reshape(height // FINE, FINE, width // FINE, FINE).mean(axis=(1, 3)))
-
-
-def _line(length: float, angle: float) -> Single:
-    reach = int(np.ceil(0.5 * length)) + 1
-    out = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
-    for t in np.linspace(-0.5 * length, 0.5 * length, 201):
-        x, y = reach + t * np.cos(angle), reach + t * np.sin(angle)
-        i, j = int(y), int(x)
-        for k, m, share in ((0, 0, (1 - y + i) * (1 - x + j)), (0, 1, (1 - y + i) * (x - j)),
-                            (1, 0, (y - i) * (1 - x + j)), (1, 1, (y - i) * (x - j))):  # fmt: skip
-            out[i + k, j + m] += share
-    return np.asarray(out / out.sum())
-
-
-def _exposed(grey: Any, world: World, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
-    grey = grey + world.noise * rng.standard_normal(grey.shape)
-    return np.asarray(np.clip(np.rint(grey), 0, 255), dtype=np.uint8)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -308,33 +227,6 @@ CONDITIONS = {
 _WRONG = 3.0  # pixels between a dot and where the truth sees the one that it is taken for
 
 
-@dataclass
-class Figures:
-    """What was seen of one condition."""
-
-    images: int = 0
-    wrong: int = 0
-    squares: list[float] = field(default_factory=list)
-    centers: list[float] = field(default_factory=list)
-    position: list[float] = field(default_factory=list)
-    doubtful: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
-
-    def row(self) -> dict[str, Any]:
-        """Numbers for a table; nan where no pose was found."""
-        found = len(self.squares)
-        return {
-            "images": self.images,
-            "found": found,
-            "wrong": self.wrong,
-            "centres px": float(np.sqrt(np.mean(np.square(self.centers)))) if found else np.nan,
-            "NEES/6": float(np.mean(self.squares)) if found else np.nan,
-            "largest mm": max(self.position, default=np.nan),
-            "doubtful": self.doubtful,
-            "reasons": dict(self.reasons.most_common(3)),
-        }
-
-
 def poses_for(world: World, rng: np.random.Generator, count: int) -> Pose:
     """Facing the camera; farther away and to the left where a second plate stands beside."""
     poses = facing_poses(rng, count, depth=(800.0, 900.0) if world.second else (550.0, 850.0))
@@ -342,35 +234,37 @@ def poses_for(world: World, rng: np.random.Generator, count: int) -> Pose:
     return Pose(poses.position + shift, poses.quaternion)
 
 
-def measured(world: World, images: int, seed: int, *records: CameraRecord) -> Figures:
-    """Images by the true camera, poses by cameras that take turns."""
-    rng = np.random.default_rng(seed)
-    out, poses = Figures(), poses_for(world, rng, images)
+def measured(world: World, images: int, seed: int) -> dict[str, Any]:
+    """Numbers for a table, nan where no pose was found; and the reasons."""
+    rng, camera = np.random.default_rng(seed), DELTALAB_CAMERA
+    poses, reasons, rows, wrong, doubtful = poses_for(world, rng, images), Counter[str](), list[Floats](), 0, 0
     for k in range(images):
         true = one(poses, k)
-        image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, true, world, rng)
-        record = records[k % len(records)]
-        out.images += 1
         try:
-            found = measure_pose(image, DELTALAB_TARGET, record.camera, record.covariance)
+            found = measure_pose(photograph(DELTALAB_TARGET, camera, true, world, rng), DELTALAB_TARGET, camera)
         except NotMeasured as reason:
-            out.reasons["".join("#" if c.isdigit() else c for c in str(reason))] += 1
+            reasons["".join("#" if c.isdigit() else c for c in str(reason))] += 1
             continue
-        _add(out, found, true)
-    return out
-
-
-def _add(out: Figures, found: MeasuredImage, true: Pose) -> None:
-    centers = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, true)
-    pairs = found.dots.centers[found.identification.found] - centers[found.identification.numbers]
-    if np.linalg.norm(pairs, axis=1).max() > _WRONG:
-        out.wrong += 1
-    error = pose_error(true, found.estimate)
-    out.squares.append(float(error @ np.linalg.solve(found.covariance, error)) / 6.0)
-    out.doubtful += bool(found.doubt)
-    used = found.centers - centers[found.numbers]
-    out.centers.append(float(np.sqrt((used**2).mean())))
-    out.position.append(float(np.abs(error[:3]).max()))
+        centers, pairs, error = (
+            true_centers(DELTALAB_TARGET, camera, true),
+            found.identification,
+            pose_error(true, found.estimate),
+        )
+        wrong += np.linalg.norm(found.dots.centers[pairs.found] - centers[pairs.numbers], axis=1).max() > _WRONG
+        doubtful += bool(found.doubt)
+        square, off = error @ np.linalg.solve(found.covariance, error) / 6.0, found.centers - centers[found.numbers]
+        rows.append(np.array([(off**2).mean(), square, np.abs(error[:3]).max()]))
+    columns = np.array(rows).T if rows else np.full((3, 1), np.nan)
+    return {
+        "images": images,
+        "found": len(rows),
+        "wrong": wrong,
+        "centres px": float(np.sqrt(columns[0].mean())),
+        "NEES/6": float(columns[1].mean()),
+        "largest mm": float(columns[2].max()),
+        "doubtful": doubtful,
+        "reasons": dict(reasons.most_common(3)),
+    }
 
 
 def main() -> None:
@@ -384,7 +278,7 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for name, world in CONDITIONS.items():
         if any(word in name for word in asked.only.split(",")):
-            row = measured(world, asked.images, asked.seed, CameraRecord(DELTALAB_CAMERA)).row()
+            row = measured(world, asked.images, asked.seed)
             numbers = f"{row['centres px']:.4f} | {row['NEES/6']:.2f} | {row['largest mm']:.4f}"
             print(f"| {name} | {row['found']} of {row['images']} | {row['wrong']} | {numbers} | {row['doubtful']} |")
             print(*(f"  {n} x {r}" for r, n in row["reasons"].items()), flush=True)

@@ -44,35 +44,29 @@ from cpcal.vision.projection import fitted, mapped, median
 from cpcal.vision.target import Board, Target
 
 # ------------------------------------------------------------------------------------------------------------------
-# Found dots as a pinhole camera without distortion would see them, exactly or by guesses of the distortion.
+# Found dots as a pinhole camera without distortion would see them, by the camera or by guesses of it.
 
 _EXACT = 0.015  # of the spacing: how far a dot may be off when the camera is known
-_GUESSED = 0.06  # the same when the distortion is guessed
-_BENDS = (0.0, 0.03, 0.06, 0.09, 0.12, -0.03, 0.15, 0.18, -0.06, 0.22, 0.26, 0.3, -0.1)  # radial, at half the diagonal
+_GUESSED = 0.06  # the same when it is guessed
+_ANGLES = (0.3, 0.42, 0.5, 0.57, 0.63, 0.68, 0.73, 0.78, 0.84)  # rad: of fisheyes' half diagonals, from mild to strong
+_BENDS = (0.0, 0.03, 0.06, 0.1)  # of lenses that bend outwards, at half the diagonal; and none
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Points (n, 2) in which straight lines are straight; y still points down.
+    """Points (n, 2), directions in which straight lines are straight; y still points down.
 
-    spacing    median distance between nearest neighbours; the unit of `reach` is that of the points
+    spacing    median distance between nearest neighbours
     reach      how far a dot may be off its predicted place
-    camera     when known
-    bounds     without a camera: the lower and the upper corner of the image; left out: of the points
     """
 
     points: Floats
     spacing: float
     reach: float
-    camera: Camera | None = None
-    bounds: tuple[Floats, Floats] | None = None
+    camera: Camera
 
     def in_view(self, predicted: Floats, margin: Floats) -> Bools:
         """Which predicted points (..., 2) would be seen whole, `margin` (...) their radius."""
-        if self.camera is None:
-            low, high = self.bounds or (self.points.min(axis=0), self.points.max(axis=0))
-            edge = 2.0 * margin[..., None] if self.bounds else 0.0
-            return np.asarray(((predicted >= low + edge) & (predicted <= high - edge)).all(axis=-1))
         low, high = _seen_rectangle(self.camera)
         inside: Bools = np.asarray(((predicted >= low) & (predicted <= high)).all(axis=-1))
         pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
@@ -91,23 +85,21 @@ def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
 
 
-def view_of(camera: Camera, pixels: Floats) -> View:
-    """The directions of pixels (n, 2); one that the camera cannot show stays nan."""
+def view_of(camera: Camera, pixels: Floats, off: float = _EXACT) -> View:
+    """The directions of pixels (n, 2), which may be `off` by so much of the spacing; one that the camera cannot show
+    stays nan."""
     rays = camera.normalised(pixels)
     spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
-    return View(rays, spacing, _EXACT * spacing, camera)
+    return View(rays, spacing, off * spacing, camera)
 
 
-def _guesses(pixels: Floats, size: tuple[int, int] | None) -> Iterator[View]:
-    """Pixels (n, 2) freed from a guessed radial distortion about the middle of the image (or of the dots)."""
-    low, high = pixels.min(axis=0), pixels.max(axis=0)
-    middle = 0.5 * (low + high) if size is None else 0.5 * (np.array(size, dtype=np.float64) - 1.0)
-    radius = float(np.linalg.norm(np.maximum(high - middle, middle - low)))
-    arm = pixels - middle
-    for bend in _BENDS:
-        points = middle + arm * (1.0 + bend / max(radius, 1.0) ** 2 * (arm * arm).sum(axis=1, keepdims=True))
-        spacing, side = _spacing(points), (1.0 + min(bend, 0.0)) * middle  # where borders bend inwards, less is sure
-        yield View(points, spacing, _GUESSED * spacing, bounds=None if size is None else (middle - side, middle + side))
+def _guesses(size: tuple[int, int]) -> list[Camera]:
+    """Cameras of an image's size (width, height): ordinary lenses, a little distorted, then more and more."""
+    half = 0.5 * (np.array(size, dtype=np.float64) - 1.0)
+    radius = float(np.linalg.norm(half))
+    outwards = [Camera(*size, np.full(2, radius), half, np.array([bend, 0, 0, 0, 0])) for bend in _BENDS]
+    inwards = [Camera(*size, np.full(2, radius / angle), half, np.zeros(4), "fisheye") for angle in _ANGLES]
+    return [outwards[0], *inwards[:5], *outwards[1:], *inwards[5:]]
 
 
 def _spacing(points: Floats) -> float:
@@ -403,11 +395,12 @@ def accidents(view: View, hypothesis: Hypothesis, candidates: int) -> float:
     return float(candidates * bdtrc(hits - 1, trials, chance)) if hits > 0 else float(candidates)
 
 
-def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tuple[int, bool]:
-    """How many errors more than `fit` the best near-symmetric hypothesis makes, and whether it is mirrored to it. Maps
-    that cannot come within the margin are not laid: what they make at least is told of them."""
+def best_rival(view: View, target: Target, fit: Hypothesis, margin: int, *, mirrored: bool = True) -> tuple[int, bool]:
+    """How many errors more than `fit` the best near-symmetric hypothesis makes, and whether it is mirrored to it; with
+    `mirrored` False of those that are not. Maps that cannot come within the margin are not laid: what they make at
+    least is told of them."""
     maps = self_maps(target)
-    rival = ~maps.exact
+    rival = ~maps.exact & (mirrored | ~maps.mirrored)
     seen = np.zeros(len(target.dots), dtype=bool)
     seen[fit.numbers] = True
     false = len(view.points) - len(fit.found)
@@ -425,12 +418,11 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
 
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors, `_APART` at most, the best near-symmetry that a camera could see (none of the mirrored) makes on
-    dots that are all where `fit` has them, and in view. Maps that explain too little of these are not laid."""
-    maps, radius = self_maps(target), _radius(fit.homography, target)
-    close = ((fit.in_view & (maps.image < 0)).sum(axis=1) < _APART) & ~maps.mirrored & ~maps.exact
-    perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
-    laid = mapped(fit.homography, maps.places[close])
-    return min([_APART, *(_compared(perfect, way, radius)[3] for way in laid)])
+    dots that are all where `fit` has them, and in view."""
+    shown = np.flatnonzero(fit.in_view)
+    perfect = replace(fit, found=np.arange(len(shown)), numbers=shown, errors=0)
+    points = mapped(fit.homography, target.dots[shown])
+    return min(_APART, best_rival(replace(view, points=points), target, perfect, _APART, mirrored=False)[0])
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -483,7 +475,8 @@ def identify(
     turned in any of these ways.
 
     With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
-    one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
+    one parameter is searched for, about the middle of an image of `size` (width, height),
+    left out: that holds the dots.
     `near` (3, 3) is a homography from the target's plane (mm) to the camera's directions that may be near the true one,
     as that of the image before: it saves the search where it leaves no choice, and what it leads to passes the same
     tests.
@@ -494,11 +487,13 @@ def identify(
     usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     _check_count(len(usable), target)
     best, reason = None, "no grid of the target was recognised among the dots"
-    for view in _guesses(pixels[usable], size) if camera is None else [view_of(camera, pixels[usable])]:
+    size = size or tuple((2.0 + pixels[usable].max(axis=0)).astype(int).tolist())
+    for seen_by in _guesses(size) if camera is None else [camera]:
+        view = view_of(seen_by, pixels[usable], _GUESSED if camera is None else _EXACT)
         shown = np.isfinite(view.points).all(axis=1)
+        view, mine = replace(view, points=view.points[shown]), usable[shown]
         if camera is not None:
-            usable, view = usable[shown], replace(view, points=view.points[shown])
-            _check_count(len(usable), target)
+            _check_count(len(mine), target)
         if not view.spacing > 0.0:
             raise Unidentified("most dots lie on one another")
         fit = None if near is None else followed(view, target, near)
@@ -509,7 +504,7 @@ def identify(
             if camera is not None:
                 _check_alone(view, target, answer)
             if best is None or len(answer.found) > len(best.found):
-                best = answer
+                best = replace(answer, found=mine[answer.found])
             if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
                 break
         else:
@@ -518,8 +513,7 @@ def identify(
                 break
     if best is None:
         raise Unidentified(reason)
-    mine = usable[best.found]
-    return replace(best, found=mine, false=_others(len(pixels), mine))
+    return replace(best, false=_others(len(pixels), best.found))
 
 
 def turned(

@@ -86,7 +86,7 @@ def test_pairs_are_each_others_nearest():
     points, places = rng.random((60, 2)), rng.random((50, 2))
     places[3] = np.nan
     found = np.full(50, -1)
-    nearest, numbers = pairs(View(points, 1.0, 0.0), places, 0.1)
+    nearest, numbers = pairs(View(points, 1.0, 0.0, DELTALAB_CAMERA), places, 0.1)
     found[numbers] = nearest
     square = ((places[:, None] - points) ** 2).sum(axis=2)
     square[3] = np.inf
