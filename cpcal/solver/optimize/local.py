@@ -157,15 +157,15 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, tolerance: float = 
 # ------------------------------------------------------------------------------------------------------------------
 # Local minima of general problems: proposes points that are nearly optimal and a little inside. Proves nothing.
 #
-# SLSQP (scipy) from any start; after it one linear program moves its point so that the equations hold to rounding and
-# every inequality with a small margin, by the shortest step. A proof in outward rounded arithmetic needs that margin:
-# at the optimum itself rounding alone would violate each active row.
+# SLSQP (scipy) from any start; after it the shortest steps move its point so that the equations hold to rounding and
+# every inequality with a small margin. A proof in outward rounded arithmetic needs that margin: at the optimum itself
+# rounding alone would violate each active row.
 
 MARGINS = (1e-12, 1e-11, 1e-10, 1e-9, 3e-9)  # in the unit of a row: its gradient times the components' scales
 _SEARCH_ITERATIONS = 100
 _GRACE = 0.5  # seconds that a local method has beyond the time limit: without any point there is no upper bound
 _LARGEST = 600  # rows and components, beyond which a dense local method takes too long
-_REACH = 1e-5  # how far, in scales, the linear program moves at most
+_REACH = 1e-5  # how far, in scales, such a step moves at most
 _ROUNDS = 4
 
 _WIDE = 1e4  # a domain beyond this says nothing about the size of its component
@@ -203,47 +203,25 @@ class LocalSearch:
             if inside is not None:
                 yield inside
 
+    @np.errstate(all="ignore")
     def inside(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         """A point near the given one that holds the equations, and the inequalities with a margin, to first order."""
         for _ in range(_ROUNDS):
-            step = self._step(point, margin, scale)
-            if step is None:
+            rows, (value, jacobian) = self._rows.linearize(point), self._equations.estimate(point)
+            matrix, equal = rows.jacobian * scale, jacobian * scale
+            sizes = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
+            missing = rows.values / sizes + margin
+            broken = missing > 0.0
+            size = np.maximum(np.abs(equal).sum(axis=1), 1e-300)
+            system = np.concatenate([equal / size[:, None], (matrix / sizes[:, None])[broken]])
+            need = np.concatenate([value / size, missing[broken]])
+            if not (np.isfinite(system).all() and np.isfinite(need).all()):
                 return None
-            point = np.clip(point + step, self._domain.lo, self._domain.hi)
-            if float(np.max(np.abs(step) / scale, initial=0.0)) < 1e-13:
+            step = np.clip(-np.linalg.lstsq(system, need, rcond=None)[0], -_REACH, _REACH)
+            point = np.clip(point + step * scale, self._domain.lo, self._domain.hi)
+            if float(np.max(np.abs(step), initial=0.0)) < 1e-13:
                 break
         return point
-
-    def _step(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
-        rows = self._rows.linearize(point)
-        matrix = rows.jacobian * scale
-        sizes = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
-        matrix, right = matrix / sizes[:, None], -rows.values / sizes - margin
-        value, jacobian = self._equations.estimate(point)
-        equal = jacobian * scale
-        if not (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(equal).all()):
-            return None
-        near = right < _REACH * np.abs(matrix).sum(axis=1)  # the others can not be reached
-        size = np.abs(equal).sum(axis=1) + 1e-300
-        with np.errstate(all="ignore"):
-            limits, missing = right[near] / _REACH, -value / size / _REACH
-        if not (np.isfinite(limits).all() and np.isfinite(missing).all()):  # a row that no step mends
-            return None
-        low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
-        high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
-        linprog: Any = _scipy().linprog  # typed for other arguments than these
-        n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
-        found = linprog(
-            np.ones(2 * n),
-            A_ub=np.hstack([matrix[near], -matrix[near]]) if near.any() else None,
-            b_ub=limits if near.any() else None,
-            A_eq=np.hstack([equal, -equal]) / size[:, None] if len(equal) else None,
-            b_eq=missing if len(equal) else None,
-            bounds=np.stack([np.zeros(2 * n), np.concatenate([high, -low])], axis=1),
-            method="highs",
-            options={"primal_feasibility_tolerance": 1e-10},
-        )
-        return None if found.x is None else np.asarray((found.x[:n] - found.x[n:]) * _REACH * scale)
 
     def _scale(self, start: Floats) -> Floats:
         width = self._domain.width
@@ -252,6 +230,8 @@ class LocalSearch:
 
     def _slsqp(self, start: Floats, scale: Floats) -> Floats | None:
         """A local minimum in scaled components, or wherever it stops."""
+        from scipy.optimize import minimize  # here: it takes half a second to load, and few problems need it
+
         lo, hi = self._domain.lo / scale, self._domain.hi / scale
         late = max(self._deadline, time.monotonic() + _GRACE)
         asked: list[Floats] = []  # the last point
@@ -270,7 +250,7 @@ class LocalSearch:
             found = rows.values / sizes[0], matrix / sizes[0][:, None], value / sizes[1], equal / sizes[1][:, None]
             return [np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found]
 
-        constraints = [
+        constraints: Any = [
             {"type": "ineq", "fun": lambda y: -known(y.tobytes())[0], "jac": lambda y: -known(y.tobytes())[1]},
             {"type": "eq", "fun": lambda y: known(y.tobytes())[2], "jac": lambda y: known(y.tobytes())[3]},
         ]
@@ -279,32 +259,21 @@ class LocalSearch:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
-                last = (
-                    _scipy()
-                    .minimize(
-                        lambda y: float(y[self._objective]),
-                        np.clip(start / scale, lo, hi),
-                        jac=lambda y: direction,
-                        bounds=list(zip(lo, hi, strict=True)),
-                        constraints=constraints if self._equations.count else constraints[:1],
-                        method="SLSQP",
-                        options={"maxiter": _SEARCH_ITERATIONS, "ftol": 1e-13},
-                    )
-                    .x
-                )
+                last = minimize(
+                    lambda y: float(y[self._objective]),
+                    np.clip(start / scale, lo, hi),
+                    jac=lambda y: direction,
+                    bounds=list(zip(lo, hi, strict=True)),
+                    constraints=constraints if self._equations.count else constraints[:1],
+                    method="SLSQP",
+                    options={"maxiter": _SEARCH_ITERATIONS, "ftol": 1e-13},
+                ).x
             except _LateError:
                 last = asked[0]
             except (ValueError, np.linalg.LinAlgError):
                 return None
         point = np.asarray(last * scale)
         return np.clip(point, self._domain.lo, self._domain.hi) if np.isfinite(point).all() else None
-
-
-def _scipy() -> Any:
-    """scipy's optimisers, which take half a second to load: few problems come here."""
-    from scipy import optimize
-
-    return optimize
 
 
 class _LateError(Exception):

@@ -155,7 +155,3 @@ def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:
     if inside:
         return f"{inside} boxes hold nothing but solutions: proved; {unknown} more may hold others."
     return "All solutions lie in the boxes; whether each box holds one is not proved."
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Whole numbers: bounds of components that take nothing else are rounded inward.
