@@ -26,13 +26,12 @@ from threading import Timer
 
 import numpy as np
 
-from cpcal.common.values import Bools, Floats, Indices, Ints
+from cpcal.common.values import Floats, Indices, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.kernels import Arrays, Bounds, add, at, factor, meet, mul, neg, sub
 from cpcal.solver.interval.operations import continuous
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
-from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
 
@@ -71,26 +70,18 @@ def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool
 
 
 class Equalities:
-    """All elements of constraints whose two bounds are one number: m equations in the n components of a box.
+    """The constraints whose two bounds are one number, element by element: m equations in the n components of a box.
 
-    `rest` is the network of everything else, `inequalities` the numbers of constraints without any equation. `reads`
-    says whether an equation contains a reading: then its zeros are no single points.
+    `rest` is the network of all others, `inequalities` their numbers. `reads` says whether an equation contains a
+    reading: then its zeros are no single points.
     """
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self.rest = network.without_constraints()
-        roots: list[Expr] = []
-        self.inequalities: set[int] = set()
-        for k, constraint in enumerate(network.constraints):
-            equal = _equalities(constraint)
-            if not equal.any():
-                self.inequalities.add(k)
-            if equal.any():
-                roots.append(_difference(constraint, equal))
-            if not equal.all():
-                self.rest.add(_others(constraint, equal))
-        self.roots = tuple(roots)  # each is to be 0
-        self._rows = Extremes(network, *roots)
+        self.rest.add([c for c in network.constraints if not c.is_equation])
+        self.inequalities = {k for k, c in enumerate(network.constraints) if not c.is_equation}
+        self.roots = tuple(c.body - c.lower for c in network.constraints if c.is_equation)  # each is to be 0
+        self._rows = Extremes(network, *self.roots)
         self.tape = self._rows.tape
         self.count = self.tape.count
         self.reads = bool(self.tape.readings)
@@ -128,41 +119,6 @@ class Equalities:
         """F (m,) and its Jacobian (m, n) at a point, without proof."""
         rows = self._rows.linearize(point)
         return rows.values, rows.jacobian
-
-
-def _equalities(constraint: Constraint) -> Bools:
-    """Which elements of the body must equal one number, shape of the body."""
-    shape, lower, upper = constraint.body.shape, constraint.lower, constraint.upper
-    if {lower.op, upper.op} <= {"constant", "reading"}:
-        low, high = lower.data, upper.data
-        same = (low.lo == high.hi) & np.isfinite(low.lo) & (low.lo == low.hi) & (high.lo == high.hi)
-        if lower.digest != upper.digest:
-            return np.broadcast_to(same, shape)
-        return np.broadcast_to(np.isfinite(low.lo) & np.isfinite(low.hi), shape)
-    return np.full(shape, lower.digest == upper.digest)
-
-
-def _difference(constraint: Constraint, equal: Bools) -> Expr:
-    """`body - bound` for the elements that are equalities."""
-    if equal.all():
-        return constraint.body - constraint.lower
-    return _part(constraint.body, constraint, equal) - _part(constraint.lower, constraint, equal)
-
-
-def _others(constraint: Constraint, equal: Bools) -> Constraint:
-    """The constraint without its equalities."""
-    if not equal.any():
-        return constraint
-    parts = (constraint.body, constraint.lower, constraint.upper)
-    return Constraint(*(_part(expr, constraint, ~equal) for expr in parts))
-
-
-def _part(expr: Expr, constraint: Constraint, elements: Bools) -> Expr:
-    """The given elements of the body, or of a bound that is constant wherever only some are equalities."""
-    where = np.nonzero(elements)
-    if expr is constraint.body:
-        return expr[where]
-    return as_expr(expr.data.broadcast_to(constraint.body.shape)[where])
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -230,8 +230,9 @@ class LocalSearch:
 
     def _slsqp(self, start: Floats, scale: Floats) -> Floats | None:
         """A local minimum in scaled components, or wherever it stops."""
-        from scipy.optimize import minimize  # here: it takes half a second to load, and few problems need it
+        from scipy import optimize  # here: it takes half a second to load, and few problems need it
 
+        minimize: Any = optimize.minimize  # typed for other arguments than these
         lo, hi = self._domain.lo / scale, self._domain.hi / scale
         late = max(self._deadline, time.monotonic() + _GRACE)
         asked: list[Floats] = []  # the last point
@@ -250,7 +251,7 @@ class LocalSearch:
             found = rows.values / sizes[0], matrix / sizes[0][:, None], value / sizes[1], equal / sizes[1][:, None]
             return [np.asarray(np.nan_to_num(part, nan=1e10, posinf=1e10, neginf=-1e10)) for part in found]
 
-        constraints: Any = [
+        constraints = [
             {"type": "ineq", "fun": lambda y: -known(y.tobytes())[0], "jac": lambda y: -known(y.tobytes())[1]},
             {"type": "eq", "fun": lambda y: known(y.tobytes())[2], "jac": lambda y: known(y.tobytes())[3]},
         ]

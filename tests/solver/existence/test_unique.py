@@ -151,11 +151,10 @@ def test_other_constraints_may_hold_for_some_readings_and_constants_may_be_enclo
     assert prove_unique(net, (0.3, 1.1)) is None
 
 
-def test_a_fixed_component_is_no_unknown_and_mixed_bounds_are_taken_apart() -> None:
+def test_a_fixed_component_is_no_unknown() -> None:
     net = ConstraintNetwork()
     x, fixed = net.variable("x", 2, (-2, 2)), net.variable("fixed", (), (0.5, 0.5))
-    net.add((x + fixed).within(([1.0, -1.0], [1.0, 1.0])))  # an equation and an inequality
-    net.add(x[1] * fixed == 0.125)
+    net.add([x[0] + fixed == 1, x[1] * fixed == 0.125, (x + fixed).within((-1, 1.5))])
     box = prove_unique(net, (0.4, 0.2, 0.5))
     assert box is not None
     assert (0.5, 0.25, 0.5) in box
