@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from cpcal.checker.hand_eye import HAND_EYE_NAME
-from cpcal.files.codec import INFORMATION, keys_of
+from cpcal.files.codec import INFORMATION, layout_of
 from cpcal.questions import RESULT_NAME, Result
 from cpcal.questions.accuracy import ACCURACY_NAME, Accuracy
 from cpcal.questions.hand_eye import HandEyeResult
@@ -49,6 +50,25 @@ def unlisted_keys(file: Path) -> list[str]:
     data = json.loads(file.read_text(encoding="utf-8"))
     values = {key_of(path) for path in _places(data) if not isinstance(_at(data, path), dict | list)}
     return sorted(key for key in values if not any(_within(key, row) or _within(row, key) for row in rows))
+
+
+def keys_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Every key of the file of a dataclass, and how it is checked. Raises TypeError for one that does not say it."""
+    for part in layout_of(kind):
+        if part.how == INFORMATION:
+            yield f"{prefix}{INFORMATION}.{part.key}", INFORMATION
+            continue
+        inner, key = part.kind, prefix + part.key
+        while not is_dataclass(inner) and get_args(inner):
+            key += "[]" if get_origin(inner) is tuple else ""
+            inner = next(of for of in get_args(inner) if of is not type(None))
+        if part.how:
+            without = f"; without {' and '.join(part.by)} under {INFORMATION}" if part.by else ""
+            yield key, part.how + without
+        elif is_dataclass(inner):
+            yield from keys_of(inner, f"{key}.")
+        else:
+            raise TypeError(f"{key} does not say how it is checked")
 
 
 def _within(key: str, other: str) -> bool:

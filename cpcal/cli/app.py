@@ -219,18 +219,20 @@ class _Verbs(TyperGroup):
     def __init__(self, group: str = "", **attributes: Any) -> None:
         super().__init__(**attributes)
         begins = f"{group} " if group else ""
-        names = [name.removeprefix(begins) for name in VERBS if name.startswith(begins)]
-        self.begins, self.names = begins, list(dict.fromkeys(name.split()[0] for name in names))
-        self.commands = {name: TyperCommand(name) for name in self.names}  # stand-ins: only their names are asked for
+        names = [name.removeprefix(begins).split()[0] for name in VERBS if name.startswith(begins)]
+        self.begins = begins
+        self.commands, self.listing = {name: TyperCommand(name) for name in names}, False  # only their names are used
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name in GROUPS and not self.begins:
-            attributes = {"no_args_is_help": True, "rich_markup_mode": "markdown"}
-            return _Verbs(cmd_name, name=cmd_name, help=GROUPS[cmd_name], **attributes)
         name = self.begins + cmd_name
+        if name in GROUPS:
+            attributes = {"no_args_is_help": True, "rich_markup_mode": "markdown"}
+            return _Verbs(name, name=name, help=GROUPS[name], **attributes)
         if name not in VERBS:
             return None
         verb = VERBS[name]
+        if self.listing:  # all verbs: none is imported
+            return TyperCommand(cmd_name, help=verb.summary, hidden=verb.hidden)
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
         function = getattr(import_module(f"cpcal.cli.{verb.module}"), verb.function)
         alone.command(cmd_name, epilog=verb.epilog)(command(function))
@@ -242,22 +244,8 @@ class _Verbs(TyperGroup):
         return _untyped(super().get_params(ctx))
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        listed = TyperGroup(
-            name=self.name,
-            commands={name: self._listed(name) for name in self.names},
-            params=self.get_params(ctx),
-            add_help_option=False,  # which is one of them
-            help=self.help,
-            epilog=self.epilog,
-            rich_markup_mode=self.rich_markup_mode,
-        )
-        listed.format_help(ctx, formatter)
-
-    def _listed(self, name: str) -> TyperCommand:
-        if name in GROUPS and not self.begins:
-            return TyperCommand(name, help=GROUPS[name])
-        verb = VERBS[self.begins + name]
-        return TyperCommand(name, help=verb.summary, hidden=verb.hidden)
+        self.listing = True
+        super().format_help(ctx, formatter)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():

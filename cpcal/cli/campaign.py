@@ -24,9 +24,9 @@ from cpcal.files import (
     settings_template,
 )
 from cpcal.questions import check_data
-from cpcal.robot import ROBOTS, Campaign, KnownRobot, known_robot, rotation_vector
+from cpcal.robot import ROBOTS, Campaign, known_robot, rotation_vector
 from cpcal.robot.campaign import Given
-from cpcal.robot.mistakes import Spread, mixed_up, spread_of
+from cpcal.robot.mistakes import mixed_up, spread_of
 from cpcal.robot.robot import KINDS
 from cpcal.robot.units import ANGLES, LENGTHS, column_map
 from cpcal.simulate import simulate as simulate_campaign
@@ -199,19 +199,14 @@ def check(campaign: Path = argument("CAMPAIGN", "Folder of campaign.toml, measur
     talk.say(f"{loaded.title}: {len(loaded):,} measurements, {loaded.legs} legs")
     talk.say("Nothing looks wrong." if found.good else f"Look at this first ({len(found.findings)}):")
     talk.say(*(f"! {finding}" for finding in found.findings))
-    talk.say(_off(found.nominal), _left(found.spread))
+    left = f"Residuals of a fit: {', '.join(about(float(value), 2) for value in found.spread.left)} mm"
+    if (ratio := found.spread.ratio) is not None:
+        left += f", which is {', '.join(about(float(value), 2) for value in ratio)} times what you state"
+    talk.say(_off(found.nominal), f"{left}.")
     if not found.good:
         return Status.UNKNOWN
     talk.say("Next: cpcal certify CAMPAIGN -o RUN")
     return Status.ANSWERED
-
-
-def _left(seen: Spread) -> str:
-    """What fits leave, beside what is stated."""
-    left = f"Residuals of a fit: {', '.join(about(float(value), 2) for value in seen.left)} mm"
-    if seen.ratio is None:
-        return f"{left}."
-    return f"{left}, which is {', '.join(about(float(value), 2) for value in seen.ratio)} times what you state."
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -277,29 +272,20 @@ def simulate(
         refuse_options((name for name in _OF_STUDIES if name in given), "without --study", remedy)
     check_new(folder, force=force)
     nominal = known_robot(robot)
-    rows = _write_study(nominal, folder, given) if options.study else _write_campaign(nominal, folder, given)
-    Talk().say(f"{nominal.robot.name}: {rows} (seed {options.seed}) in {folder}")
-
-
-def _write_campaign(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
-    """How many measurements, in words."""
-    space = nominal.workspace
-    where: dict[str, Any] = {"stroke": nominal.stroke} if space is None else {"workspace": space}
-    campaign = simulate_campaign(nominal.robot, **where | given)
-    save_campaign(campaign, folder)
-    return f"{len(campaign):,} measurements"
-
-
-def _write_study(nominal: KnownRobot, folder: Path, given: dict[str, Any]) -> str:
-    """Write a study, or images of one; how many, in words."""
-    given["stroke"] = nominal.stroke
-    if given.pop("render", False):
-        from cpcal.cli.image import write_shots  # the other verbs here start sooner without
-
-        study = write_shots(nominal.robot, given, folder)
-        kind = "images"
+    if not options.study:
+        space = nominal.workspace
+        given |= {"stroke": nominal.stroke} if space is None else {"workspace": space}
+        campaign = simulate_campaign(nominal.robot, **given)
+        save_campaign(campaign, folder)
+        rows = f"{len(campaign):,} measurements"
     else:
-        study = simulate_study(nominal.robot, **given)
-        save_study(study, folder)
-        kind = "rows"
-    return f"{len(study.calibration):,} {kind} for calibration, {len(study.validation):,} for validation"
+        given["stroke"], kind = nominal.stroke, "rows"
+        if given.pop("render", False):
+            from cpcal.cli.image import write_shots  # the other verbs here start sooner without
+
+            study, kind = write_shots(nominal.robot, given, folder), "images"
+        else:
+            study = simulate_study(nominal.robot, **given)
+            save_study(study, folder)
+        rows = f"{len(study.calibration):,} {kind} for calibration, {len(study.validation):,} for validation"
+    Talk().say(f"{nominal.robot.name}: {rows} (seed {options.seed}) in {folder}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ from cpcal.cli.certify import show
 from cpcal.cli.options import FIRST_ROW, TARGET_FILE, Status, argument, option, output, refuse
 from cpcal.cli.terminal import Talk, counted
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common.errors import Problems, unusable
+from cpcal.common.errors import together, unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
@@ -79,21 +80,37 @@ def write_shots(nominal: Robot, options: dict[str, Any], folder: Path) -> Study:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal image camera`: a camera from one kind of file to another. `cpcal image target`: the plate that it sees.
+# `cpcal image camera`: a camera from a file of another kind, or from images. `cpcal image target`: the plate.
 
 IMAGE_FOLDER = argument("IMAGES", "Folder of PNG, JPEG or TIFF files, and below.")
+CAMERA_FILE = option(..., "The camera: camera.toml, or a YAML file of OpenCV or ROS.", "FILE")
 WORKERS = option(None, "Processes [default: one a core]", min=1)
 
 
 def camera(
-    source: Path = argument("FILE", "A YAML file of OpenCV or ROS."),
+    source: Path = argument("FILE|IMAGES", "A YAML file of OpenCV or ROS; or images of a target, to calibrate from."),
     file: Path = output("FILE", "The camera.toml to write."),
+    target: str | None = option(None, f"With IMAGES: what they show, target.toml or {TEXTS}.", "TARGET"),
+    *,
+    talk: Talk,
 ) -> None:
-    """A camera from OpenCV's or ROS's YAML, rewritten as camera.toml."""
-    record = load_camera(source)
+    """A camera as camera.toml: from OpenCV's or ROS's YAML, or calibrated from IMAGES of a target."""
+    refuse(
+        (source.is_dir() != (target is not None), "options", "IMAGES and --target go together", "give both, or a FILE")
+    )
+    if target is None:
+        record = load_camera(source)
+    else:
+        names, plate = together(partial(_names, source), partial(load_target, target))
+        found = calibrate_from_images([image_path(source, name) for name in names], plate)
+        record = found.record()
+        talk.say(*str(found).split("\n"))
+        for view in found.views:
+            if not view.reason:
+                talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
     save_camera(record, file)
     seen = record.camera
-    Talk().say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}")
+    talk.say(f"{seen.width} x {seen.height} pixels, lens {seen.model}: {file}")
 
 
 def target(
@@ -118,7 +135,7 @@ def target(
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# `cpcal image detect`: from a folder of images to a table of poses; or, with --calibrate, to a camera.
+# `cpcal image detect`: from a folder of images to a table of poses.
 
 
 def _names(folder: Path) -> list[str]:
@@ -133,16 +150,15 @@ def _names(folder: Path) -> list[str]:
 
 def detect(
     images: Path = IMAGE_FOLDER,
-    file: Path = output("FILE", "What to write: poses.csv, or camera.toml."),
+    file: Path = output("FILE", "The table to write: poses.csv."),
     target: Path = TARGET_FILE,
-    camera: Path | None = option(None, "The camera: camera.toml.", "FILE"),
+    camera: Path = CAMERA_FILE,
     readings: Path | None = option(None, "Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png.", "FILE"),
     table: Path | None = option(
         None, "With --readings: the table of a study to write, such as calibration.csv.", "FILE"
     ),
     first_row: str | None = FIRST_ROW,
     workers: int | None = WORKERS,
-    calibrate: bool = option(False, "The camera from IMAGES, instead of poses; FILE is a camera.toml."),
     *,
     talk: Talk,
 ) -> None:
@@ -152,30 +168,17 @@ def detect(
     nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
     images with what was found, time.
     """
-    problems = Problems()
-    with problems.noted():
-        many = bool(camera or readings or table)
-        refuse(
-            (calibrate and many, "option --calibrate", "goes with none of --camera, --readings, --table", "choose"),
-            (not (calibrate or camera), "option --camera", "is missing", "name one, or make it with --calibrate"),
-            (bool(readings) != bool(table), "options", "--readings and --table go together", "give both, or none"),
-        )
-    with problems.noted():
-        names = _names(images)
-    problems.raise_any()
-    if camera is None:
-        files = [image_path(images, name) for name in names]
-        _calibrate(files, load_target(target), file, talk)
-        return
-    with problems.noted():
-        plate = load_target(target)
-    with problems.noted():
-        lens = load_camera(camera)
-    with problems.noted():
-        known = {} if readings is None else load_readings(readings)
-    with problems.noted():
-        turn = hinted(first_row)
-    problems.raise_any()
+    _, _, plate, lens, known, turn = together(
+        partial(
+            refuse,
+            ((readings is None) != (table is None), "options", "--readings and --table go together", "give both"),
+        ),
+        partial(_names, images),
+        partial(load_target, target),
+        partial(load_camera, camera),
+        lambda: {} if readings is None else load_readings(readings),
+        partial(hinted, first_row),
+    )
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     journal = file.with_name(f"{file.name}.journal")
     journal.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -202,16 +205,6 @@ def detect(
         talk.say(f"Table of a study: {table}")
 
 
-def _calibrate(files: list[Path], plate: Target, file: Path, talk: Talk) -> None:
-    found = calibrate_from_images(files, plate)
-    save_camera(found.record(), file)
-    talk.say(*str(found).split("\n"))
-    for view in found.views:
-        if not view.reason:
-            talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
-    talk.say(f"Camera: {file}")
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal image sets`: from images to boxes of poses that are proved, with certificates.
 
@@ -222,7 +215,7 @@ def sets(
     images: Path = IMAGE_FOLDER,
     folder: Path = output("DIR", "Folder for certificates; replaced."),
     target: Path = TARGET_FILE,
-    camera: Path = option(..., "The camera: camera.toml.", "FILE"),
+    camera: Path = CAMERA_FILE,
     half_width: float = option(0.05, "How far the centre of a dot's image is off, at most.", "PX", min=0.0),
     factor: float = option(
         5.0,
@@ -250,9 +243,10 @@ def sets(
     It is proved if what is stated is true: camera, plate and pixels are no farther off than files and options say. A
     camera without covariance, or a plate without deviations, is exact only if you say so.
     """
-    plate, lens = load_target(target), load_camera(camera)
+    names, plate, lens, turn = together(
+        partial(_names, images), partial(load_target, target), partial(load_camera, camera), partial(hinted, first_row)
+    )
     plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
-    names = _names(images)
     stems: dict[str, str] = {}
     for name in names:
         if (other := stems.setdefault(stem_of(name), name)) != name:
@@ -261,7 +255,7 @@ def sets(
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     sources = {camera.name: camera.read_bytes()}
     sources |= {target.name: target.read_bytes()} if target.is_file() else {"target.toml": target_bytes(plate)}
-    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources, hinted(first_row))
+    work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources, turn)
     rows: list[Enclosed] = []
     with (
         heard(terminate=True),
@@ -317,7 +311,7 @@ def _stated(
             lens.covariance is None and not camera_exact,
             "the camera",
             f"has no covariance: {says} numbers may be off",
-            "calibrate with `cpcal image detect --calibrate`, or say --camera-exact",
+            "calibrate with `cpcal image camera IMAGES`, or say --camera-exact",
         ),
     )
     known = None if camera_exact else lens.covariance

@@ -24,7 +24,7 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, argument, option
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import InputError, printable, unusable
-from cpcal.common.numbers import bracket_text, plain_gap, short
+from cpcal.common.numbers import at_least, at_most, bracket_text, plain_gap, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
@@ -54,15 +54,9 @@ def sentences(accepted: Accepted) -> list[str]:
     name = "|g|" if is_leg else "" if accepted.objective is None else printable(accepted.unknowns[accepted.objective])
     unit, whatever, some = (" mm", ", whatever the readings", ", for some readings") if is_leg else ("", "", "")
 
-    def goal(sign: str, value: F | None) -> str:
-        """What none reaches, with the digits of the bracket; or, "attained", what is reached."""
-        if value is None or not name:
-            return ""
-        if sign == "attained":
-            return f" with {name} <= {bracket_text(value, value)[1]}{unit}"
-        hi = claims.eps_hi
-        text = short(bracket_text(value, value)[0]) if hi is None else bracket_text(value, hi)[0]
-        return f" with {name} {sign} {text}{unit}"
+    def goal(sign: str, value: F | None, text: Callable[..., str] = at_least) -> str:
+        """What none reaches; or what is reached, which is rounded up."""
+        return "" if value is None or not name else f" with {name} {sign} {short(text(value, 7))}{unit}"
 
     out = []
     if claims.infeasible:
@@ -70,31 +64,26 @@ def sentences(accepted: Accepted) -> list[str]:
     elif claims.eps_lo:
         out.append(f"none in the box{goal('<', claims.eps_lo)}{whatever}")
     if claims.eps_hi is not None:
-        out.append(f"some in the box{goal('attained', claims.eps_hi)}{some}")
+        out.append(f"some in the box{goal('<=', claims.eps_hi, at_most)}{some}")
     elif (point := claims.point) is not None:
         if point.factor is not None:
-            times = (
-                ""
-                if point.factor == 1
-                else f" with {bracket_text(point.factor, point.factor)[0]} times the half-widths"
-            )
+            times = f" with {short(at_least(point.factor, 7))} times the half-widths" * (point.factor != 1)
             some = f", for ALL readings{times}"
         eps = None if accepted.objective is None else point.at[accepted.objective]
+        here, holds = f"{goal('<=', eps, at_most)}{some}", len(point.holds)
         out.append(
-            f"the point given{goal('attained', eps)}{some}"
+            f"the point given{here}"
             if point.holds == accepted.chosen
-            else f"the point given holds at {len(point.holds)} of {len(accepted.chosen)}{goal('attained', eps)}{some}, "
-            f"and fails at {len(point.fails)}{goal('<=', eps)}{whatever}"
+            else f"the point given holds at {holds} of {len(accepted.chosen)}{here}, and fails at {len(point.fails)}"
+            f"{goal('<=', eps)}{whatever}"
         )
     if claims.enclosure is not None:
         reached = "" if cap is not None and cap == claims.eps_hi else goal("<=", cap)
         sides = [side for k, side in enumerate(zip(*claims.enclosure, strict=True)) if k != accepted.objective]
         lo, hi = max(sides[:7] if is_leg else sides, key=lambda side: side[1] - side[0], default=(F(0), F(0)))
         others = zip(map(printable, accepted.unknowns[7:-1]), sides[7:], strict=True) if is_leg else ()
-        out.append(
-            f"all{reached} within sides of {plain_gap(lo, hi)}{unit}"
-            + "".join(f", {name} in {_range(bracket_text(*side))}" for name, side in others)
-        )
+        ranges = (f", {name} in [{', '.join(map(short, bracket_text(*side)))}]" for name, side in others)
+        out.append(f"all{reached} within sides of {plain_gap(lo, hi)}{unit}{''.join(ranges)}")
     return out
 
 
@@ -107,10 +96,6 @@ def _of(accepted: Accepted) -> str:
     every = len(accepted.chosen) == accepted.count
     which = f"all {accepted.count} measurements" if every else f"measurements {some}"
     return f"leg {accepted.leg}{model}, {which}"
-
-
-def _range(texts: tuple[str, str]) -> str:
-    return f"[{', '.join(map(short, texts))}]"
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -126,20 +125,24 @@ class Problems:
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
 
-    @contextmanager
-    def noted(self) -> Iterator[None]:
-        """The problems of an InputError in this block are added, and it goes on behind the block."""
-        try:
-            yield
-        except InputError as error:
-            for problem in error.problems:
-                self.add(problem)
-            self.omitted += error.omitted
-
     def raise_any(self, see: str = "") -> None:
         """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""
         if self.listed:
             raise InputError(self.listed, omitted=self.omitted, see=see)
+
+
+def together(*loads: Callable[[], Any]) -> list[Any]:
+    """What these functions return. Raises one InputError with the problems of all of them."""
+    problems, found = Problems(), []
+    for load in loads:
+        try:
+            found.append(load())
+        except InputError as error:
+            for problem in error.problems:
+                problems.add(problem)
+            problems.omitted += error.omitted
+    problems.raise_any()
+    return found
 
 
 def shown(text: object) -> str:

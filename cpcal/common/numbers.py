@@ -17,6 +17,7 @@ _DIGITS = 7  # significant ones, of the larger bound of a bracket
 _PLAIN = range(-5, 10)  # decimal exponents that are written without "e"
 _INFINITY = "∞"
 _NONE = "—"
+_TEN = Fraction(10)
 _LOG10_2 = math.log10(2.0)
 
 Rounding = Callable[[Fraction], int]
@@ -24,7 +25,7 @@ Rounding = Callable[[Fraction], int]
 
 def bracket_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, str]:
     """`lo` rounded down and `hi` rounded up, to so many significant digits of the larger."""
-    exponent = _common(lo, hi)
+    exponent = max((_exponent(v) for v in (lo, hi) if _finite(v) and v), default=0)
     return _scaled(lo, exponent, digits, math.floor), _scaled(hi, exponent, digits, math.ceil)
 
 
@@ -83,26 +84,17 @@ def short(text: str) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
 
 
-def _common(lo: Number, hi: Number) -> int:
-    """Decimal exponent of the first digit of the larger one, of those that have digits."""
-    return max((_exponent(v) for v in (lo, hi) if _finite(v) and v), default=0)
-
-
 def _exponent(value: Number) -> int:
     """Decimal exponent of the first digit; 0 where there is none."""
     if not _finite(value) or not value:
         return 0
     size = abs(Fraction(value))
     guess = math.floor((size.numerator.bit_length() - size.denominator.bit_length()) * _LOG10_2)
-    while _power(guess) > size:
+    while _TEN**guess > size:
         guess -= 1
-    while _power(guess + 1) <= size:
+    while _TEN ** (guess + 1) <= size:
         guess += 1
     return guess
-
-
-def _power(exponent: int) -> Fraction:
-    return Fraction(10) ** exponent
 
 
 def _scaled(value: Number, exponent: int, digits: int, rounding: Rounding) -> str:
@@ -124,7 +116,7 @@ def _fixed(value: Number, decimals: int, rounding: Rounding) -> str:
 
 def _quantized(value: Number, exponent: int, rounding: Rounding) -> Decimal:
     """An exact multiple of 10 ** exponent."""
-    return Decimal(rounding(Fraction(value) / _power(exponent))).scaleb(exponent, Context(prec=2000))
+    return Decimal(rounding(Fraction(value) / _TEN**exponent)).scaleb(exponent, Context(prec=2000))
 
 
 def _finite(value: Number) -> bool:

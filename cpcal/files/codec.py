@@ -7,8 +7,7 @@ what it is in a file: its keys and their types (`JSON`), `as_json` and `from_jso
 
 A field of a file that `cpcal verify` reads says in its type how it is checked: `Annotated[..., checked(...)]`, or
 `Informed[...]`, and then it stands under the key "information" of its object. What is checked by a certificate or other
-proofs stands there too where these are missing: a number beside them, and without them, is refused. `keys_of` is the
-table of all this.
+proofs stands there too where these are missing: a number beside them, and without them, is refused.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -72,7 +71,7 @@ def encoded(value: Any) -> Any:
     if type(value) is str or type(value) is int:  # most are plain
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        layout = _layout(type(value))
+        layout = layout_of(type(value))
         proved = _proofs(value, layout)
         parts = [(part, encoded(getattr(value, part.name))) for part in layout]
         beside = {part.key: found for part, found in parts if part.is_beside(proved)}
@@ -139,7 +138,7 @@ class _Field:
 
 
 @cache
-def _layout(kind: type) -> tuple[_Field, ...]:
+def layout_of(kind: type) -> tuple[_Field, ...]:
     kinds, names = get_type_hints(kind), [field.name for field in fields(kind)]
     hints = get_type_hints(kind, include_extras=True)
     said: dict[str, Mapping[str, Any]] = {name: getattr(hints[name], "__metadata__", ({},))[0] for name in names}
@@ -156,27 +155,8 @@ def _proofs(value: Any, layout: tuple[_Field, ...]) -> set[str]:
     return {part.key for part in layout if part.key in named and getattr(value, part.name)}
 
 
-def keys_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every key of the file of a dataclass, and how it is checked. Raises TypeError for one that does not say it."""
-    for part in _layout(kind):
-        if part.how == INFORMATION:
-            yield f"{prefix}{INFORMATION}.{part.key}", INFORMATION
-            continue
-        inner, key = part.kind, prefix + part.key
-        while not is_dataclass(inner) and get_args(inner):
-            key += "[]" if get_origin(inner) is tuple else ""
-            inner = next(of for of in get_args(inner) if of is not type(None))
-        if part.how:
-            without = f"; without {' and '.join(part.by)} under {INFORMATION}" if part.by else ""
-            yield key, part.how + without
-        elif is_dataclass(inner):
-            yield from keys_of(inner, f"{key}.")
-        else:
-            raise TypeError(f"{key} does not say how it is checked")
-
-
 def _dataclass(kind: Any, value: Any, where: str) -> Any:
-    layout, found = _layout(kind), dict(_object(value, where))
+    layout, found = layout_of(kind), dict(_object(value, where))
     proved = {key for key, part in found.items() if part}
     places = [(found, where, [part for part in layout if part.is_beside(proved)])]
     if any(part.may_inform for part in layout):

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 KeyPath = tuple[str, ...]
 Table = dict[str, object]
 Shape = tuple[int | None, ...]
-T = TypeVar("T")
 Read = Callable[["TomlReader", KeyPath, object], Any]  # a value of a schema
 Schema = Mapping[str, Read]
 _NONE: Schema = {}
@@ -150,15 +149,6 @@ class TomlReader:
         if value < 0 and not signed:
             self.wrong(path, f"{name} holds the negative number {value:g}", "give a number >= 0")
         return float(value)
-
-    def made(self, section: str, kind: Callable[..., T], **values: Any) -> T | None:
-        """A value of these; what it refuses is a problem of the section, in the line of the key that it names."""
-        try:
-            return kind(**values)
-        except InputError as error:
-            for problem in error.problems:
-                self.wrong((section, problem.where.rpartition(" ")[2]), problem.what, problem.remedy)
-            return None
 
     def provenance(self) -> dict[str, str]:
         """The section [provenance]: texts, and numbers as they are written."""
@@ -484,9 +474,11 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
     if "exact" in meant or legs is None or found.keys() != {*meant}:
         return None
     position, rotation, length = (found[key] for key in meant[-3:])
-    return reader.made(
-        "uncertainty", Uncertainty, position=position, rotation=rotation, length=length, factor=found.get("factor")
-    )
+    try:
+        return Uncertainty(position, rotation, length, found.get("factor"))
+    except InputError as error:  # single values were checked: a product overflows
+        reader.wrong(("uncertainty",), error.problems[0].what, error.problems[0].remedy)
+        return None
 
 
 def _exact(reader: TomlReader, path: KeyPath, value: object) -> bool:

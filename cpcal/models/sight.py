@@ -147,7 +147,7 @@ class CameraSet(Value):
         """
         matrix = np.asarray(covariance, dtype=np.float64)
         if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
-            remedy = "give (9, 9), as `cpcal detect --calibrate` writes it, and a factor > 0"
+            remedy = "give (9, 9), as `cpcal image camera IMAGES` writes it, and a factor > 0"
             raise unusable("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)
         scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
         safe = np.where(scale > 0.0, scale, 1.0)

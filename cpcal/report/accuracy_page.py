@@ -122,14 +122,13 @@ def sentences(found: Accuracy) -> list[str]:
 # ------------------------------------------------------------------------------------------------------------------
 # The map of an accuracy certificate: slices of the workspace, each cell shaded by its proved bound.
 
-_STEPS = 5  # shades
+_LIGHT, _DARK = 0.1, 0.85  # how opaque the least and the largest bound are
 
 
-def _shades(found: WorkspaceAccuracy) -> list[tuple[float, str]]:
-    """Their upper ends, mm, and how opaque they are."""
+def _ends(found: WorkspaceAccuracy) -> tuple[float, float]:
+    """The least and the largest proved bound of a cell, mm."""
     bounds = [cell.position_bound for cell in found.cells if cell.proved]
-    low, step = min(bounds, default=0.0), (max(bounds, default=0.0) - min(bounds, default=0.0)) / _STEPS
-    return [(low + step * (k + 1), nearest(0.1 + 0.75 * k / (_STEPS - 1), 2)) for k in range(_STEPS)] if bounds else []
+    return min(bounds, default=0.0), max(bounds, default=0.0)
 
 
 def map_svgs(found: WorkspaceAccuracy) -> list[Svg]:
@@ -137,7 +136,7 @@ def map_svgs(found: WorkspaceAccuracy) -> list[Svg]:
     sides = zip(found.lo[:3], found.hi[:3], strict=True)
     x, y, (lo, hi) = ((a - 0.5 * (a == b), b + 0.5 * (a == b)) for a, b in sides)
     heights = [found.lo[2]] if found.lo[2] == found.hi[2] else [lo + share * (hi - lo) for share in (1 / 6, 0.5, 5 / 6)]
-    shades, out = _shades(found), []
+    (least, most), out = _ends(found), []
     for height in heights:
         plot = Plot((190.0, 185.0), x, y, (f"x [mm], at z = {nearest(height, 0)} mm", "y [mm]"))
         met = [cell for cell in found.cells if cell.lo[2] <= height <= cell.hi[2]]
@@ -145,9 +144,9 @@ def map_svgs(found: WorkspaceAccuracy) -> list[Svg]:
         for cell in sorted(met, key=lambda cell: (not cell.proved, cell.position_bound if cell.proved else 0.0)):
             square = rectangle(*cell.lo[:2], *cell.hi[:2])
             if cell.proved:
-                opacity = next((shade for end, shade in shades if cell.position_bound <= end), shades[-1][1])
+                share = (cell.position_bound - least) / (most - least or 1.0)
                 plot.area("var(--paper)", square)
-                plot.area(f"{EDGE}; fill-opacity: {opacity}", square)
+                plot.area(f"{EDGE}; fill-opacity: {nearest(_LIGHT + (_DARK - _LIGHT) * share, 2)}", square)
             else:
                 plot.area("none", square, edge=SUPPORT, width=1.0, dash=DASHES)
         if abs(found.worst_pose[2] - height) <= 0.5 * (hi - lo) / len(heights):
@@ -201,9 +200,8 @@ def _where(over: WorkspaceAccuracy | None) -> Iterator[Section]:
     if over is None or not over.cells:
         return
     swatch = Markup('<i class="key" style="background: {}; opacity: {}"></i>')
-    legend: dict[str, Words] = {
-        swatch.format(EDGE, opacity): f"up to {at_most(end)} mm" for end, opacity in _shades(over)
-    }
+    ends = zip(_ends(over), (_LIGHT, _DARK), strict=True)
+    legend: dict[str, Words] = {swatch.format(EDGE, shade): f"{at_most(bound)} mm" for bound, shade in ends}
     caption = (
         "Proved bounds of the position for all poses of each cell, seen from above at three heights. Cells of several "
         "rotations lie over one another; the worst is seen. Cells that are not near the worst are not divided further, "

@@ -75,7 +75,6 @@ def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> Draw
 
 FORMAT = "cpcal-parameters/2"
 NOT_CERTIFIED = "not certified"  # the verdict where no certificate holds it
-_COLUMNS = ("nominal", "least_squares", "recommended", "range_lo", "range_hi")
 
 
 def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = None) -> dict[str, Any]:
@@ -106,36 +105,35 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 
 
 def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> dict[str, Any]:
+    best, passes, bracket = leg.recommended, leg.passes_from, leg.bracket
     ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
-    points: list[Floats | None] = [
-        np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
-        fitted(campaign, result, leg, model_of(result)).x,
-        None if leg.recommended is None else np.array(leg.recommended.point),
-    ]
-    ends = (None, None) if ranges is None else (ranges.box.lo, ranges.box.hi)
-    if frames is not None:
-        points = [None if x is None else frames.point(x) for x in points]
-        ends = ends if ranges is None else frames.box(ranges.box.lo, ranges.box.hi)
-    columns = list(zip(_COLUMNS, (*points, *ends), strict=True))
-    parameters = {
-        name: {"unit": result.model.unit(name), **{c: float(v[k]) for c, v in columns if v is not None}}
-        for k, name in enumerate(result.model.parameters)
+    columns: dict[str, Floats] = {
+        "nominal": np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra))),
+        "least_squares": fitted(campaign, result, leg, model_of(result)).x,
     }
-    at, passes = leg.recommended, leg.passes_from
-    proved = at is not None and at.certificate is not None
-    files = [leg.bracket.certificate, at.certificate if at else None, None if ranges is None else ranges.certificate]
+    if best is not None:
+        columns["recommended"] = np.array(best.point)
+    if frames is not None:
+        columns = {name: frames.point(x) for name, x in columns.items()}
+    if ranges is not None:
+        lo, hi = ranges.box.lo, ranges.box.hi
+        columns["range_lo"], columns["range_hi"] = (lo, hi) if frames is None else frames.box(lo, hi)
+    proofs = [bracket.certificate, best and best.certificate, ranges and ranges.certificate]
     return _known(
         leg=leg.leg,
         verdict=verdict_of(result, leg).word if leg.certified else NOT_CERTIFIED,
         recommended=recommendation(result, leg),
-        largest_error=at.largest if at is not None and proved else None,
-        passes_from=None if passes is None or passes.certificate is None else passes.eps,
+        largest_error=best.largest if best is not None and best.certificate else None,
+        passes_from=passes.eps if passes is not None and passes.certificate else None,
         not_certified=str(leg.not_certified) or None,
-        eps_lo=leg.bracket.lo if leg.certified and math.isfinite(leg.bracket.lo) else None,
-        eps_hi=leg.bracket.hi if leg.certified and math.isfinite(leg.bracket.hi) else None,
+        eps_lo=bracket.lo if leg.certified and math.isfinite(bracket.lo) else None,
+        eps_hi=bracket.hi if leg.certified and math.isfinite(bracket.hi) else None,
         range_eps=None if ranges is None else ranges.eps,
-        certificates=[name for name in files if name is not None],
-        parameters=parameters,
+        certificates=[name for name in proofs if name],
+        parameters={
+            name: {"unit": result.model.unit(name), **{column: float(x[k]) for column, x in columns.items()}}
+            for k, name in enumerate(result.model.parameters)
+        },
     )
 
 
@@ -157,15 +155,13 @@ WRITERS = {"toml": toml_text, "json": as_json}
 # format has them in m.
 
 
-def _parent(found: HandEyeResult) -> str:
-    return "tool0" if found.setup == "eye-in-hand" else "base_link"
-
-
 def _told(found: HandEyeResult, mark: str) -> str:
     """What is proved, as comments."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
     without = f", without {', '.join(found.left_out)}" if found.left_out else ""
-    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px{without}"]
+    said = [
+        f"cpcal {found.version}, {found.setup}: camera in {_PARENTS[found.setup]}; eps* in [{low}, {high}] px{without}"
+    ]
     if found.ranges is not None and not found.ranges.empty:
         said.append(f"proved of all frames that explain every pixel to {at_least(found.eps, 4)} px:")
         ends = zip(_AXES, found.ranges.low, found.ranges.high, strict=False)
@@ -175,6 +171,7 @@ def _told(found: HandEyeResult, mark: str) -> str:
     return "\n".join(f"{mark} {line}" for line in said)
 
 
+_PARENTS = {"eye-in-hand": "tool0", "eye-to-hand": "base_link"}
 _AXES = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 
@@ -186,7 +183,7 @@ def _metres(found: HandEyeResult) -> dict[str, str]:
 
 def _ros2(found: HandEyeResult) -> str:
     """A node of a ROS 2 launch file in Python."""
-    given = _metres(found) | {"frame-id": _parent(found), "child-frame-id": "camera_optical_frame"}
+    given = _metres(found) | {"frame-id": _PARENTS[found.setup], "child-frame-id": "camera_optical_frame"}
     arguments = "\n".join(f'        "--{name}", "{value}",' for name, value in given.items())
     return f"""from launch_ros.actions import Node
 
@@ -225,7 +222,7 @@ def _urdf(found: HandEyeResult) -> str:
 {_told(found, "  ")}
 -->
 <joint name="camera_optical_joint" type="fixed">
-  <parent link="{_parent(found)}"/>
+  <parent link="{_PARENTS[found.setup]}"/>
   <child link="camera_optical_frame"/>
   <origin xyz="{xyz}" rpy="{roll!r} {pitch!r} {yaw!r}"/>
 </joint>

@@ -33,6 +33,7 @@ _CHECKED = (
     "weights that exact rational arithmetic accepts, on rows that the checker forms from study.json. cpcal verify "
     "checks them again."
 )
+_FRAMES = {"eye-in-hand": ("camera in hand", "target in base"), "eye-to-hand": ("camera in base", "target in hand")}
 _FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
 
 
@@ -148,7 +149,7 @@ def _frame_rows(setup: str, point: PlacedFrames) -> list[tuple[str, ...]]:
     places = (point.camera_position, point.camera_quaternion), (point.target_position, point.target_quaternion)
     return [
         (name, ", ".join(nearest(v, 4) for v in position), ", ".join(nearest(v, 7) for v in quaternion))
-        for name, (position, quaternion) in zip(frames_of(setup), places, strict=True)
+        for name, (position, quaternion) in zip(_FRAMES[setup], places, strict=True)
     ]
 
 
@@ -185,14 +186,9 @@ def _classical(found: HandEyeResult) -> Section:
 # What is proved of a hand-eye study, in sentences; numbers rounded to the safe side.
 
 
-def frames_of(setup: str) -> tuple[str, str]:
-    """The names of X and F."""
-    return ("camera in hand", "target in base") if setup == "eye-in-hand" else ("camera in base", "target in hand")
-
-
 def _names(setup: str) -> list[tuple[str, str]]:
     """Name and unit of each of PARAMETERS."""
-    camera, target = frames_of(setup)
+    camera, target = _FRAMES[setup]
     named = {"camera": camera, "target": target}
     found = []
     for parameter in PARAMETERS:

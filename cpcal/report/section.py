@@ -149,17 +149,13 @@ class Page:
         """The same sections give the same text."""
         return _template().render(
             page=self,
-            pictures=any(map(_pictured, self.sections)),
+            pictures=any(drawing.pictures for section in self.sections for drawing in section.figures),
             contents=[(s.name, s.title if isinstance(s.title, str) else s.title[0]) for s in self.sections if s.name],
         )
 
     def write(self, file: Path) -> Path:
         """Write the file, all or nothing; its path. Raises InputError."""
         return write_file(file, self.text())
-
-
-def _pictured(section: Section) -> bool:
-    return any(drawing.pictures for drawing in section.figures) or any(map(_pictured, section.parts))
 
 
 @cache

@@ -96,15 +96,15 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
 
 
 def test_a_camera_from_images(shots, tmp_path):
-    options = ("--target", shots / "target.toml", "--calibrate", "-o", tmp_path / "camera.toml")
-    assert "views" in refused("image", "detect", shots / "images" / "calibration" / "e00", *options)
+    options = ("--target", shots / "target.toml", "-o", tmp_path / "camera.toml")
+    assert "views" in refused("image", "camera", shots / "images" / "calibration" / "e00", *options)
     some = tmp_path / "some"
     for k in range(0, 64, 6):
         name = f"e{k:02}"
         (some / name).mkdir(parents=True)
         source = shots / "images" / "calibration" / name / "1" / "1.png"
         (some / name / "1.png").write_bytes(source.read_bytes())
-    assert done("image", "detect", some, *options).count("dots, RMS 0.00") == 11
+    assert done("image", "camera", some, *options).count("dots, RMS 0.00") == 11
     record = load_camera(tmp_path / "camera.toml")
     error = np.abs(record.camera.numbers - DELTALAB_CAMERA.numbers) / np.sqrt(np.diag(record.covariance))
     assert error.shape == (len(CAMERA_NUMBERS),)
@@ -124,8 +124,7 @@ def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_p
 
 
 def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
-    said = refused(
-        "image", "detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--table", "t"
-    )
-    for part in ("--camera: is missing", "--readings and --table", "holds no PNG, JPEG or TIFF"):
+    files = ("--target", shots / "target.toml", "--camera", shots / "camera.toml")
+    said = refused("image", "detect", tmp_path, "-o", tmp_path / "x.csv", *files, "--table", "t")
+    for part in ("--readings and --table", "holds no PNG, JPEG or TIFF"):
         assert part in said

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -103,31 +101,3 @@ def test_whenever_a_run_is_killed_it_leaves_no_mixture(campaigns: list[Path], tm
 
 LEGS = [f"leg{leg}.{of}cert.jsonl" for leg in (1, 2) for of in ("", "passes.", "recommended.")]
 RANGES, PAGES = ("ranges-leg1.cert.jsonl", "ranges-leg2.cert.jsonl"), ("report.html", "result.json")
-
-_KILLED = """
-import os, signal, sys
-
-def told(event, arguments):
-    if event == "os.rename":
-        folder, name = os.path.split(str(arguments[1]))
-        if name == "leg2.cert.jsonl" and os.path.basename(folder) == "run":
-            os.kill(os.getpid(), signal.SIGKILL)
-
-sys.addaudithook(told)
-from cpcal.__main__ import main
-main()
-"""
-
-
-def test_the_dead_hold_no_lock_and_leave_no_mixture(campaigns: list[Path], tmp_path: Path) -> None:
-    """A process that is really killed, while its answers are put in place."""
-    run = tmp_path / "run"
-    certified(campaigns[0], run)
-    words = [sys.executable, "-c", _KILLED, "certify", str(campaigns[1]), "-o", str(run), *OPTIONS]
-    killed = subprocess.run(words, capture_output=True, timeout=120, check=False)
-    assert killed.returncode == -signal.SIGKILL, killed.stderr
-    assert not (run / "result.json").exists()
-    assert command("verify", run).exit_code == 2
-    certified(campaigns[1], run)
-    assert digest(run) == campaign_sha256(cpcal.load_campaign(campaigns[1]))
-    assert not [p for p in run.iterdir() if p.name.startswith(".") and p.name != LOCK_NAME]

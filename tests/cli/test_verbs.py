@@ -13,7 +13,7 @@ from benchmarks.wrong_ways import WRONG_WAYS
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
 from cpcal.common.files import unwritable
-from cpcal.files import campaign_sha256, load_study, save_campaign, save_study
+from cpcal.files import campaign_sha256, load_study, save_campaign
 from cpcal.simulate import simulate, simulate_study
 from tests.cli.command import done, refused, run
 
@@ -42,11 +42,7 @@ def test_a_study_of_the_given_options_is_written(tmp_path):
     options, new = COMMON | OF_A_STUDY, tmp_path / "new" / "s"
     said = done("simulate", "deltalab", "--study", "-o", new, *words_of(options))
     assert "256 rows for calibration, 12 for validation (seed 5)" in said
-    expected = simulate_study(**options)
-    assert load_study(new) == expected
-    save_study(expected, tmp_path / "same")
-    for name in ("study.toml", "calibration.csv", "validation.csv"):
-        assert (tmp_path / "same" / name).read_bytes() == (new / name).read_bytes()
+    assert load_study(new) == simulate_study(**options)
 
 
 @pytest.mark.parametrize("verb", [("simulate", "deltalab"), ("demo",)])

@@ -101,20 +101,13 @@ def test_strange_names_and_numbers_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line", "what", "remedy"),
     [
-        ('format = "cpcal-study/2"\n', "", None, "'format' is missing", 'format = "cpcal-study/2"'),
         ("cpcal-study/2", "cpcal-campaign/1", 1, "the format is 'cpcal-campaign/1'", "cpcal-study/2"),
-        ("[provenance]", "[uncertainty]", 7, "unknown key 'uncertainty'", "format, robot, truth, provenance"),
-        ("\noffset =", "\nofset =", 6, "unknown key 'ofset' in [robot]", "offset"),
         ("seed = 3", "seed = -3", 10, "seed is -3", "from 0"),
-        ("seed = 3", "seed = 3.5", 10, "seed is 3.5", "whole"),
         ("seed = 3\n", "", 9, "'seed' is missing in [truth]", "take [truth] out"),
-        ("    [1, 2, 3, 1, 0, 0, 6],\n", "", 11, "parameters has 1 rows for 2 legs", "each leg"),
         ("[1, 2, 3, 1, 0, 0, 6]", "[1, 2, 3, 1, 0, 0]", 11, "parameters of leg 2 has 6 numbers, not 7", "ax"),
-        ("[0, 0, 900]", "[0, 0, inf]", 16, "position holds inf", "finite"),
         ("quaternion = [0, 1, 0, 0]", "quaternion = [0, 1, 1, 0]", 17, "the norm 1.41421356, not 1", "divide"),
         ("quaternion = [0, 1, 0, 0]\n", "", 15, "'quaternion' is missing in [truth.camera]", "add"),
         ("[truth.camera]", "[truth.kamera]", 15, "unknown key 'kamera' in [truth]", "camera"),
-        ("[1, 2, 3, 1, 0, 0, 6]", "6", 11, "parameters of leg 2 is not a list of numbers", "ax"),
     ],
 )
 def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
@@ -127,10 +120,8 @@ def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
 @pytest.mark.parametrize(
     ("line", "row", "what"),
     [
-        (2, "a,1,1,1,2,x3,1,0,0,0,10,11", "z: 'x3' is not a number"),
         (3, "a,1,1,1,2,3,1,0,0,0,10,11", "pose 'a' run '1' image '1' was given on line 2 already"),
         (3, "a,1,,1,2,3,1,0,0,0,10,11", "'' cannot be the name of an image"),
-        (3, "a,1,2,1,2,3,1,1,0,0,10,11", "not 1 (to within 1e-06)"),
         (1, "pose,run,image,x,y,z,qw,qx,qy,qz,L1,dL1", "unknown column 'dL1'"),
     ],
 )

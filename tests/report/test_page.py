@@ -43,39 +43,22 @@ def result_of(campaign, *legs, **changes):
 
 
 class _Reader(HTMLParser):
-    """Collects tags and attributes, and checks that tags close in order."""
-
-    void = frozenset({"meta", "br", "img", "link", "hr", "input"})
+    """Collects tags with their attributes, and ids."""
 
     def __init__(self):
         super().__init__()
-        self.seen, self.ids, self.open = [], [], []
+        self.seen, self.ids = [], []
 
     def handle_starttag(self, tag, attrs):
         self.seen.append((tag, dict(attrs)))
         self.ids += [value for name, value in attrs if name == "id"]
-        if tag not in self.void:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.seen.append((tag, dict(attrs)))
-        self.ids += [value for name, value in attrs if name == "id"]
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
-def read(page):
-    reader = _Reader()
-    reader.feed(page)
-    reader.close()
-    assert reader.open == []
-    return reader
 
 
 def harmless(page):
     """Loads nothing and runs nothing."""
-    reader = read(page)
+    reader = _Reader()
+    reader.feed(page)
+    assert parse_errors(page) == []
     tags = {tag for tag, _ in reader.seen}
     assert not tags & {"script", "link", "img", "iframe", "object", "embed", "image", "base", "form"}
     for _, attributes in reader.seen:
@@ -111,11 +94,6 @@ def test_it_is_self_contained_and_says_what_matters(campaign, tmp_path):
         assert text in page
     assert page.count('role="img"') == 3  # one of all legs, and one a leg
     assert "#0102" not in page  # every colour is the page's
-
-
-def test_the_same_bytes_every_time(campaign, tmp_path):
-    pages = [write_report(campaign, result_of(campaign), tmp_path / str(k)).read_bytes() for k in range(2)]
-    assert pages[0] == pages[1]
 
 
 def test_hostile_names_do_nothing(campaign):
