@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -88,9 +87,8 @@ _MANY = 4096  # elements of constraints, beyond which only those that say most a
 _MANY_EACH = 64  # if they are so many for each unknown
 _TELLING = 128  # of them for each side of a constraint, and as many that are spread over all
 _ENCLOSING = 1024  # the same where no objective is sought: then the enclosure is the answer
-_KEPT = 8  # structures of other reading sets
-_MUCH = 0.25  # of a width: from here on rows are expanded again
 _SHARE = 256  # one of so many, where that is more: of 31,000 measurements 128 left out some that decide
+_KEPT = 8  # structures of other reading sets
 
 
 class Structures:
@@ -105,81 +103,32 @@ class Structures:
         self._share = elements // _SHARE
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
         self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
-        self._made: _Expanded | None = None
-        self._elements: Indices | None = None
-        self._last: tuple[Box, Structure] | None = None  # of some elements
-
-    def restricted_to(self, elements: Indices) -> Structures:
-        """Those of some elements (along the leading axis) of every constraint alone, for one search.
-
-        Few rows shrink a box in many small steps. Rows that were expanded for a box hold in all of it, and so they
-        serve the boxes within it that are not much smaller.
-        """
-        if self._rows is None and self._made is None:  # all, for whoever asks for some of them
-            self._made = _Expanded(self._network, None, math.inf)
-        other = copy(self)
-        other._elements, other._last = elements, None
-        return other
+        self._keep: list[Indices] | None = None  # of each constraint the elements that are expanded; None: all
+        self._forms: PolynomialForms | None = None
+        self._decisive: DecisiveReadings | None = None
+        self._known: dict[bytes, Structure] = {}  # of the expanded ones, by the reading sets, the latest last
 
     def on(self, box: Box, deadline: float) -> Structure:
-        """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
-        if self._elements is None:
-            seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
-            most = max(_TELLING if seeking else _ENCLOSING, self._share)  # elements for each side of a constraint
-            return self._of(None if self._rows is None else self._rows.telling(box.mid, most), box, deadline)
-        last = self._last
-        if last is None or not (box.subset(last[0]) and (box.width >= _MUCH * last[0].width).all()):
-            self._last = box, self._alone(self._elements, box, deadline)
-        assert self._last is not None
-        return self._last[1]
+        """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it.
+        Rows that are not expanded at `deadline` are missing.
 
-    def _of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
-        """Of those elements of each constraint; None: of all."""
-        if self._made is None or not self._made.has(keep):
-            self._made = _Expanded(self._network, keep, deadline)
-        return self._made.on(box)
-
-    def _alone(self, elements: Indices, box: Box, deadline: float) -> Structure:
-        """Of some elements, on a box. Where few are expanded for all, those that are serve these too."""
-        if self._rows is not None:
-            return self._of([elements] * len(self._network.constraints), box, deadline)
-        structure = self._of(None, box, deadline)
-        shapes = [c.body.shape for c in self._network.constraints]
-        width = np.array([max(int(np.prod(shape[1:])), 1) for shape in shapes], np.intp)
-        constraint, element = structure.system.origin.T
-        apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
-        return structure.part(np.flatnonzero(~apart | np.isin(element // width[constraint], elements)))
-
-
-class _Expanded:
-    """The polynomial forms of some elements of a network's constraints; None: of all."""
-
-    def __init__(self, network: ConstraintNetwork, keep: list[Indices] | None, deadline: float) -> None:
-        self._network, self._keep = network, keep
-        some = network if keep is None else restricted(network, keep)
-        self._forms = PolynomialForms(some, deadline)
-        read = any(map(reads, some.constraints))
-        self._decisive = DecisiveReadings(some) if read else None
-        self._known: dict[bytes, Structure] = {}  # by the reading sets, the latest last
-
-    def has(self, keep: list[Indices] | None) -> bool:
-        """Whether it is of these elements."""
-        if keep is None or self._keep is None:
-            return keep is self._keep
-        return all(map(np.array_equal, keep, self._keep))
-
-    def on(self, box: Box) -> Structure:
-        """With the readings at the ends that decide on all of the box.
-
-        Those of the boxes before are kept: another question about the same network comes by the same ends.
+        Structures of the boxes before are kept: another question about the network comes by the same ends.
         """
+        keep = None
+        if self._rows is not None:
+            seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
+            keep = self._rows.telling(box.mid, max(_TELLING if seeking else _ENCLOSING, self._share))
+        if self._forms is None or not all(map(np.array_equal, keep or (), self._keep or ())):
+            some = self._network if keep is None else restricted(self._network, keep)
+            self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
+            self._decisive = DecisiveReadings(some) if any(map(reads, some.constraints)) else None
         sets = None if self._decisive is None else self._decisive.on(box)
         key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
         structure = self._known.pop(key, None)
         if structure is None:
             system = self._forms.on(sets)
-            if self._keep is not None:
-                system = replace(system, origin=_original(system.origin, self._network, self._keep))
+            if keep is not None:
+                system = replace(system, origin=_original(system.origin, self._network, keep))
             structure = Structure(system)
             while len(self._known) >= _KEPT:
                 del self._known[next(iter(self._known))]
@@ -349,12 +298,6 @@ class Lifted(Composable):
             return frozenset()
         system = self._structures.on(domain, math.inf).system
         return frozenset(constraint for constraint, _ in system.leftover)
-
-    def restricted_to(self, elements: Indices) -> Lifted:
-        """See `cpcal.solver.contract.Restrictable`."""
-        other = copy(self)
-        other._structures = self._structures.restricted_to(elements)
-        return other
 
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:

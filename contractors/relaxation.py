@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
 
@@ -347,28 +347,19 @@ _COLUMNS = 150  # beyond, linear programs take too long at each node
 class Structure:
     """What the relaxations of one system on all boxes have in common. `used`: the monomials that get a column."""
 
-    def __init__(self, system: PolynomialSystem, used: Bools | None = None) -> None:
+    def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
         shift = _shift(system.monomials, len(system.names))
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
-        self.used: Bools = (
-            _paying(self._divisors, self.rows.matters[1:], system.monomials[1:]) if used is None else used
-        )
+        self.used = _paying(self._divisors, self.rows.matters[1:], system.monomials[1:])
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
         self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
-
-    def part(self, rows: Indices) -> Structure:
-        """Of these rows alone, with the columns of all."""
-        system, own = self.system, self.system.coefficients[:, rows]
-        some = replace(system, coefficients=own, guarded=system.guarded[rows], guards=system.guards[:, rows],
-                       origin=system.origin[rows], part=system.part[rows])  # fmt: skip
-        return Structure(some, self.used)
 
     def columns(self, highest: Floats) -> Bools:
         """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""

@@ -26,7 +26,7 @@ from cpcal.solver.certificate.recording import (
     UncheckableError,
     claims_of,
 )
-from cpcal.solver.contract import Contraction, Contractor, Limits, Restrictable, Verdict, gives_weights
+from cpcal.solver.contract import Contraction, Contractor, Limits, Verdict
 from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
@@ -80,19 +80,11 @@ class PreparedLeg:
         lo, hi = self.domain["eps"].lo, self.domain["eps"].hi
         return self.domain.replace("eps", lo=eps, hi=eps) if lo <= eps <= hi else Box.empty(self.domain.names)
 
-    @property
-    def restrictable(self) -> bool:
-        """Whether each contractor can be restricted, and says by weights which measurements it used."""
-        return all(isinstance(c, Restrictable) and gives_weights(c) for _, c in self.named)
-
     def alone(self, only: tuple[int, ...]) -> PreparedLeg:
-        """The same contractors for some measurements alone; new ones where these cannot be restricted."""
-        if not self.restrictable:
-            return prepared_leg(self.question, self.leg, center=self.center, only=only)
-        elements = np.array(only, dtype=np.intp)
-        named = [(name, c.restricted_to(elements)) for name, c in self.named if isinstance(c, Restrictable)]
-        problem = Prepared(of_measurements(self.problem.network, only), "eps")
-        return replace(self, problem=problem, named=named, only=only, statement=None)
+        """The same for some measurements, without a certificate."""
+        network = of_measurements(self.problem.network, only)
+        named = _named(self.question, network)
+        return replace(self, problem=Prepared(network, "eps"), named=named, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:
         """What a certificate about a part of the domain would say; None where none is wanted, or there can be none."""
@@ -100,6 +92,11 @@ class PreparedLeg:
         if question.certificates is None or not Contracting(self.named).gives_weights:
             return None
         return self.statement or model_statement(question.campaign, self.leg, question.model, domain, self.only)
+
+
+def _named(question: Question, network: ConstraintNetwork) -> list[tuple[str, Contractor]]:
+    names = question.options.contractors
+    return list(zip(names, plugins.build_each(network, names, objective="eps"), strict=True))
 
 
 def prepared_leg(
@@ -114,14 +111,12 @@ def prepared_leg(
     center = question.center(leg) if center is None else center
     network = network_of(question, leg, center, highest)
     network = of_measurements(network, only)
-    names = question.options.contractors
-    parts = plugins.build_each(network, names, objective="eps")
     found = PreparedLeg(
         question=question,
         leg=leg,
         center=center,
         problem=Prepared(network, "eps"),
-        named=list(zip(names, parts, strict=True)),
+        named=_named(question, network),
         only=only,
     )
     return replace(found, statement=found.stated(network.domain)) if built_in(question.model) else found

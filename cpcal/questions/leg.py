@@ -152,9 +152,8 @@ def _support(leg: PreparedLeg, found: Minimum) -> tuple[str, ...]:
         """The lower bound by a part of the measurements; the best point of all is one of theirs."""
         part = leg.alone(tuple(elements.tolist()))
         least = searched(part, limits=replace(limits, nodes=_SUPPORT_NODES), best=best, enclose=False).minimum
-        members = (k for _, k in least.rows) if leg.restrictable else elements.tolist()
         better = least.witness if least.hi < found.hi else None
-        return Alone(least.lo, frozenset(members), None if better is None else better.point, least.interrupted)
+        return Alone(least.lo, None if better is None else better.point, least.interrupted)
 
     ids = question.campaign.measurement_ids
     return tuple(ids[k] for k in find_support(leg.problem, found, limits.gap, alone))

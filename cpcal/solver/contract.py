@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    from cpcal.common.values import Floats, Indices
+    from cpcal.common.values import Floats
     from cpcal.solver.interval import Box, IntervalArray
     from cpcal.solver.network import ConstraintNetwork
 
@@ -103,16 +103,6 @@ class SupportFunction(Protocol):
 
         -inf for all when the box is proved to hold no solution.
         """
-        ...
-
-
-@runtime_checkable
-class Restrictable(Protocol):
-    """What a contractor may offer besides: the same contractor of fewer constraints, without setting it up again."""
-
-    def restricted_to(self, elements: Indices) -> Contractor:
-        """One for a single search, which uses only those elements (along the leading axis) of every constraint, and
-        calls them by the numbers that they have among all. It may go on from what it found on the boxes before."""
         ...
 
 

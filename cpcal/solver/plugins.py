@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import Distribution, EntryPoint, EntryPoints, entry_points
 from importlib.util import module_from_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,7 +48,7 @@ def load(name: str, group: str = GROUP, ours: Iterable[str] = ()) -> Any:
         claims = " and ".join(f"{_package(point)} ({point.value})" for point in named)
         raise ClashError(f"two packages register a {what} {name!r}: {claims}; rename or uninstall one of them")
     try:
-        return _loaded(named[0])
+        return _loaded(named[0], named[0].dist)
     except Exception as error:
         raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}") from error
 
@@ -57,7 +57,8 @@ _ROOT = str(Path(__file__).parents[2])
 _OURS = "contractors"  # the package of our contractors, a name that others use, too
 
 
-def _loaded(point: EntryPoint) -> Any:
+@lru_cache(maxsize=64)
+def _loaded(point: EntryPoint, dist: Distribution | None) -> Any:  # points are equal by their texts alone
     """Ours from beside cpcal, also where another module of that name comes first.
 
     That one is not run: a file contractors.py where Python was started is somebody's own. It keeps its name, and our

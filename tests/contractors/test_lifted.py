@@ -19,7 +19,6 @@ from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Interval
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
-from cpcal.solver.network.network import restricted
 from cpcal.solver.network.polynomial import Monomial
 from cpcal.solver.optimize.bound import Minimum, minimize, run
 
@@ -191,25 +190,6 @@ def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(
     weights = [step.weights for step in left.steps]
     assert weights
     assert all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)
-
-
-@pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_restricted_to_some_measurements_it_says_what_these_alone_say(factor: float) -> None:
-    """On a box, and on one within it: of the measurements alone, whose numbers stay, and no solution is lost."""
-    campaign = simulate(seed=2, joint_error=1.0, factor=factor)
-    box = leg_box(least_squares(campaign, 1), 30.0)
-    net = leg_network(campaign, 1, box, eps=(0.0, 5.0))
-    few = np.arange(5, 60, 4)
-    alone = Lifted(restricted(net, [few, few]), objective="eps")
-    some, domain = Lifted(net, objective="eps").restricted_to(few), net.domain
-    for _ in range(2):
-        found, expected = some.contract(domain), alone.contract(domain)
-        assert found.steps
-        assert {k for step in found.steps for _, k in step.rows} <= set(few.tolist())
-        tolerance = 0.05 * domain.width  # rows of the box before serve the second one
-        assert (np.abs(found.box.lo - expected.box.lo) <= tolerance).all()
-        assert (np.abs(found.box.hi - expected.box.hi) <= tolerance).all()
-        domain = expected.box
 
 
 def test_product_rows_are_the_hull_of_one_product_and_one_square() -> None:

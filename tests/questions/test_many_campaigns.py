@@ -107,7 +107,7 @@ def test_few_measurements_that_prove_less_are_no_support() -> None:
     problem: Any = SimpleNamespace(name="eps", network=SimpleNamespace(domain=Box(("eps",), [0.0], [2.0])))
     found: Any = SimpleNamespace(lo=1.0, hi=1.0, interrupted=False, decisive_rows=((0, 3),), rows=((0, 3), (0, 5)))
     for lo, members in ((1.0, (3,)), (0.95, (3, 5))):
-        assert support(problem, found, 1e-6, lambda _, lo=lo: Alone(lo, frozenset(), None, False)) == members
+        assert support(problem, found, 1e-6, lambda _, lo=lo: Alone(lo, None, False)) == members
 
 
 # reading sets -----------------------------------------------------------------------------------------------

@@ -291,7 +291,7 @@ def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> Indices | None
 
 def one_sided_rows(network: ConstraintNetwork) -> list[Row]:
     """Those of all constraints, in order."""
-    return [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+    return network.once("rows", lambda: [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)])
 
 
 Term = tuple[Expr, Expr]  # constant factor, expression

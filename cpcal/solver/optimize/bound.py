@@ -494,13 +494,12 @@ _ADDED = 3  # at a time, for each side of each constraint
 
 @dataclass(frozen=True)
 class Alone:
-    """What some measurements prove alone: a lower bound, and those of them that have a weight in its proof.
+    """What some measurements prove alone: a lower bound.
 
     `point`: a better point than that of all measurements, if these alone allow one.
     """
 
     lo: float
-    members: frozenset[int]
     point: Floats | None
     interrupted: bool
 
