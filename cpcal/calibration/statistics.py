@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -187,18 +186,14 @@ def averaged(
 # ------------------------------------------------------------------------------------------------------------------
 # Readings that stand out from the repeats of their configuration: told by median and MAD, which they cannot hide from.
 #
-# A reading's score is its distance from its configuration's median, in robust standard deviations of its channel:
-# distances are divided by their own median over the whole channel. In a group of r readings distances from the
-# group's median are smaller than from the centre (with r = 3 every third is zero), so each is first divided by the
-# median that it has for r normal readings. In a group of two both are as far off: which of them is wrong cannot be
-# told, and both are named.
+# A reading's score is its distance from its configuration's median, in robust standard deviations of its channel, which
+# the median of differences between its repeats tells. In a group of two both are as far off: which of them is wrong
+# cannot be told, and both are named.
 
 THRESHOLD = 5.0  # robust standard deviations
 
-_QUARTILE = 0.6744897501960817  # of |z| for a standard normal z
-_SAMPLES = 40_000  # groups that the medians of small groups are simulated with: to about 0.005
+_DIFFERENCE = 0.9538725524175594  # median of the difference of two normal numbers, in their standard deviations
 _OUTLIERS_MAX = 0.1  # share of the readings
-_LARGE = 64  # readings from which the group's median is as good as the centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,8 +241,8 @@ class Screening:
 def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
     """Which readings lie beyond 5 robust standard deviations in some channel; `values` (N, C) in place of `scores`.
 
-    Chance alone names one of about 1.7 million normal readings; fewer than half of a configuration's readings, and of a
-    channel's, must be wrong.
+    Chance alone names one of about 1.7 million normal readings; fewer than half of a configuration's readings, and a
+    quarter of a channel's, must be wrong.
     """
     found = scores(deviations) if values is None else values
     silent: Bools = np.asarray(np.isnan(found).all(axis=0))
@@ -262,24 +257,12 @@ def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
 
 def scores(deviations: Deviations) -> Floats:
     """(N, C) distances from the medians in robust standard deviations; nan in channels that cannot be tested."""
-    distance = np.empty_like(deviations.values)
+    distance, apart = np.empty_like(deviations.values), np.empty_like(deviations.values)
     for rows in np.split(np.argsort(deviations.group, kind="stable"), np.cumsum(deviations.repeats)[:-1]):
-        distance[rows] = deviations.values[rows] - np.median(deviations.values[rows], axis=0)
-    usual = np.array([_usual_distance(int(r)) for r in deviations.repeats])[deviations.group]
-    several = usual > 0
-    scale = np.median(np.abs(distance[several]) / usual[several, None], axis=0)
+        own = deviations.values[rows]
+        distance[rows], apart[rows] = own - np.median(own, axis=0), own - np.roll(own, len(own) // 2, axis=0)
+    scale = np.median(np.abs(apart[deviations.repeats[deviations.group] > 1]), axis=0) / _DIFFERENCE
     return np.asarray(distance / np.where(scale > 0, scale, np.nan))
-
-
-@lru_cache(maxsize=_LARGE)
-def _usual_distance(repeats: int) -> float:
-    """The median of |z - median of the group| for groups of that many standard normal z; 0 for a single one."""
-    if repeats == 1:
-        return 0.0
-    if repeats >= _LARGE:
-        return _QUARTILE
-    draw = np.random.default_rng(repeats).standard_normal((_SAMPLES, repeats))
-    return float(np.median(np.abs(draw - np.median(draw, axis=1, keepdims=True))))
 
 
 # ------------------------------------------------------------------------------------------------------------------

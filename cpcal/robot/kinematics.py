@@ -110,9 +110,8 @@ def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
 
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
-_REFINEMENTS = 2  # how often a failed continuation is tried again, with four times as many steps
-_STEPS_MAX = 1_000  # of the continuation, at first
-_STRIDE = 0.05  # the continuation's first step length, as a share of the mean leg length
+_STEPS_MAX = 1_000  # of the continuation
+_STRIDE = 0.05  # the continuation's step length, as a share of the mean leg length
 _MAX_TURN = 0.3  # rad: the longest rotation that one Newton step may make
 _ACCURACY = 1e-9  # of a step before the last one, relative to the leg lengths: it gains as many digits again
 
@@ -204,8 +203,8 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     where that is, (...).
 
     `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those asked for
-    in small steps (continuation), with Newton's method at each; a row that fails is tried again with shorter steps. Six
-    legs give the pose exactly; more give the least-squares pose.
+    in small steps (continuation), with Newton's method at each. Six legs give the pose exactly; more give the
+    least-squares pose.
 
     Raises KinematicsError for fewer than six legs, and for readings that are no lengths of such a robot.
     """
@@ -225,25 +224,19 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     if steps > _STEPS_MAX:
         raise KinematicsError("the readings are out of all proportion to the robot: are they in mm?")
     position, quaternion = np.full((len(target), 3), np.nan), np.full((len(target), 4), np.nan)
-    todo = np.arange(len(target))
-    for _ in range(1 + _REFINEMENTS):
-        pose, rows = start.rows(todo), todo
-        for share in np.arange(1, steps + 1) / steps:  # rows that fail are dropped early
-            here = (1.0 - share) * origin[rows] + share * target[rows]
-            accuracy = _ACCURACY * (1.0 + np.max(np.abs(here + robot.offset), axis=-1))
+    pose, rows = start, np.arange(len(target))
+    for share in np.arange(1, steps + 1) / steps:  # rows that fail are dropped early
+        here = (1.0 - share) * origin[rows] + share * target[rows]
+        accuracy = _ACCURACY * (1.0 + np.max(np.abs(here + robot.offset), axis=-1))
 
-            def gaps(at: Pose, here: Floats = here) -> Floats:
-                return np.asarray(here - inverse_kinematics(robot, at))
+        def gaps(at: Pose, here: Floats = here) -> Floats:
+            return np.asarray(here - inverse_kinematics(robot, at))
 
-            pose, good = newton(robot, gaps, pose, accuracy)
-            pose, rows = pose.rows(good), rows[good]
-            if not len(rows):
-                break
-        position[rows], quaternion[rows] = pose.position, pose.quaternion
-        todo = np.setdiff1d(todo, rows)
-        if not len(todo):
+        pose, good = newton(robot, gaps, pose, accuracy)
+        pose, rows = pose.rows(good), rows[good]
+        if not len(rows):
             break
-        steps *= 4
+    position[rows], quaternion[rows] = pose.position, pose.quaternion
     found = Pose(position.reshape(*shape, 3), quaternion.reshape(*shape, 4))
     return found, np.asarray(np.isfinite(found.position).all(axis=-1))
 
