@@ -173,7 +173,8 @@ def test_an_error_that_was_asked_about_says_nothing_of_smaller_ones():
     assert refuted.sentence == "No parameters fit to within 0.1 mm."
     assert judged(math.inf, math.inf, eps=0.1, tolerance=0.5, verdict=Verdict.REFUTED).kind == "undecided"
     assert judged(0.4, 0.4, eps=0.4, tolerance=0.1).kind == "undecided"
-    assert judged(0.4, math.inf, eps=0.4, verdict=Verdict.UNKNOWN).kind == "undecided"
+    for eps in (0.0, 0.4):
+        assert judged(eps, math.inf, eps=eps, verdict=Verdict.UNKNOWN).kind == "undecided"
 
 
 def test_every_kind_has_a_word_and_a_colour_of_its_own():
