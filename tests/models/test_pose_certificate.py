@@ -48,12 +48,6 @@ def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind
     assert pose in found
 
 
-def test_an_exact_camera_in_place_of_an_uncertain_one_would_miss_it() -> None:
-    rng = np.random.default_rng(1)
-    trials = (seen(rng, SETS["ellipsoid"], TargetSet.within(FEW)) for _ in range(5))
-    assert any(pose not in enclose_pose(boxes, FEW, DELTALAB_CAMERA) for pose, boxes in trials)
-
-
 def test_shared_errors_are_not_taken_dot_by_dot() -> None:
     """A principal point that is off by 0.2 px moves the pose; boxes that are wider by as much leave it turn as well."""
     rng = np.random.default_rng(2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 
 STRONG = Camera(
     2000, 1500, np.array([1500.0, 1480.0]), np.array([980.0, 760.0]), np.array([-0.3, 0.15, 2e-3, -1e-3, -0.03])
@@ -76,14 +76,6 @@ def test_a_pixel_that_no_direction_makes_is_said_so():
     found = barrel.normalised(np.stack([far, barrel.center]))
     assert np.isnan(found[0]).all()
     np.testing.assert_allclose(found[1], 0.0, atol=1e-15)
-
-
-def test_the_nine_numbers_go_and_come_back():
-    assert len(STRONG.numbers) == len(CAMERA_NUMBERS) == 9
-    assert STRONG.with_numbers(STRONG.numbers) == STRONG
-    assert dict(zip(CAMERA_NUMBERS, STRONG.numbers, strict=True))["p2"] == -1e-3
-    with pytest.raises(InputError, match="no positive size or focal length"):
-        STRONG.with_numbers(-STRONG.numbers)
 
 
 @pytest.mark.parametrize(

@@ -95,18 +95,14 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     ("old", "new", "problems"),
     [
         ("width = 1024", "width = 0", [(4, "width is 0")]),
-        ("height = 768", "height = 100_000_000", [(5, "height is 100000000")]),
         ("903.2, 903]", "903.2, 0]", [(6, "has no positive size or focal length")]),
-        ("903.2, 903]", "903.2]", [(6, "focal has 1 numbers, not 2")]),
         ("[515.3, 380.6]", "515.3", [(7, "center is not a list of numbers")]),
         ("rms = 0.01", "rms = -0.01", [(11, "rms holds the negative number -0.01")]),
         ("[4.0, 0, 0", "[4.0, 1, 0", [(12, "covariance is not symmetric")]),
         ("[4.0, 0, 0", "[-4.0, 0, 0", [(12, "covariance is of no random numbers: it is not positive semidefinite")]),
         ("    [4.0, 0, 0, 0, 0, 0, 0, 0, 0],\n", "", [(12, "covariance is not 9 rows of 9 finite numbers")]),
-        ("[4.0, 0, 0", "[4.0, 0", [(12, "row 0 of covariance has 8 numbers, not 9")]),
         ("903.2, 903]", "903200, 903.2]", [(6, "fx is 903200 and fy 903.2: no pixel is so long")]),
         ("903.2, 903]", "4.2, 4.2]", [(6, "focal 4.2, 4.2 is not from 51.2 to 1.024e+06 pixels")]),
-        ("515.3, 380.6", "515.3, 1e11", [(7, "center 515.3, 1e+11 is far from the image")]),
         ("-0.18, 0.07", "4e16, 0.07", [(8, "distortion holds 4e+16")]),
         ("-0.18, 0.07", "-1e11, 1e11", [(8, "distortion bends most of the image beyond measure")]),
     ],
@@ -128,25 +124,3 @@ def test_unusual_cameras_that_can_be_are_read_back(tmp_path, focal, distortion):
     camera = Camera(1024, 768, np.array(focal), np.array([511.5, 383.5]), np.array(distortion))
     save_camera(camera, tmp_path / "camera.toml")
     assert load_camera(tmp_path / "camera.toml").camera == camera
-
-
-def test_a_camera_that_cannot_be_is_not_written_either(tmp_path):
-    camera = Camera(1024, 768, np.array([903200.0, 903.2]), np.array([511.5, 383.5]), np.zeros(5))
-    with pytest.raises(InputError, match="no pixel is so long"):
-        save_camera(camera, tmp_path / "camera.toml")
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ({"covariance": np.eye(8)}, "9 rows of 9"),
-        ({"covariance": np.full((9, 9), np.nan)}, "9 rows of 9"),
-        ({"covariance": np.eye(9) + np.eye(9, k=1)}, "not symmetric"),
-        ({"covariance": -np.eye(9)}, "positive semidefinite"),
-        ({"rms": -1.0}, "is -1.0"),
-        ({"rms": np.nan}, "is nan"),
-    ],
-)
-def test_what_is_no_record_is_refused(values, said):
-    with pytest.raises(InputError, match=said):
-        CameraRecord(DELTALAB_CAMERA, **values)

@@ -147,13 +147,6 @@ def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
         assert reasons <= {"failed unexpectedly: RuntimeError: the disk is on fire"}
 
 
-def test_an_image_of_its_own_seed_whatever_the_others(rendered):
-    name = rendered.names[5]
-    few = RenderedImages(rendered.names[3:7], *_rest(rendered, slice(3, 7)))
-    assert np.array_equal(few.read(name), rendered.read(name))
-    assert not np.array_equal(rendered.read(rendered.names[0]), rendered.read(rendered.names[1]))
-
-
 def _rest(rendered, chosen):
     poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
     return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed

@@ -47,19 +47,16 @@ def test_what_is_no_image_is_refused(value):
     assert "give an array" in refused.value.problems[0].remedy
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 100), (100, 1), (2, 2), (8, 8), (9, 8), (8, 31), (40, 40)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 100), (8, 31), (40, 40)])
 def test_tiny_images_have_no_dots(shape):
     rng = np.random.default_rng(0)
     for kind in (np.uint8, np.uint16):
-        for picture in (np.zeros(shape, kind), rng.integers(0, np.iinfo(kind).max, shape, dtype=kind)):
+        for picture in (
+            np.zeros(shape, kind),
+            np.full(shape, 255, kind),
+            rng.integers(0, np.iinfo(kind).max, shape, dtype=kind),
+        ):
             assert observe_dots(picture).centers.shape == (0, 2)
-
-
-@pytest.mark.parametrize("level", [0, 100, 255])
-def test_flat_images_have_no_dots(level):
-    for bright in (None, True, False):
-        assert len(observe_dots(np.full(SHAPE, level, np.uint8), bright=bright)) == 0
-        assert len(observe_dots(np.full(SHAPE, level * 257, np.uint16), bright=bright)) == 0
 
 
 def test_noise_has_no_dots():
@@ -106,17 +103,6 @@ def test_saturated_and_dim_dots_are_found_and_hopelessly_blurred_ones_are_not(im
     assert len(observe_dots(image // 8)) == number
     assert len(observe_dots(np.full_like(image, 255) * (image > 0))) <= 1
     assert len(observe_dots(opencv().GaussianBlur(image, (0, 0), 25.0))) == 0
-
-
-@pytest.mark.parametrize("level", [0, 128])
-def test_of_a_truncated_image_the_rest_is_found(image, level):
-    cut = image.copy()
-    cut[400:] = level
-    whole, found = observe_dots(image), observe_dots(cut)
-    apart = np.linalg.norm(found.centers[:, None] - whole.centers, axis=-1).min(axis=1)
-    assert (apart < 0.05).all()  # no half dots
-    assert len(found) >= (whole.centers[:, 1] < 380.0).sum()
-    assert len(found) <= (whole.centers[:, 1] < 400.0).sum()
 
 
 def test_large_images_of_a_fine_texture_are_given_up():

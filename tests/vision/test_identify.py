@@ -127,14 +127,6 @@ def test_dots_of_something_else_are_refused() -> None:
         reason(predicted_centers(other, DELTALAB_CAMERA, pose))
 
 
-def test_dots_that_are_not_finite_are_false_ones() -> None:
-    centers, labels = lists(DELTALAB_TARGET, 1, seed=11)[0]
-    spoilt = np.concatenate([[[np.nan, 3.0]], centers, [[np.inf, np.inf]]])
-    found = identify(spoilt, DELTALAB_TARGET, DELTALAB_CAMERA)
-    assert np.array_equal(found.false, [0, len(spoilt) - 1])
-    assert np.array_equal(labels[found.found - 1], found.numbers)
-
-
 def test_self_maps_lay_dots_onto_dots() -> None:
     maps = self_maps(DELTALAB_TARGET)
     dots = DELTALAB_TARGET.dots
@@ -171,16 +163,6 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
             else:
                 assert np.array_equal(labels[found.found], found.numbers)
     assert refused >= 2  # with 10 errors the nearer turns make 12
-
-
-def test_one_row_and_the_grid_are_enough_unless_the_mirror_image_is_like_it() -> None:
-    poses = facing_poses(np.random.default_rng(13), 2, depth=(700.0, 700.0))
-    for k in range(2):
-        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k))
-        three_left = np.setdiff1d(np.arange(len(centers)), [7, 8, 12])
-        assert len(checked(centers[three_left], three_left, DELTALAB_TARGET).found) == len(three_left)
-        none_left = np.setdiff1d(np.arange(len(centers)), np.arange(7, 13))
-        assert reason(centers[none_left]) == "ambiguous: the target's mirror image fits as well or nearly so"
 
 
 def test_a_guess_of_the_pose_changes_no_answer():

@@ -10,16 +10,6 @@ from cpcal.vision.batch.study_images import MOST_PICTURES, look_again
 from cpcal.vision.camera import DELTALAB_CAMERA
 
 
-def test_images_that_cannot_be_read_any_more_are_left_out():
-    class Gone:
-        def read(self, name):
-            raise OSError("gone")
-
-    rows = [Detection("a.png", "", 133, tuple(1.0 for _ in NUMBERS)), Detection("b.png", "is empty")]
-    sample = look_again(rows, Gone(), None, DELTALAB_CAMERA)
-    assert sample == ()
-
-
 def test_pictures_are_few_whatever_the_images(monkeypatch):
     """Refused ones first, one a reason, then the worst doubtful ones."""
     monkeypatch.setattr("cpcal.vision.batch.study_images.refusal", lambda *given: b"x" * 1000)

@@ -7,7 +7,7 @@ from cpcal.common.errors import InputError
 from cpcal.vision.files.plate_and_camera import load_target
 from cpcal.vision.files.target_print import dark_squares
 from cpcal.vision.opencv import opencv
-from cpcal.vision.target import DELTALAB_TARGET, Board, Target, resized, target_from, two_diagonals
+from cpcal.vision.target import Board, Target, target_from
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])
 
@@ -17,24 +17,6 @@ def problems(**changed):
     with pytest.raises(InputError) as caught:
         Target(**values)
     return [(p.where, p.what) for p in caught.value.problems]
-
-
-def test_the_default_target_has_room_between_its_dots():
-    target = DELTALAB_TARGET
-    gaps = np.linalg.norm(target.dots[:, None] - target.dots, axis=2)[np.triu_indices(len(target.dots), 1)]
-    assert gaps.min() - 2.0 * target.radius > 5.6
-    assert np.abs(target.dots).max() <= 140.0
-    assert resized(target, 2.0).radius == 12.0
-
-
-def test_two_diagonals_cross_and_the_grid_keeps_away_from_them():
-    target = two_diagonals("t", (-50.0, 0.0, 20.0, 40.0), (-30.0, 10.0, 25.0, 50.0), 100.0, 20.0, 4.0)
-    first, second = target.dots[:4], target.dots[4:8]
-    np.testing.assert_allclose(first @ np.array([1.0, 1.0]) / np.sqrt(2.0), [-50.0, 0.0, 20.0, 40.0])
-    np.testing.assert_allclose(second @ np.array([1.0, -1.0]) / np.sqrt(2.0), [-30.0, 10.0, 25.0, 50.0])
-    grid = target.dots[8:]
-    assert len(grid) == 6 * 6 - 2 * 6
-    assert np.abs(np.abs(grid[:, 0]) - np.abs(grid[:, 1])).min() > 0.6 * 20.0
 
 
 @pytest.mark.parametrize(
