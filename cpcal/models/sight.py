@@ -44,10 +44,9 @@ from cpcal.solver.certificate.exact_network import number
 from cpcal.solver.certificate.prover import Contracted, Descent, System, line, write_steps
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
-from cpcal.vision.batch.detect import ImageSource
+from cpcal.vision.batch.detect import ImageFolder
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
-from cpcal.vision.files.image_file import UnreadableImageError
-from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.measure import REFUSED, measure_pose, reason_of
 from cpcal.vision.target import Target
 
 LARGEST_SCALE = 0.1  # of a plate's error, as a share
@@ -566,7 +565,7 @@ class Enclosing:
     first_row   how a target is turned that looks the same when it is (`measure_pose`)
     """
 
-    source: ImageSource
+    source: ImageFolder
     target: TargetSet
     camera: CameraSet
     half_width: float
@@ -579,23 +578,15 @@ class Enclosing:
         return [self.one(name) for name in names]
 
     def one(self, name: str) -> Enclosed:
-        target, camera = self.target.target, self.camera.camera
         try:
             image = self.source.read(name)
-            measured = measure_pose(image, target, camera, first_row=self.first_row)
-        except (UnreadableImageError, NotMeasured) as reason:
-            return Enclosed(name, reason=str(reason))
-        except InputError as error:
-            return Enclosed(name, reason="; ".join(problem.what for problem in error.problems))
-        boxes = PixelBoxes.around(measured.numbers, measured.centers, self.half_width, of_images=True)
-        sources, stem = {**self.sources, name: np.ascontiguousarray(image).tobytes()}, self.folder / stem_of(name)
-        try:
-            found = enclose_pose(
-                boxes, self.target, self.camera, outliers=self.outliers, certificate=stem, sources=sources
-            )
-        except InputError as error:
-            return Enclosed(name, reason="; ".join(problem.what for problem in error.problems))
-        return Enclosed(name, found)
+            seen = measure_pose(image, self.target.target, self.camera.camera, first_row=self.first_row)
+            boxes = PixelBoxes.around(seen.numbers, seen.centers, self.half_width, of_images=True)
+            sources, stem = {**self.sources, name: np.ascontiguousarray(image).tobytes()}, self.folder / stem_of(name)
+            given = boxes, self.target, self.camera
+            return Enclosed(name, enclose_pose(*given, outliers=self.outliers, certificate=stem, sources=sources))
+        except REFUSED as error:
+            return Enclosed(name, reason=reason_of(error))
 
 
 def stem_of(name: str) -> str:

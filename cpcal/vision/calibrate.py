@@ -23,9 +23,10 @@ from cpcal.solver.optimize.least_squares import Blocks, least_squares
 from cpcal.vision.boards import board_points
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.dots import Dots, observe_dots, refitted
-from cpcal.vision.files.image_file import UnreadableImageError, read_image
+from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.identify import Identification, Unidentified, identify
+from cpcal.vision.identify import Identification, identify
+from cpcal.vision.measure import REFUSED, reason_of
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import plane_poses
 from cpcal.vision.projection import by_camera, centers_by_pose, fitted, mapped, predicted_centers
@@ -360,10 +361,8 @@ class _Seen:
                 self._show(*board_points(pixels, target))
             else:
                 self.dots = observe_dots(pixels, bright=target.bright)
-        except (UnreadableImageError, Unidentified) as error:
-            self.reason = str(error)
-        except InputError as error:
-            self.reason = "; ".join(problem.what for problem in error.problems)
+        except REFUSED as error:
+            self.reason = reason_of(error)
 
     def identify(self, target: Target, size: tuple[int, int], camera: Camera | None, refit: bool = False) -> None:
         """With `refit` the target's dots also under their own light, see `refitted`."""
@@ -374,8 +373,8 @@ class _Seen:
             if refit:
                 self.dots = refitted(_pixels(self.image), self.dots, pairs.found)
             self._show(self.dots, pairs)
-        except (Unidentified, UnreadableImageError) as error:
-            self.view, self.reason = None, str(error)
+        except REFUSED as error:
+            self.view, self.reason = None, reason_of(error)
 
     def _show(self, dots: Dots, pairs: Identification) -> None:
         of_dot = dots.centers[pairs.found], dots.covariance[pairs.found]

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import CpcalError
+from cpcal.common.errors import CpcalError, InputError
 from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.boards import DEVIATION, board_points
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, populations, refitted
+from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.identify import FEWEST as FEWEST_DOTS
 from cpcal.vision.identify import Identification, Unidentified, identify, turned
 from cpcal.vision.pose import DOUBTFUL, NoPose, PoseEstimate, estimate_pose
@@ -25,6 +26,14 @@ RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identificatio
 
 class NotMeasured(CpcalError):
     """An image shows no pose that could be relied on. Its text is the reason."""
+
+
+REFUSED = (UnreadableImageError, NotMeasured, Unidentified, InputError)  # what an image without a pose raises
+
+
+def reason_of(error: Exception) -> str:
+    """Why, in a row of a table."""
+    return "; ".join(one.what for one in error.problems) if isinstance(error, InputError) else str(error)
 
 
 @dataclass(frozen=True, eq=False)

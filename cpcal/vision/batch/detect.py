@@ -16,8 +16,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import IO, Any, Generic, Protocol, TypeVar
+from typing import IO, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,10 +33,10 @@ from cpcal.robot import Pose, PoseTable
 from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
+from cpcal.vision.files.image_file import image_files, image_path, read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, target_bytes
 from cpcal.vision.identify import SIDES
-from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
+from cpcal.vision.measure import REFUSED, MeasuredImage, measure_pose, reason_of
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.target import Target
 
@@ -80,7 +81,7 @@ def in_parallel(
     Raises what the work raises, LostWorkerError, and Stopped after the last answer when the process is asked to stop.
     """
     workers = 1 if len(names) <= _CHUNK else workers or multiprocessing.cpu_count()
-    done, alone = 0, _OnOneThread(work)
+    done, alone = 0, partial(_on_one_thread, work)
     with one_thread(), executor_for(workers, loads=_LOADS) as (place, most):
         while done < len(names) and not asked() and isinstance(place, Processes) and not place.ready:
             yield alone(names[done : done + 1])  # while the first worker begins
@@ -93,15 +94,10 @@ def in_parallel(
         raise Stopped(asked() or Reason.INTERRUPTED)
 
 
-@dataclass(frozen=True)
-class _OnOneThread(Generic[T]):
+def _on_one_thread(work: Callable[[Sequence[str]], T], names: Sequence[str]) -> T:
     """Work without threads of its own, in whatever process or thread it runs."""
-
-    work: Callable[[Sequence[str]], T]
-
-    def __call__(self, names: Sequence[str]) -> T:
-        with one_thread():
-            return self.work(names)
+    with one_thread():
+        return work(names)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -184,24 +180,10 @@ Progress = Callable[[int, int], None]
 _UNEXPECTED = "failed unexpectedly"
 
 
-class ImageSource(Protocol):
-    """Images by name. A value that pickles, since workers read their images themselves."""
-
-    @property
-    def names(self) -> Sequence[str]: ...
-
-    def stamp(self, name: str) -> str:
-        """Another text when the image is another one."""
-        ...
-
-    def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """Raises UnreadableImageError."""
-        ...
-
-
 @dataclass(frozen=True)
 class ImageFolder:
-    """The image files in a folder and below; of one size (width, height) only, where that is given."""
+    """Images by name: the files in a folder and below; of one size (width, height) only, where that is given. A value
+    that pickles, since workers read their images themselves."""
 
     folder: Path
     size: tuple[int, int] | None = None
@@ -211,6 +193,7 @@ class ImageFolder:
         return image_files(self.folder)
 
     def stamp(self, name: str) -> str:
+        """Another text when the image is another one."""
         try:
             stat = image_path(self.folder, name).stat()
         except OSError:  # a broken link, or a file that went: reading it gives the reason
@@ -218,6 +201,7 @@ class ImageFolder:
         return f"{stat.st_size}-{stat.st_mtime_ns}"
 
     def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+        """Raises UnreadableImageError."""
         return read_image(image_path(self.folder, name), self.size)
 
 
@@ -232,7 +216,7 @@ class Detections:
 
 
 def detect(
-    source: ImageSource,
+    source: ImageFolder,
     target: Target,
     camera: Camera,
     camera_covariance: Floats | None = None,
@@ -256,7 +240,7 @@ def detect(
     opencv()
     names = list(source.names)
     with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance), first_row)) as kept:
-        work = _Work(source, target, camera, camera_covariance, first_row)
+        work = partial(_measured, source, target, camera, camera_covariance, first_row)
         done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         todo = [name for name in names if name not in done]
         seconds = 0.0
@@ -273,35 +257,29 @@ def detect(
     return Detections(tuple(done[name] for name in sorted(done)), len(todo), seconds)
 
 
-@dataclass(frozen=True)
-class _Work:
-    """What a worker does: measures some images."""
-
-    source: ImageSource
-    target: Target
-    camera: Camera
-    camera_covariance: Floats | None
-    first_row: str | Pose
-
-    def __call__(self, names: Sequence[str]) -> tuple[list[Detection], float]:
-        """The rows, and the seconds of processor time that they took."""
-        start, near = time.process_time(), None
-        rows = []
-        for name in names:
-            try:
-                given = self.source.read(name), self.target, self.camera, self.camera_covariance
-                found = measure_pose(*given, near=near, first_row=self.first_row)
-                row, near = detection(name, found), found.pose
-            except (UnreadableImageError, NotMeasured) as error:
-                row = Detection(name, str(error))
-            except InputError as error:
-                row = Detection(name, "; ".join(problem.what for problem in error.problems))
-            except MissingExtraError:
-                raise
-            except Exception as error:  # one image must never stop thousands
-                row = Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
-            rows.append(row)
-        return rows, time.process_time() - start
+def _measured(
+    source: ImageFolder,
+    target: Target,
+    camera: Camera,
+    camera_covariance: Floats | None,
+    first_row: str | Pose,
+    names: Sequence[str],
+) -> tuple[list[Detection], float]:
+    """What a worker does: the rows of some images, and the seconds of processor time that they took."""
+    start, near, rows = time.process_time(), None, []
+    for name in names:
+        try:
+            given = source.read(name), target, camera, camera_covariance
+            found = measure_pose(*given, near=near, first_row=first_row)
+            row, near = detection(name, found), found.pose
+        except REFUSED as error:
+            row = Detection(name, reason_of(error))
+        except MissingExtraError:
+            raise
+        except Exception as error:  # one image must never stop thousands
+            row = Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
+        rows.append(row)
+    return rows, time.process_time() - start
 
 
 def detection(name: str, found: MeasuredImage) -> Detection:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -20,7 +20,7 @@ from cpcal.vision.batch.detect import (
     SCALE,
     SHARED,
     Detection,
-    ImageSource,
+    ImageFolder,
     by_reason,
     in_parallel,
     values_of,
@@ -97,26 +97,21 @@ class RenderedImages:
         """All images as PNG files below `folder`; `progress` is called with how many are written, and of how many.
         Raises OSError."""
         done = 0
-        for count in in_parallel(_Writing(self, folder), self.names, workers):
+        for count in in_parallel(partial(_written, self, folder), self.names, workers):
             done += count
             if progress is not None:
                 progress(done, len(self.names))
 
 
-@dataclass(frozen=True)
-class _Writing:
-    images: RenderedImages
-    folder: Path
-
-    def __call__(self, names: Sequence[str]) -> int:
-        for name in names:
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            done, content = opencv().imencode(".png", self.images.read(name))
-            if not done:
-                raise UnreadableImageError(f"{name} cannot be encoded")
-            path.write_bytes(content.tobytes())
-        return len(names)
+def _written(images: RenderedImages, folder: Path, names: Sequence[str]) -> int:
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        done, content = opencv().imencode(".png", images.read(name))
+        if not done:
+            raise UnreadableImageError(f"{name} cannot be encoded")
+        path.write_bytes(content.tobytes())
+    return len(names)
 
 
 def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], npt.ArrayLike]) -> PoseTable:
@@ -179,7 +174,7 @@ class SeenImage:
 
 def look_again(
     rows: Sequence[Detection],
-    source: ImageSource,
+    source: ImageFolder,
     target: Target,
     camera: Camera,
     camera_covariance: Floats | None = None,
