@@ -128,7 +128,7 @@ def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequenc
         numbers((v - c) / f for v, c, f in zip(ray, study.center, study.focal, strict=True)) for ray in study.rays
     ]
     farthest = max(map(norm, directions), key=lambda one: one.hi)
-    lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, False, farthest.ends[1])
+    lens = Cameras((*study.focal, *study.center, *distortion), [()] * 9, farthest.ends[1])
     for x, pixel in zip(directions, pixels, strict=True):
         for d, v, c, f in zip(lens.at_center(values(x)), pixel, study.center, study.focal, strict=True):
             if (number(c) + number(f) * d - number(v)).size.ends[1] > _LENS:

@@ -78,21 +78,22 @@ class Linear:
     size: Bounds  # of |x - x0|, at most
 
 
-class Cameras:
-    """Those whose nine numbers are `center + spread t`, |t| <= 1 if `ball`, else |t_j| <= 1; field: r <= radius."""
+def longest(row: Vector) -> Bounds:
+    """The largest value of row . t, for |t| <= 1."""
+    return norm(row).most
 
-    def __init__(self, center: Sequence[F], spread: Sequence[Sequence[F]], ball: bool, radius: F) -> None:
+
+class Cameras:
+    """Those whose nine numbers are `center + spread t`, |t| <= 1; field: r <= radius."""
+
+    def __init__(self, center: Sequence[F], spread: Sequence[Sequence[F]], radius: F) -> None:
         self.center, self.spread = numbers(center), list(map(numbers, spread))
-        self.ball, self.radius, self.size = ball, number(radius), len(spread[0])
-        self.reach = list(map(self.most, self.spread))
+        self.radius, self.size = number(radius), len(spread[0])
+        self.reach = list(map(longest, self.spread))
         self.numbers = [c.around(r) for c, r in zip(self.center, self.reach, strict=True)]
         self._floats = list(map(float, center))
         if min(self.numbers[0].lo, self.numbers[1].lo, self.radius.lo) <= 0:
             raise Refused("a focal length or the field may be zero", "run", 0)
-
-    def most(self, row: Vector) -> Bounds:
-        """The largest value of row . t."""
-        return norm(row).most if self.ball else total(sizes(row))
 
     def by_t(self, row: Vector, first: int = 0) -> list[Bounds]:
         """What is linear in the camera's numbers, from one on, by t."""
@@ -104,7 +105,7 @@ class Cameras:
     def over(self, forms: Forms) -> list[Bounds]:
         """For all cameras."""
         at = zip(self.at_center(forms), forms, strict=True)
-        return [v.around(self.most(self.by_t(by, 4))) for v, (_, by) in at]
+        return [v.around(longest(self.by_t(by, 4))) for v, (_, by) in at]
 
     def least_slope(self, x: Vector) -> Bounds:
         """No eigenvalue of the lens's Jacobian on a box of directions is below the lower end (Gershgorin)."""
@@ -168,9 +169,9 @@ class Cameras:
             own = [ZERO] * 4
             own[k], own[2 + k] = d[k], ONE
             by.append(self.by_t([*own, *(focal[k] * v for v in lens)]))
-            second.append(self.reach[k] * self.most(self.by_t(lens, 4)))
+            second.append(self.reach[k] * longest(self.by_t(lens, 4)))
         away = [
-            ((p - v).size + self.most(b) + e) / f.least
+            ((p - v).size + longest(b) + e) / f.least
             for p, v, b, e, f in zip(pixels, value, by, second, wide, strict=True)
         ]
         size = norm(away).most

@@ -1,10 +1,10 @@
 """A target in one image: the rows that its dots' boxes of pixels say of its pose, derived from what is assumed.
 
-    X = C + R_c (P + D R(q) (p + R_t x)),   x within its half-widths: a dot before the camera
+    X = P + D R(q) x,   x within its half-widths: a dot before the camera
 
-D R(q) is the rotation of the mobile frame in the base frame and P its position; (R_c, C) and (R_t, p) are the frames of
-camera and target. With a pixel to the first order, F = v + J (X / Z - x0) + k . t + e, |e| <= E, a box of pixels gives,
-times the depth, `J (X, Y) + (v - J x0 - hi - E) Z + k . t Z <= 0`: degree two, and t in [-1, 1] is shared by all dots.
+D R(q) is the rotation of the target in the camera frame and P its position. With a pixel to the first order,
+F = v + J (X / Z - x0) + k . t + e, |e| <= E, a box of pixels gives, times the depth,
+`J (X, Y) + (v - J x0 - hi - E) Z + k . t Z <= 0`: degree two, and t, |t| <= 1, is shared by all dots.
 """
 
 from __future__ import annotations
@@ -14,17 +14,15 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
-from functools import cache, cached_property, lru_cache
+from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from .bounds import (
-    ONE,
     UNIT,
     ZERO,
     Bounds,
-    Matrix,
     Vector,
     between,
     bounds_of,
@@ -41,7 +39,7 @@ from .bounds import (
 from .certificate import FORMAT, Certificates
 from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
 from .frames import EQUATIONS, Terms, polynomial, turn_equation
-from .lens import NEAREST, Cameras
+from .lens import NEAREST, Cameras, longest
 from .polynomial import Polynomial, Spend, applied, inner, minus, plus, transposed
 from .polynomial import product as matrix_product
 from .readers import (
@@ -76,13 +74,10 @@ _INPUTS = record(
         "pixels": record(
             {"of": choice("images", "centers"), "numbers": many(whole(1 << 30)), "lo": many(_PAIR), "hi": many(_PAIR)}
         ),
-        "camera": record(
-            {"numbers": many(dyadic, 9), "spread": many(many(dyadic), 9), "ball": choice(True, False), "field": dyadic}
-        ),
+        "camera": record({"numbers": many(dyadic, 9), "spread": many(many(dyadic), 9), "field": dyadic}),
         "target": record(
             {"radius": dyadic, "dots": many(_PAIR), "half_widths": many(many(dyadic, 3)), "scale": dyadic}
         ),
-        "frames": record({"camera": many(dyadic, 7), "target": many(dyadic, 7)}),
     }
 )
 
@@ -98,42 +93,25 @@ class Dot:
 
 @dataclass(frozen=True)
 class Sight:
-    """All that is assumed; frames: position and quaternion."""
+    """All that is assumed."""
 
     dots: tuple[Dot, ...]
     of_images: bool
     cameras: Cameras
     radius: Bounds
-    camera: Vector
-    target: Vector
     scale: Bounds
-
-    @cached_property
-    def turns(self) -> tuple[Matrix, Matrix]:
-        """Rotations of the frames of camera and target."""
-        return rotation(self.camera[3:]), rotation(self.target[3:])
 
     def radii(self, box: Box, turn: Sequence[F], pose: Sequence[F]) -> list[Bounds]:
         """Of the poses of a box about a pose: |P - P0| (3), and |2 s| (3) of their rotations R(1, s) R(q0).
 
         Those of larger and smaller plates too: one that is 1 + tau times as large has the same image so much farther
-        away, and turned alike. That moves P by tau (C'c + P + R p).
+        away, and turned alike. That moves P by tau P.
         """
         place, moved = numbers(pose[:3]), bounds_of(box)
         away = sizes(minus(moved[9:12], place))
-        swing = [2 * v.size for v in half_turn(matrix(turned(moved[:9], turn, pose[3:])))]
-        camera, arm = self.turns[0], self.target[:3]
-        origin = plus(place, applied(rotation(numbers(pose[3:])), arm))
-        origin = plus(origin, applied(transposed(camera), self.camera[:3]))
-        swung = total(swing) * total(sizes(arm))
-        more = [self.scale * (o.size + m + swung) for o, m in zip(origin, away, strict=True)]
-        return [*plus(away, more), *swing]
-
-    def anywhere(self) -> Box:
-        """Of all poses."""
-        far, arm = plus([FARTHEST] * 3, sizes(self.camera[:3])), total(sizes(self.target[:3]))
-        reach = [inner(sizes(row), far) + arm for row in transposed(self.turns[0])]
-        return self.rooted([*[UNIT] * 9, *map(ZERO.around, reach)])
+        more = [self.scale * (p.size + m) for p, m in zip(place, away, strict=True)]
+        swing = half_turn(matrix(turned(moved[:9], turn, pose[3:])))
+        return [*plus(away, more), *(2 * v.size for v in swing)]
 
     def rooted(self, parts: Vector) -> Box:
         """Outward; t in [-1, 1] behind them."""
@@ -142,7 +120,7 @@ class Sight:
 
 def sight_of(inputs: Any) -> Sight:
     """What is assumed, read and checked. Raises Refused."""
-    _, _, pixels, camera, target, frames = _INPUTS(inputs)
+    _, _, pixels, camera, target = _INPUTS(inputs)
     of, named, lo, hi = pixels
     radius, dots, widths, scale = target
     count = len(named)
@@ -152,24 +130,17 @@ def sight_of(inputs: Any) -> Sight:
         raise Refused("a box of pixels is empty")
     if radius <= 0 or not 0 <= scale < 1 or any(w < 0 for one in widths for w in one):
         raise Refused("a radius, half-width or scale is out of range")
-    values, spread, ball, field = camera
+    values, spread, field = camera
     if len({len(row) for row in spread}) != 1 or len(spread[0]) > _MOST_SPREAD:
         raise Refused("the camera's spread is no matrix")
-    if any(not any(frame[3:]) for frame in frames):
-        raise Refused("a quaternion is zero")
     boxes = ([between(*ends) for ends in zip(*one, strict=True)] for one in zip(lo, hi, strict=True))
     listed = tuple(
         Dot(numbers([*dot, 0]), numbers(width), box) for dot, width, box in zip(dots, widths, boxes, strict=True)
     )
-    cameras = _cameras(values, spread, ball, field)
-    one, other = map(numbers, frames)
-    return Sight(listed, of == "images", cameras, number(radius), one, other, number(scale))
+    return Sight(listed, of == "images", _cameras(values, spread, field), number(radius), number(scale))
 
 
-@lru_cache(maxsize=4)
-def _cameras(values: tuple[F, ...], spread: tuple[tuple[F, ...], ...], ball: bool, field: F) -> Cameras:
-    """The same for many images of a folder: what is found out of its field is kept."""
-    return Cameras(values, spread, ball, field)
+_cameras = lru_cache(maxsize=4)(Cameras)  # for many images of a folder: what is found out of its field is kept
 
 
 def turned(entries: Vector, before: Sequence[F], after: Sequence[F]) -> list[Bounds]:
@@ -199,16 +170,14 @@ class Rows:
     def __init__(self, sight: Sight, dots: Sequence[int], turn: Sequence[F], root: Box, placed: bool) -> None:
         self.sight, self.dots, self.root, self.placed = sight, tuple(dots), root, placed
         self._ends = bounds_of(root)
-        camera, target = sight.turns
-        about = rotation(numbers(turn))
-        self._turn, self._arm = matrix_product(about, target), applied(about, sight.target[:3])
-        held = matrix_product(camera, matrix_product(matrix(self._ends[:9]), self._turn))
+        self._turn = rotation(numbers(turn))
+        held = matrix_product(matrix(self._ends[:9]), self._turn)
         self._held = [[v.within(-1, 1) for v in row] for row in held]  # the target's rotation before the camera
         self._seen: dict[int, _Seen] = {}
         names = *(f"D{a}{b}" for a in "123" for b in "123"), "Px", "Py", "Pz"
         self.unknowns = *names, *(f"t{j + 1}" for j in range(sight.cameras.size))
         self.count = max(EQUATIONS, len(sight.dots))
-        ball = [(SIDES[7], 0)] if sight.cameras.size and sight.cameras.ball else []
+        ball = [(SIDES[7], 0)] if sight.cameras.size else []
         self.tags = [*((s, k) for k in dots for s in SIDES[:5]), *product(SIDES[5:7], range(EQUATIONS)), *ball]
         self._known = frozenset(self.tags)
 
@@ -245,14 +214,14 @@ class Rows:
                 for m, c in seen.forms[2].items():
                     found[(*m, 12 + j)] = factor * c
         g, by_t = ([multiple(v, _PLANE) for v in part] for part in (plane, shared))
-        most = self.sight.cameras.most(by_t)
-        lost = inner(sizes(g), seen.off) + most * seen.off[2]
+        shift = longest(by_t)
+        lost = inner(sizes(g), seen.off) + shift * seen.off[2]
         widths = self.sight.dots[k].widths
         if any(w.hi for w in widths):
-            longest = inner(g, g).root.most
+            length = inner(g, g).root.most
             for j, w in enumerate(widths):
                 along = inner(g, [row[j] for row in self._held]).size
-                lost = lost + w * (Bounds(0, min(along.hi, longest.hi)) + most * self._held[2][j].size)
+                lost = lost + w * (Bounds(0, min(along.hi, length.hi)) + shift * self._held[2][j].size)
         found[()] = found.get((), 0) - lost.ceiling(_PLANE + _FORM)
         return found
 
@@ -262,27 +231,19 @@ class Rows:
         return self._seen[k]
 
     def _looked(self, k: int) -> _Seen:
-        sight, dot = self.sight, self.sight.dots[k]
-        camera = sight.turns[0]
-        v = plus(self._arm, applied(self._turn, dot.at))
-        forms, off = [], []
-        for i in AXES:
-            parts: list[tuple[tuple[int, ...], Bounds, Bounds]] = [((), sight.camera[i], ONE)]
-            for a in AXES:
-                parts.append(((PLACE[a],), camera[i][a], self._ends[PLACE[a]].size))
-                parts += [((3 * a + b,), camera[i][a] * v[b], ONE) for b in AXES]
-            form = {m: (c.middle + multiple(1, _FORM + 1)).floor(_FORM) for m, c, _ in parts}
-            forms.append({m: c for m, c in form.items() if c})
-            off.append(total((c - multiple(form[m], _FORM)).size * size for m, c, size in parts))
-        return _Seen(tuple(forms), off, self._planes(self._moved(dot, v) if sight.of_images else dot.pixels))
+        dot = self.sight.dots[k]
+        v = applied(self._turn, dot.at)
+        whole = [(c.middle + multiple(1, _FORM + 1)).floor(_FORM) for c in v]
+        off = total((c - multiple(w, _FORM)).size for c, w in zip(v, whole, strict=True))
+        forms = tuple({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole) if w} for i in AXES)
+        return _Seen(forms, [off] * 3, self._planes(self._moved(dot, v) if self.sight.of_images else dot.pixels))
 
     def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
         """The box of pixels of a dot's centre, of one of the centre of its image."""
         sight, cameras = self.sight, self.sight.cameras
         if not self.placed:
             return minus(dot.pixels, cameras.field_bias)
-        base = plus(self._ends[9:12], applied(matrix(self._ends[:9]), v))
-        at = plus(sight.camera[:3], applied(sight.turns[0], base))
+        at = plus(self._ends[9:12], applied(matrix(self._ends[:9]), v))
         at = [x.around(inner(dot.widths, sizes(row))) for x, row in zip(at, self._held, strict=True)]
         depth = Bounds(max(at[2].lo, (number(NEAREST) * sight.radius).lo), at[2].hi)
         x = [at[0] / depth, at[1] / depth]
@@ -334,7 +295,7 @@ class Rows:
 # dots that no pose of the box where it begins shows: these are wrong for sure. Several first ones of different dots
 # give a box together: no more than q of them have a wrong dot.
 
-POSE_SET_FORMAT = "cpcal-pose-set/3"
+POSE_SET_FORMAT = "cpcal-pose-set/4"
 _MOST_DOTS = 10_000
 _MOST_CERTIFICATES = 64
 # 133 dots take 7,000,000 units; with an uncertain camera and plate 20,000,000, and 42,000,000 if two may be wrong
@@ -483,7 +444,7 @@ def joined(parts: Sequence[Part], outliers: int) -> tuple[tuple[F, ...], Box | N
 def rows_of(sight: Sight, dots: Sequence[int], turn: Sequence[F], before: tuple[Sequence[F], Box] | None) -> Rows:
     """Of a certificate about a quaternion: a first one, or one that begins with a box about another quaternion."""
     if before is None:
-        return Rows(sight, dots, turn, sight.anywhere(), placed=False)
+        return Rows(sight, dots, turn, sight.rooted([*[UNIT] * 9, *[ZERO.around(FARTHEST)] * 3]), placed=False)
     about, box = before
     held = bounds_of(box)
     return Rows(sight, dots, turn, sight.rooted([*turned(held[:9], about, turn), *held[9:12]]), placed=True)

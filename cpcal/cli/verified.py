@@ -229,10 +229,9 @@ def _assumed(claim: dict[str, Any]) -> str:
     but = f", but of at most {claim['outliers']} dots" * bool(claim["outliers"])
     spread = exact(camera["spread"])
     if spread.size:
-        each = np.linalg.norm(spread, axis=1) if camera["ball"] else np.abs(spread).sum(axis=1)
-        shape = "an ellipsoid" if camera["ball"] else "a box"
+        each = np.linalg.norm(spread, axis=1)
         far = ", ".join(f"{name} {about(value, 2)}" for name, value in zip(CAMERA_NUMBERS, each.tolist(), strict=True))
-        lens = f"the camera's numbers are in {shape} of half-widths {far}"
+        lens = f"the camera's numbers are in an ellipsoid of half-widths {far}"
     else:
         lens = "the camera is exact"
     widths = exact(target["half_widths"]).max(axis=0)

@@ -219,7 +219,6 @@ def _sight(
         "camera": {
             "numbers": _hex(cameras.camera.numbers),
             "spread": _hex(cameras.spread),
-            "ball": True,
             "field": _hex(radius),
         },
         "target": {
@@ -228,7 +227,6 @@ def _sight(
             "half_widths": _hex(targets.half_widths[boxes.numbers]),
             "scale": _hex(targets.scale),
         },
-        "frames": {"camera": _motion(_IDENTITY), "target": _motion(_IDENTITY)},
     }
     for _ in range(_SMALLEST):
         sight = sight_of(inputs)

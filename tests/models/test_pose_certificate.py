@@ -87,7 +87,7 @@ def test_the_bias_holds_the_centroid_of_the_area() -> None:
         1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
     )
     for camera in (DELTALAB_CAMERA, wide):
-        cameras = Cameras([F(v) for v in camera.numbers.tolist()], [()] * 9, False, F(6, 10))
+        cameras = Cameras([F(v) for v in camera.numbers.tolist()], [()] * 9, F(6, 10))
         for _ in range(2):
             pose = drawn_pose(rng)
             points = transformed(pose, DELTALAB_TARGET.points)
