@@ -5,10 +5,13 @@ function's file and of all files whose compiled functions that file imports: num
 would go on running the old arithmetic inside of a caller that did not change. A file of machine code begins with a
 digest of all that; one that is cut, overwritten or outdated is compiled again, and replaced.
 
+Only what Python calls becomes machine code, together with all that it calls. A function that compiled functions call
+is analysed once and linked into each of them: numba by itself would make it callable from Python, optimise it and emit
+its code each time, which took 15 of 36 seconds that the kernels of a leg need.
+
 One process compiles a function, the others wait for what it keeps. The lock is a file beside the machine code, one for
-each source file, taken where no machine code was found; the system takes it back when a process ends. A function's
-compilation takes the locks of the files that it calls into. Imports have no circle, so that no two processes wait for
-each other; and none waits longer than `LONGEST`, but compiles itself.
+each source file, taken where no machine code was found; the system takes it back when a process ends. None waits
+longer than `LONGEST`, but compiles itself.
 
 With NUMBA_DISABLE_JIT=1 nothing is compiled. Where numba is missing, or no folder can be written, everything works,
 slower, and says so once.
@@ -43,9 +46,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
 _said: set[str] = set()
+_compiling = 0  # kernels that this process has compiled
 _making = RLock()
-_under_way: list[str] = []  # functions that are being compiled, one for the other
-_held: set[Path] = set()  # locks of this process: what is compiled may call into its own file
 _deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
 
@@ -57,7 +59,7 @@ class TimeUp(KeyboardInterrupt):
 def compiling_until(deadline: float) -> Iterator[None]:
     """While in the block no compilation begins, and none is waited for, after `deadline` (of time.monotonic()): TimeUp.
 
-    One that has begun goes on to its end: some seconds for a function, what it calls not counted.
+    One that has begun goes on to its end: some seconds for a function and what it calls.
     """
     before = _deadline.set(min(deadline, _deadline.get()))
     try:
@@ -75,25 +77,24 @@ class Compiled:
     def __init__(self, function: Callable[..., Any]) -> None:
         update_wrapper(self, function)
         self.py_func = function
-        self._made: Callable[..., Any] | None = None
+        self._made: dict[bool, Callable[..., Any]] = {}  # for Python, and for compiled functions
         _stamp(function)  # now, while the module's globals are what the function's file puts before it
 
     def __call__(self, *args: Any) -> Any:
-        return (self._made or self.made)(*args)
+        return (self._made.get(False) or self.made(False))(*args)
 
     def __reduce__(self) -> str:
         return self.py_func.__qualname__
 
-    @property
-    def made(self) -> Callable[..., Any]:
-        """The dispatcher; the plain function where numba is missing."""
+    def made(self, linked: bool) -> Callable[..., Any]:
+        """The dispatcher, one for Python and one to be `linked`; the plain function where numba is missing."""
         with _making:
-            if self._made is None:
-                self._made, scope = _made(self.py_func)
+            if linked not in self._made:
+                self._made[linked], scope = _made(self.py_func, linked)
                 for name in self.py_func.__code__.co_names:  # after it is made: it may call itself
                     if isinstance(scope.get(name), Compiled):
-                        scope[name] = scope[name].made
-        return self._made
+                        scope[name] = scope[name].made(True)
+        return self._made[linked]
 
 
 def compiled(function: F) -> F:
@@ -108,12 +109,7 @@ def compiled(function: F) -> F:
     return Compiled(function)  # type: ignore[return-value]
 
 
-def ready(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What a compiled function calls: the dispatcher; the function itself where nothing is compiled."""
-    return function.made if isinstance(function, Compiled) else function
-
-
-def _made(function: Callable[..., Any]) -> tuple[Callable[..., Any], dict[str, Any]]:
+def _made(function: Callable[..., Any], linked: bool) -> tuple[Callable[..., Any], dict[str, Any]]:
     """The dispatcher, and the globals that its function sees."""
     try:
         import numba
@@ -122,8 +118,10 @@ def _made(function: Callable[..., Any]) -> tuple[Callable[..., Any], dict[str, A
         return function, {}
     scope = dict(function.__globals__)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
-    dispatcher = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(update_wrapper(copy, function))
-    _keep(dispatcher, function)
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": linked}
+    dispatcher = numba.njit(**options)(update_wrapper(copy, function))
+    if not linked:
+        _keep(dispatcher, function)
     return dispatcher, scope
 
 
@@ -148,19 +146,45 @@ def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:
 
     def compile_in_turn(signature: Any) -> Any:
         # numba's own lock first: a thread that has the file's must not wait for one that waits for the file
-        with global_compiler_lock:
-            before, ended = len(_under_way), " not finished"
-            try:
-                made = compile_it(signature)
-                ended = " done"
-            finally:
-                cache.turn.close()
-                if len(_under_way) > before == 0:
-                    _tell(ended)
-                del _under_way[before:]
-            return made
+        with global_compiler_lock, cache.turn, _linking(function.__qualname__, dispatcher.targetctx):
+            return compile_it(signature)
 
     dispatcher._cache, dispatcher.compile = cache, compile_in_turn
+
+
+@contextmanager
+def _linking(outermost: str, context: Any) -> Iterator[None]:
+    """While in the block only the library of this name becomes machine code; the others are to be linked into it."""
+    from numba import _dynfunc
+    from numba.core.codegen import JITCodeLibrary
+
+    class Linked(JITCodeLibrary):  # type: ignore[misc]
+        def _optimize_final_module(self) -> None: ...
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._verify_declare_only_symbols()
+            self._finalized = True
+
+    def create_library(name: str, **options: Any) -> Any:
+        return (JITCodeLibrary if name == outermost else Linked)(codegen, name, **options)
+
+    def get_executable(library: Any, description: Any, environment: Any) -> Any:
+        if isinstance(library, Linked):
+            ours = description.llvm_cpython_wrapper_name not in {f.name for f in library.get_defined_functions()}
+            if ours or description.modname.startswith("numba."):
+                # numba looks a function up by an object of this type; nobody calls it
+                return _dynfunc.make_function(description.lookup_module(), description.qualname, "", 0, environment, ())
+            JITCodeLibrary._optimize_final_module(library)  # a dispatcher of someone else's, which Python may call
+            JITCodeLibrary._finalize_final_module(library)
+        return executable(library, description, environment)
+
+    codegen, executable = context.codegen(), context.get_executable
+    codegen.create_library, context.get_executable = create_library, get_executable
+    try:
+        yield
+    finally:
+        del codegen.create_library, context.get_executable
 
 
 def _machine_code(function: Callable[..., Any]) -> Any:
@@ -193,9 +217,7 @@ def _machine_code(function: Callable[..., Any]) -> Any:
                 _tell(f"cpcal: {late}")
                 raise TimeUp(late)
             if found is None:
-                if not _under_way:
-                    _tell(f"cpcal: compiling '{function.__name__.strip('_').replace('_', ' ')}', once ...", end="")
-                _under_way.append(function.__name__)
+                self.turn.enter_context(_announced(function.__name__))
             return found
 
         def save_overload(self, signature: Any, made: Any) -> None:
@@ -246,18 +268,13 @@ def _machine_code(function: Callable[..., Any]) -> Any:
 @contextmanager
 def _turn(lock: Path, name: str) -> Iterator[None]:
     """While in the block no other process compiles what is under this lock."""
-    if lock in _held:
-        yield
-        return
     descriptor = None
     with suppress(OSError):  # where nothing can be locked every process compiles
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
         _wait(descriptor, name)
-    _held.add(lock)
     try:
         yield
     finally:
-        _held.remove(lock)
         if descriptor is not None:
             os.close(descriptor)
 
@@ -300,6 +317,23 @@ def _folder(source: Path) -> Path:
             if os.access(folder, os.W_OK | os.X_OK):
                 break
     return folder
+
+
+@contextmanager
+def _announced(name: str) -> Iterator[None]:
+    """While in the block a terminal shows what is compiled; elsewhere one line tells it for all of a process."""
+    global _compiling
+    _compiling += 1
+    shown = sys.stderr.isatty()
+    if shown:
+        _tell(f"\rcpcal: compiling, once: kernel {_compiling}, '{name.strip('_').replace('_', ' ')}' ...\x1b[K", end="")
+    elif _compiling == 1:
+        _tell("cpcal: compiling its kernels, once; each takes up to some seconds")
+    try:
+        yield
+    finally:
+        if shown:
+            _tell("\r\x1b[K", end="")
 
 
 def _say_once(sentence: str) -> None:
