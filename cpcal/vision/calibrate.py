@@ -20,13 +20,10 @@ from cpcal.common.errors import CpcalError, InputError, printable
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
 from cpcal.solver.optimize.least_squares import Blocks, least_squares
-from cpcal.vision.boards import board_points
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
-from cpcal.vision.dots import Dots, observe_dots, refitted
 from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord
-from cpcal.vision.identify import Identification, identify
-from cpcal.vision.measure import REFUSED, reason_of
+from cpcal.vision.measure import REFUSED, points_in, reason_of
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import plane_poses
 from cpcal.vision.projection import by_camera, centers_by_pose, fitted, mapped, predicted_centers
@@ -325,7 +322,7 @@ def _first_camera(views: list[TargetView], target: Target, size: tuple[int, int]
 def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> None:
     if count >= _VIEWS_MIN and count >= (1.0 - _BAD_SHARE) * len(views):
         return
-    said = "".join(f"\n  {views[row].name}: {reason}" for row, reason in sorted(reasons.items()))
+    said = _listed(reasons, [view.name for view in views])
     what = f"only {count} of {len(views)} views can be used" if views else "there are no views"
     raise NotCalibratedError(f"{what}; at least {_VIEWS_MIN} and half of those given are needed{said}")
 
@@ -335,50 +332,9 @@ def _rms(residuals: Floats) -> float:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# The camera from images of a target: dots, identification without a camera, calibration.
+# The camera from images of a target: points, identified without a camera first, calibration.
 
 Image = str | os.PathLike[str] | npt.NDArray[Any]
-
-
-@dataclass
-class _Seen:
-    """An image's dots, or the reason why there are none; and the view that was made of them last, or why not."""
-
-    image: Image
-    name: str
-    reason: str = ""
-    size: tuple[int, int] | None = None
-    dots: Dots | None = None
-    view: TargetView | None = None
-
-    def observe(self, target: Target) -> None:
-        try:
-            if isinstance(self.image, str | os.PathLike):
-                self.name = printable(self.image)
-            pixels = _pixels(self.image)
-            self.size = (pixels.shape[1], pixels.shape[0])
-            if target.printed:
-                self._show(*board_points(pixels, target))
-            else:
-                self.dots = observe_dots(pixels, bright=target.bright)
-        except REFUSED as error:
-            self.reason = reason_of(error)
-
-    def identify(self, target: Target, size: tuple[int, int], camera: Camera | None, refit: bool = False) -> None:
-        """With `refit` the target's dots also under their own light, see `refitted`."""
-        if self.dots is None:
-            return
-        try:
-            pairs = identify(self.dots.centers, target, camera, size=size)
-            if refit:
-                self.dots = refitted(_pixels(self.image), self.dots, pairs.found)
-            self._show(self.dots, pairs)
-        except REFUSED as error:
-            self.view, self.reason = None, reason_of(error)
-
-    def _show(self, dots: Dots, pairs: Identification) -> None:
-        of_dot = dots.centers[pairs.found], dots.covariance[pairs.found]
-        self.view, self.reason = TargetView(*of_dot, pairs.numbers.astype(np.intp), self.name), ""
 
 
 def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibration:
@@ -389,40 +345,35 @@ def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibratio
 
     Raises NotCalibratedError where the usable images do not determine the camera.
     """
-    seen = [_Seen(image, f"image {i}") for i, image in enumerate(images, start=1)]
-    for one in seen:
-        one.observe(target)
-    sizes = Counter(one.size for one in seen if one.size is not None)
-    if not sizes:
-        raise NotCalibratedError(f"there is no image that can be used{_reasons(seen)}")
-    ((size, _),) = sizes.most_common(1)
-    for one in seen:
-        if one.size is not None and one.size != size:  # a camera's numbers belong to a size
-            one.reason = "has {} x {} pixels, most have {} x {}".format(*one.size, *size)
-            one.dots = one.view = None
-
-    def calibrated() -> Calibration:
+    names = [f"image {k}" if isinstance(one, np.ndarray) else printable(one) for k, one in enumerate(images, start=1)]
+    sizes: dict[int, tuple[int, int]] = {}
+    camera, nothing = None, np.zeros((0, 2))
+    for _ in range(3):  # without a camera, with the rough one that this gives, and with a good one
+        reasons, views = {}, {}
+        for k, image in enumerate(images):
+            try:
+                pixels = image if isinstance(image, np.ndarray) else read_image(Path(image))
+                dots, pairs = points_in(pixels, target, camera)
+                sizes[k] = pixels.shape[1], pixels.shape[0]
+                seen = dots.centers[pairs.found], dots.covariance[pairs.found]
+                views[k] = TargetView(*seen, pairs.numbers.astype(np.intp), names[k])
+            except REFUSED as error:
+                reasons[k] = reason_of(error)
+        if not sizes:
+            raise NotCalibratedError(f"there is no image that can be used{_listed(reasons, names)}")
+        ((size, _),) = Counter(sizes.values()).most_common(1)
+        for k in [k for k in sizes if sizes[k] != size]:  # a camera's numbers belong to a size
+            reasons[k] = "has {} x {} pixels, most have {} x {}".format(*sizes[k], *size)
+            views.pop(k, None)
         try:
-            views = [one.view for one in seen if one.view is not None]
-            result = calibrate_camera(views, target, size)
+            found = calibrate_camera(list(views.values()), target, size)
         except NotCalibratedError as error:
-            raise NotCalibratedError(f"{error}{_reasons([one for one in seen if one.view is None])}") from None
-        used, nothing = iter(result.views), np.zeros((0, 2))
-        every = (next(used) if o.view is not None else CalibratedView(o.name, o.reason, None, nothing) for o in seen)
-        return replace(result, views=tuple(every))
-
-    camera = None
-    for refit in (False, True, False):  # without a camera, with the rough one that this gives, and with a good one
-        for one in seen:
-            one.identify(target, size, camera, refit)
-        found = calibrated()
+            raise NotCalibratedError(f"{error}{_listed(reasons, names)}") from None
         camera = found.camera
-    return found
+    used = dict(zip(views, found.views, strict=True))
+    every = (used.get(k) or CalibratedView(name, reasons[k], None, nothing) for k, name in enumerate(names))
+    return replace(found, views=tuple(every))
 
 
-def _pixels(image: Image) -> npt.NDArray[Any]:
-    return read_image(Path(image)) if isinstance(image, str | os.PathLike) else image
-
-
-def _reasons(some: list[_Seen]) -> str:
-    return "".join(f"\n  {one.name}: {one.reason}" for one in some)
+def _listed(reasons: dict[int, str], names: list[str]) -> str:
+    return "".join(f"\n  {names[k]}: {reason}" for k, reason in sorted(reasons.items()))

@@ -98,7 +98,11 @@ def measure_pose(
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    dots, identification = sighted(image, target, camera, near=near, first_row=first_row)
+    dots, identification = points_in(image, target, camera, near)
+    try:
+        identification = turned(identification, dots.centers, target, first_row, camera)
+    except Unidentified as reason:
+        raise NotMeasured(f"not identified: {reason}") from None
     mine, fewest = identification.found, min(FEWEST, max(len(target.dots) // 2, FEWEST_POINTS))
     if len(mine) < fewest:
         raise NotMeasured(f"{len(mine)} dots of the target are too few: at least {fewest} are needed")
@@ -116,31 +120,26 @@ def measure_pose(
     return MeasuredImage(dots, identification, estimate)
 
 
-def sighted(
-    image: npt.NDArray[np.generic],
-    target: Target,
-    camera: Camera,
-    *,
-    near: Pose | None = None,
-    first_row: str | Pose = "",
+def points_in(
+    image: npt.NDArray[np.generic], target: Target, camera: Camera | None, near: Pose | None = None
 ) -> tuple[Dots, Identification]:
-    """The points of a target that an image shows: of dots the first population that is the target. Arguments are those
-    of `measure_pose`. Raises NotMeasured for what is said of the largest population, and InputError."""
+    """The points of a target that an image shows: of dots the first population that is the target, turned in any way in
+    which it looks the same. Without a camera an ordinary lens is allowed for; `near` as in `measure_pose`.
+
+    Raises NotMeasured for what is said of the largest population, and InputError.
+    """
     try:
         if target.printed:
-            dots, pairs = board_points(image, target)
-            return dots, turned(pairs, dots.centers, target, first_row, camera)
+            return board_points(image, target)
         guess = None if near is None else np.column_stack([near.rotation[:, :2], near.position])
         why, most = Unidentified(f"0 dots are too few: at least {FEWEST_DOTS} are needed"), -1
         for dots in populations(image, bright=target.bright):
             try:
-                pairs = identify(dots.centers, target, camera, near=guess)
+                pairs = identify(dots.centers, target, camera, size=(image.shape[1], image.shape[0]), near=guess)
+                return refitted(image, dots, pairs.found), pairs
             except Unidentified as refusal:
                 if len(dots) > most:
                     why, most = refusal, len(dots)
-                continue
-            pairs = turned(pairs, dots.centers, target, first_row, camera)
-            return refitted(image, dots, pairs.found), pairs
         raise why
     except Unidentified as reason:
         raise NotMeasured(f"not identified: {reason}") from None
