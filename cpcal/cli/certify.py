@@ -49,7 +49,7 @@ from cpcal.report.comparison_page import (
 )
 from cpcal.report.run_page import advice, answer_section
 from cpcal.report.section import Mark, Section, Table, Words
-from cpcal.report.words import SHORT_QUANTIFIER, fitted, overall, uncertified_legs
+from cpcal.report.words import SHORT_QUANTIFIER, overall, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
@@ -122,8 +122,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
         title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
         title.append(whole.word, style=STYLES[whole.kind])
     talk.say(title)
-    fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs}
-    answer = answer_section(result, advice(campaign, result, model, fits))
+    answer = answer_section(result, advice(campaign, result, model))
     legs = result.legs if talk.verbose else result.legs[:_MOST_LEGS]
     show(talk, replace(answer, items=answer.items[: len(legs)]))
     if more := len(result.legs) - len(legs):
@@ -135,7 +134,7 @@ def show_result(talk: Talk, campaign: Campaign, result: Result, model: LegModel)
     for leg in legs if talk.verbose else ():
         sentences = filter(None, (leg_sentence(result, leg), center_sentence(result, leg)))
         talk.say(f"Leg {leg.leg}: {' '.join(sentences)}")
-        show(talk, parameters_section(campaign, result, leg, fits[leg.leg]))
+        show(talk, parameters_section(campaign, result, leg))
     talk.say(*([FRAME, f"{QUANTIFIER} {LONGER}"] if talk.verbose else [SHORT_QUANTIFIER]), style="italic")
     for missing in filter(None, (notices(result, campaign.legs), uncertified_legs(result))):
         talk.say(missing, style="bold yellow")
@@ -175,7 +174,7 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
             show_result(talk, campaign, result, question.model)
 
     def page(result: Result, draft: Path) -> Path:
-        return write_report(campaign, result, draft)
+        return write_report(campaign, result, draft, question.model)
 
     try:
         result = answer(run, RUN, find, save_result, page, show, talk, campaign)

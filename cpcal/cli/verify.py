@@ -271,7 +271,12 @@ def verify(
         if talk.verbose or VACUOUS not in one[1]:
             talk.say(one[1])
     good = all(accepted for accepted, _ in said)
-    talk.say(f"{_count(said)}; {_verdict(target)}" if good else f"{_count(said)}: there is no verdict", style="bold")
+    end = "; nothing is refused" if good else ": there is no verdict"
+    if good and (target / RUN.head).is_file():
+        from cpcal.cli.verified import verdict_words
+
+        end = f"; {verdict_words(target)}"
+    talk.say(f"{_count(said)}{end}", style="bold")
     return Status.ANSWERED if good else Status.UNKNOWN
 
 
@@ -280,12 +285,3 @@ def _count(said: Sequence[Statement]) -> str:
     refused = sum(not accepted for accepted, _ in said)
     thing = "certificates" if any(".cert.jsonl" in sentence for _, sentence in said) else "proofs"
     return f"{held} of {held + refused} {thing} hold" + f", {refused} REFUSED" * bool(refused)
-
-
-def _verdict(target: Path) -> str:
-    """On the robot, of a run whose every number is accepted."""
-    if not (target / RUN.head).is_file():
-        return "nothing is refused"
-    from cpcal.cli.verified import verdict_words
-
-    return verdict_words(target)

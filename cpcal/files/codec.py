@@ -72,7 +72,8 @@ def encoded(value: Any) -> Any:
         return value
     if is_dataclass(value) and not isinstance(value, type):
         layout = layout_of(type(value))
-        proved = _proofs(value, layout)
+        named = {key for part in layout for key in part.by}
+        proved = {part.key for part in layout if part.key in named and getattr(value, part.name)}
         parts = [(part, encoded(getattr(value, part.name))) for part in layout]
         beside = {part.key: found for part, found in parts if part.is_beside(proved)}
         others = {part.key: found for part, found in parts if not part.is_beside(proved)}
@@ -98,7 +99,11 @@ def decoded(kind: Any, value: Any, where: str = "it") -> Any:
         return _plain(kind, value, where)
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
-        return None if value is None and type(None) in parts else decoded(_one(parts), value, where)
+        return (
+            None
+            if value is None and type(None) in parts
+            else decoded(next(part for part in parts if part is not type(None)), value, where)
+        )
     if is_dataclass(kind):
         return _dataclass(kind, value, where)
     if origin is tuple:
@@ -147,12 +152,6 @@ def layout_of(kind: type) -> tuple[_Field, ...]:
         _Field(name, keys[name], kinds[name], how.get("checked", ""), tuple(keys[other] for other in how.get("by", ())))
         for name, how in said.items()
     )
-
-
-def _proofs(value: Any, layout: tuple[_Field, ...]) -> set[str]:
-    """The keys of those proofs of a dataclass that are there."""
-    named = {key for part in layout for key in part.by}
-    return {part.key for part in layout if part.key in named and getattr(value, part.name)}
 
 
 def _dataclass(kind: Any, value: Any, where: str) -> Any:
@@ -208,9 +207,3 @@ def _object(value: Any, where: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{where} is no object")
     return value
-
-
-def _one(parts: tuple[Any, ...]) -> Any:
-    """The other member of an optional type."""
-    (only,) = (part for part in parts if part is not type(None))
-    return only

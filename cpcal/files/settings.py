@@ -7,7 +7,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -340,14 +340,21 @@ def written(value: Any) -> str:
 
 def csv_bytes(campaign: Campaign) -> bytes:
     """The canonical measurements.csv; an override column is there only where some row needs it."""
-    values = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
     radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
     stated = np.zeros(6 + campaign.legs) if campaign.uncertainty is None else campaign.uncertainty.half_widths
-    used = np.flatnonzero((radii != stated).any(axis=0))
-    header = reading_columns(campaign.legs) + [override_columns(campaign.legs)[column] for column in used]
-    own = np.where(radii != stated, radii, np.array(None))[:, used].tolist()
-    rows = zip(campaign.pose, campaign.run, values.tolist(), own, strict=True)
-    return csv_table(header, ([pose, run, *row, *extra] for pose, run, row, extra in rows))
+    own = np.where(radii != stated, radii, np.array(None)).T.tolist()
+    widths = zip(override_columns(campaign.legs), own, strict=True)
+    return _rows(campaign, {}, {name: column for name, column in widths if any(v is not None for v in column)})
+
+
+def _rows(
+    of: Campaign | PoseTable, image: Mapping[str, Sequence[str]], more: Mapping[str, Sequence[float | None]]
+) -> bytes:
+    """A CSV table of names, readings and `more` columns."""
+    values = np.concatenate([of.position, of.quaternion, of.length], axis=1).T.tolist()
+    names = {"pose": of.pose, "run": of.run, **image}
+    columns = {**dict(zip(reading_columns(of.legs)[2:], values, strict=True)), **more}
+    return csv_table([*names, *columns], zip(*names.values(), *columns.values(), strict=True))
 
 
 def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
@@ -394,16 +401,8 @@ def study_bytes(study: Study) -> bytes:
 
 def table_bytes(table: PoseTable) -> bytes:
     """The canonical CSV of a table; columns of `image` and `shared` only where the table has them."""
-    extra = {} if table.image is None else {"image": table.image}
-    names = [table.pose, table.run, *extra.values()]
-    header = reading_columns(table.legs)
-    header[2:2] = extra
-    columns = [table.position, table.quaternion, table.length]
-    if table.shared is not None:
-        header += SHARED_COLUMNS
-        columns.append(table.shared)
-    values = np.concatenate(columns, axis=1).tolist()
-    return csv_table(header, ([*ids, *row] for *ids, row in zip(*names, values, strict=True)))
+    shared = () if table.shared is None else zip(SHARED_COLUMNS, table.shared.T.tolist(), strict=True)
+    return _rows(table, {} if table.image is None else {"image": table.image}, dict(shared))
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -20,7 +20,6 @@ from cpcal.common.numbers import (
     rounded_up,
     stated,
 )
-from cpcal.models.frames import PlacedFrames
 from cpcal.questions.hand_eye import PARAMETERS, HandEyeResult
 from cpcal.report.figures import residuals_svg
 from cpcal.report.section import Drawing, Page, Section, Table, origin, verdict
@@ -120,8 +119,14 @@ def _forcing(found: HandEyeResult) -> Iterator[Section]:
 def known_frames(found: HandEyeResult) -> Iterator[Section]:
     """How well the frames are known: on the page and on a terminal."""
     tolerance, ranges = at_least(found.eps, 4), found.ranges
-    cameras = [("best found", found.point), ("least squares", found.asked.center)]
-    rows = [(name, *row) for name, point in cameras for row in _frame_rows(found.setup, point)]
+    rows, (camera, target) = [], _FRAMES[found.setup]
+    for name, at in (("best found", found.point), ("least squares", found.asked.center)):
+        for frame, position, quaternion in (
+            (camera, at.camera_position, at.camera_quaternion),
+            (target, at.target_position, at.target_quaternion),
+        ):
+            numbers = (nearest(v, 4) for v in position), (nearest(v, 7) for v in quaternion)
+            rows.append((name, frame, *map(", ".join, numbers)))
     frames = Section(
         "Frames",
         tables=[Table(("", *_FRAME_HEAD), rows)],
@@ -143,14 +148,6 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
         notes=["Turns are the rotation vector, in degrees, from the rotation of the best frames below."],
         parts=[frames],
     )
-
-
-def _frame_rows(setup: str, point: PlacedFrames) -> list[tuple[str, ...]]:
-    places = (point.camera_position, point.camera_quaternion), (point.target_position, point.target_quaternion)
-    return [
-        (name, ", ".join(nearest(v, 4) for v in position), ", ".join(nearest(v, 7) for v in quaternion))
-        for name, (position, quaternion) in zip(_FRAMES[setup], places, strict=True)
-    ]
 
 
 def _classical(found: HandEyeResult) -> Section:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.errors import InputError, PluginError, printable, unusable
+from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import (
     about,
@@ -85,8 +85,8 @@ def write_report(
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they stay proved;
     every answer is for SOME reading in the set of each measurement. The page holds the certificates of the run that
     lie in the folder, and checks them in the browser. `model`: the result's leg model, where no installed
-    package provides it; without it the page says which figures it lacks. Raises InputError when the result is of
-    another campaign, or when the file cannot be written.
+    package provides it. Raises InputError when it is not known, when the result is of another campaign, or when the
+    file cannot be written.
     """
     page = render(campaign, result, model=model, run=folder)
     return write_file(Path(folder) / REPORT_NAME, page)
@@ -113,30 +113,18 @@ def render(
         raise unusable("result", what, remedy)
     kicker = "certified calibration" + ", some measurements may be wrong" * bool(result.options.outliers)
     above = [notices(result, campaign.legs) or "", *(f"Look at the campaign first: {s}" for s in suspicions(campaign))]
-    lacking = ""
-    try:
-        model = model_of(result, model)
-    except (InputError, PluginError):
-        if model is not None:
-            raise
-        lacking = (
-            f"the leg model {result.model.name!r} is not known here; install the package that provides it and "
-            "write the page again with `cpcal report`"
-        )
-    fits = {leg.leg: fitted(campaign, result, leg, model) for leg in result.legs if model is not None}
-    found = advice(campaign, result, model, fits)
+    model = model_of(result, model)
+    found = advice(campaign, result, model)
     proof = None if run is None or result.options.outliers else embedded(Path(run), result, study=study is not None)
     kicker += "".join(f" · {name} {campaign.provenance[name]}" for name in _HEAD if name in campaign.provenance)
-    legs = [
-        leg_section(campaign, result, leg, model, fits.get(leg.leg), found[leg.leg], lacking) for leg in result.legs
-    ]
+    legs = [leg_section(campaign, result, leg, model, found[leg.leg]) for leg in result.legs]
     sections = [
         answer_section(result, found),
         *([] if study is None else [study]),
         *([outliers_section(result)] if result.options.outliers else []),
         Section(
             "Recommended parameters",
-            parts=[parameters_section(campaign, result, leg, fits.get(leg.leg)) for leg in result.legs],
+            parts=[parameters_section(campaign, result, leg) for leg in result.legs],
             notes=[_RANGES],
             name="parameters",
             style="parameters",
@@ -150,20 +138,13 @@ def render(
     return Page(f"{title}: certified calibration", kicker, title, sections, above, lead, proof).text()
 
 
-def advice(campaign: Campaign, result: Result, model: LegModel | None, fits: Mapping[int, Fitted]) -> dict[int, Advice]:
-    """The cause and the next step of each leg."""
-    return {leg.leg: advise(campaign, result, leg, model, fits.get(leg.leg)) for leg in result.legs}
+def advice(campaign: Campaign, result: Result, model: LegModel) -> dict[int, Advice]:
+    """The cause and the next step of each leg, with its fit."""
+    return {leg.leg: advise(campaign, result, leg, model, fitted(campaign, result, leg, model)) for leg in result.legs}
 
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is said of all legs: the answer first, the proved bounds, how to read it, what it rests on.
-
-
-def bracket_words(leg: LegResult) -> tuple[Mark, Mark]:
-    """eps_lo rounded down and eps_hi rounded up, as claims."""
-    lo, hi = leg.bracket.lo, leg.bracket.hi
-    down, up = bracket_text(lo, hi)
-    return claim(down, "eps_lo", leg, lo), claim(up, "eps_hi", leg, hi)
 
 
 def _proof(leg: LegResult) -> Mark:
@@ -212,11 +193,13 @@ def bounds_table(result: Result) -> Table:
     eps, some_wrong = result.options.eps, result.options.outliers
     rows: list[tuple[Words, ...]] = []
     for leg in result.legs:
-        bounds = bracket_words(leg) if eps is None else (stated(eps),)
+        (lo, hi), bounds = (leg.bracket.lo, leg.bracket.hi), list[Words]()
+        for side, end, text in zip(("eps_lo", "eps_hi"), (lo, hi), bracket_text(lo, hi), strict=True):
+            bounds.append(claim(text, side, leg, end))
         rest = "yes" if leg.certified else "no", str(len(leg.support))
         if some_wrong:
             rest = ", ".join(leg.bracket.left_out) or "none", str(len(leg.bracket.proofs))
-        rows.append((str(leg.leg), badge(result, leg), *bounds, *rest))
+        rows.append((str(leg.leg), badge(result, leg), *(bounds if eps is None else [stated(eps)]), *rest))
     bounds_head = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
     rest = ("left out", "proofs") if some_wrong else ("certified", "support")
     return Table(("leg", "verdict", *bounds_head, *rest), rows, ("", "word", "", "", "word"))
@@ -290,33 +273,24 @@ def command(result: Result) -> str:
 # One leg: its residuals, its parameters, and what stands behind them.
 
 
-def leg_section(
-    campaign: Campaign,
-    result: Result,
-    leg: LegResult,
-    model: LegModel | None,
-    fit: Fitted | None,
-    found: Advice,
-    lacking: str = "",
-) -> Section:
-    """Folded where it passes. `model`: None where it is not known here; then nothing is said of residuals, but why."""
-    drawn = None
-    if model is not None:
-        drawn = residuals_drawing(campaign, leg, model, fit, tolerance=result.options.tolerance, wrong=found.wrong)
+def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegModel, found: Advice) -> Section:
+    """Folded where it passes."""
+    tolerance = result.options.tolerance
+    drawn = residuals_drawing(campaign, leg, model, found.fit, tolerance=tolerance, wrong=found.wrong)
     said = [leg_sentence(result, leg)] if result.options.eps is not None or leg.not_certified else []
     if drawn is None:
-        said.append(f"The residuals are not drawn: {lacking or 'there are no parameters to draw them at'}.")
+        said.append("The residuals are not drawn: there are no parameters to draw them at.")
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), " ", _proof(leg)),
         said,
         figures=[] if drawn is None else [drawn],
-        parts=[_behind(campaign, result, leg, fit)],
+        parts=[_behind(campaign, result, leg, found.fit)],
         name=f"leg-{leg.leg}",
         folded=verdict_of(result, leg).passes,
     )
 
 
-def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
+def parameters_section(campaign: Campaign, result: Result, leg: LegResult) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
     _, box, held = _range(result, leg)
     best, marked, said = leg.recommended, "", list[Words]()
@@ -328,7 +302,7 @@ def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: 
             said = ["Off by ", known, " mm at most for all readings. "]
     if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
         held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
-    table = _table(campaign, result, leg, fit, ("parameter", "load", "at least", "at most"), ("", "main"))
+    table = _table(campaign, result, leg, ("parameter", "load", "at least", "at most"), ("", "main"))
     return Section(f"Leg {leg.leg}{marked}", [(*said, *held)], tables=[table])
 
 
@@ -336,9 +310,9 @@ def _table(
     campaign: Campaign,
     result: Result,
     leg: LegResult,
-    fit: Fitted | None,
     head: Sequence[str],
     columns: Sequence[str] = (),
+    fit: Fitted | None = None,
 ) -> Table:
     """A row a parameter, of what is known of it what `head` names."""
     (of, box, _), best, point = _range(result, leg), leg.recommended, leg.bracket.point
@@ -383,7 +357,7 @@ def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words
     )
 
 
-def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
+def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> Section:
     """The witness of eps_hi, other parameters, and what the search did: for experts."""
     work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
     said: list[Words] = [
@@ -400,7 +374,7 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | No
         f"Leg {leg.leg} for experts",
         said,
         contractors_sentences(leg),
-        tables=[_table(campaign, result, leg, fit, ("parameter", "witness", "fit", "nominal", "width"))],
+        tables=[_table(campaign, result, leg, ("parameter", "witness", "fit", "nominal", "width"), fit=fit)],
         folded=True,
     )
 

@@ -273,26 +273,27 @@ class Advice:
     """The cause and the next step, `short`, and `more`. `wrong`: measurements from 0 that look like misreadings."""
 
     short: str
+    fit: Fitted
     more: str = ""
     wrong: tuple[int, ...] = ()
 
 
-def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None, found: Fitted | None) -> Advice:
-    """`model`: the result's, and its fit, None where it is not known here: then no residuals can be looked at."""
+def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel, found: Fitted) -> Advice:
+    """`model`: the result's; `found`: its fit."""
     verdict, left_out = verdict_of(result, leg), leg.bracket.left_out
     if verdict.kind == "uncompared":
-        return Advice("compare the constraints", "No program has compared those of the certificates with the model.")
+        return Advice(
+            "compare the constraints", found, "No program has compared those of the certificates with the model."
+        )
     if verdict.kind == "explained":
-        return Advice("")
+        return Advice("", found)
     if verdict.kind == "undetermined":
         show = f" Add poses that show {', '.join(verdict.names)}." * bool(verdict.names)
-        return Advice("because poses are too few or too similar: add poses", f"{verdict.reason}{show}")
+        return Advice("because poses are too few or too similar: add poses", found, f"{verdict.reason}{show}")
     if verdict.kind == "undecided" and (leg.reduced is None or leg.reduced.factor > 0.0):
         if leg.reduced is not None:
-            return Advice("because the readings are too uncertain: measure them more precisely")
-        return Advice("because a limit came first: give it a longer --time-limit")
-    if model is None or found is None:
-        return Advice("")
+            return Advice("because the readings are too uncertain: measure them more precisely", found)
+        return Advice("because a limit came first: give it a longer --time-limit", found)
     used = np.isin(campaign.measurement_ids, left_out, invert=True)
     wrong = misread(found, used)
     if wrong:
@@ -301,14 +302,14 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
         left = _linear_fit(*(np.delete(v, wrong, axis=0) for v in (found.jacobian, found.residuals)))[1]
         ids = ", ".join(campaign.measurement_ids[k] for k in wrong)
         more = f"Without {ids} least squares leaves {about(left)} mm at most, not {about(found.largest)} mm."
-        return Advice(f"because of measurement{plural} {again}: measure {it} again", more, wrong)
+        return Advice(f"because of measurement{plural} {again}: measure {it} again", found, more, wrong)
     if verdict.kind == "bounded":
-        return Advice("")
+        return Advice("", found)
     other = _another_model(campaign, leg, model, found)
     if other is None and leg.bracket.lo == 0.0:  # no error of the leg is proved
-        return Advice("because the readings are too uncertain: measure them more precisely")
+        return Advice("because the readings are too uncertain: measure them more precisely", found)
     return other or Advice(
-        "by many measurements alike: look for play, sag, or joints off axis", "No other leg model helps."
+        "by many measurements alike: look for play, sag, or joints off axis", found, "No other leg model helps."
     )
 
 
@@ -383,4 +384,4 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
         return None
     name = next(name for name in largest if largest[name] <= _NEARLY * best)
     more = f"Its least squares leaves {about(largest[name])} mm at most, this one's {about(own.largest)} mm."
-    return Advice(f"because of the leg model: use --model {name}", more)
+    return Advice(f"because of the leg model: use --model {name}", own, more)

@@ -140,7 +140,7 @@ def test_nothing_of_a_model_that_the_checker_does_not_know_is_green(engine, camp
     if tolerance is None:
         done = CliRunner().invoke(app, ["verify", str(tmp_path)])
         assert (done.exit_code, "which were not compared with the campaign" in done.output) == (0, True), done.output
-    text = cpcal.write_report(campaign, found, tmp_path).read_text(encoding="utf-8")
+    text = cpcal.write_report(campaign, found, tmp_path, OWN).read_text(encoding="utf-8")
     assert text.count("which were not compared with the campaign") >= 3  # above all, of the model, and of the leg
     assert not re.search('class="verdict[^"]*(explained|bounded)"', text.replace("unexplained", ""))
     assert "proved to be right" not in text  # a formula that nobody compared
@@ -160,7 +160,7 @@ def test_a_model_that_looks_like_one_of_ours_is_refused_wherever_its_name_comes_
     """One letter of it is Cyrillic, or large; its one constraint is invented."""
     found = cpcal.certify(campaign, legs=[1], delta=4.0, certificates=tmp_path, model=OWN)
     cpcal.save_result(found, tmp_path)
-    page, path = Page(render(campaign, found, run=tmp_path)), tmp_path / "leg1.cert.jsonl"
+    page, path = Page(render(campaign, found, model=OWN, run=tmp_path)), tmp_path / "leg1.cert.jsonl"
     files = {file: file.read_text(encoding="utf-8") for file in (path, tmp_path / "result.json")}
     for name, reason in (("pl\u0430in", "ASCII identifier"), ("Plain", "none of cpcal's"), ("gain", "one of cpcal's")):
         with pytest.raises(cpcal.InputError, match=r"is no ASCII identifier|is the name of a model of cpcal"):
