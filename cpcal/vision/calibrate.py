@@ -353,8 +353,9 @@ def calibrate_from_images(images: Sequence[Image], target: Target) -> Calibratio
         for k, image in enumerate(images):
             try:
                 pixels = image if isinstance(image, np.ndarray) else read_image(Path(image))
+                if pixels.ndim >= 2:
+                    sizes[k] = pixels.shape[1], pixels.shape[0]
                 dots, pairs = points_in(pixels, target, camera)
-                sizes[k] = pixels.shape[1], pixels.shape[0]
                 seen = dots.centers[pairs.found], dots.covariance[pairs.found]
                 views[k] = TargetView(*seen, pairs.numbers.astype(np.intp), names[k])
             except REFUSED as error:
