@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -173,9 +174,7 @@ def certified_into(run: Path, question: Question, *, talk: Talk, place: Place = 
         if not talk.quiet:
             show_result(talk, campaign, result, question.model)
 
-    def page(result: Result, draft: Path) -> Path:
-        return write_report(campaign, result, draft, question.model)
-
+    page = partial(write_report, campaign, model=question.model)
     try:
         result = answer(run, RUN, find, save_result, page, show, talk, campaign)
     except OutputError:

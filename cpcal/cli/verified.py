@@ -13,7 +13,7 @@ import numpy as np
 
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
-from cpcal.cli.verify import NothingCertifiedError, Statement, runs_in, statements, told
+from cpcal.cli.verify import NothingCertifiedError, Statement, told
 from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
@@ -48,7 +48,7 @@ _AGAIN = {  # what to do about a run in which no leg is certified
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# A run of legs, accuracy, and a folder of runs of one campaign in several models.
+# A run of legs, and accuracy.
 
 
 def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool = False) -> Iterator[Statement]:
@@ -157,13 +157,6 @@ def of_accuracy(folder: Path) -> Iterator[Statement]:
     yield from check_accuracy(folder)
 
 
-def of_runs(folder: Path, *, verbose: bool = False) -> Iterator[Statement]:
-    """Each run of a folder: of one campaign in several models. Raises InputError."""
-    for run in runs_in(folder):
-        yield True, f"{run.name}:"
-        yield from statements(run, verbose=verbose)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # Pose sets, from their pixels on.
 
@@ -191,19 +184,17 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     problems = Problems()
     content = small_file(path, problems, "", most=JSON_MAX)
     problems.raise_any()
-    claims = {one.name: one for one in found if one.refused is None}
+    claims: dict[str, tuple[str, list[F]]] = {}
+    for one in found:
+        if one.radii is not None:
+            claims[one.name] = Verdict.PROVED.value, [*one.pose, *one.radii]
+        elif one.refused is None:
+            claims[one.name] = Verdict.REFUTED.value, []
     try:
         for row in csv.DictReader((content or b"").decode().splitlines(), strict=True):
-            name, verdict, cells = row["file"], row["verdict"], [row[column] for column in NUMBERS]
-            claim, proved, verdicts = claims.pop(stem_of(unguarded(name)), None), list[F](), {"unknown"}
-            if claim is not None:
-                verdicts = {Verdict.REFUTED.value}
-                if claim.radii is not None:
-                    proved, verdicts = [*claim.pose, *claim.radii], {Verdict.PROVED.value}
-            if [F(float(cell)) for cell in cells if cell] != proved:
-                return f"{name}: its numbers are not those of a claim that is proved"
-            if verdict not in verdicts:
-                return f"{name}: its verdict is {verdict}, and no claim that is proved says so"
+            numbers = [F(float(row[column])) for column in NUMBERS if row[column]]
+            if (row["verdict"], numbers) != claims.pop(stem_of(unguarded(row["file"])), ("unknown", [])):
+                return f"{row['file']}: its verdict and numbers are not those of a claim that is proved"
     except (ValueError, KeyError, TypeError, OverflowError, csv.Error) as error:
         return f"is no table of pose sets: {error!s:.100}"
     return f"it leaves out {min(claims)}" if claims else ""

@@ -34,6 +34,7 @@ Statement = tuple[bool, str]  # whether it is accepted, and a sentence
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
 
 
+_NAME = "name the folder of a run, or a certificate"
 VACUOUS = "PROVED, which says nothing"  # of a claim that holds of every leg
 
 
@@ -150,11 +151,7 @@ def _accepted(path: Path, check: Callable[[Path], Accepted]) -> Accepted | str:
     except Refused as reason:
         return str(reason)
     except Unusable as reason:
-        raise _nothing(path, reason) from None
-
-
-def _nothing(target: Path, reason: object) -> InputError:
-    return unusable(str(target), str(reason), "name the folder of a run, or a certificate")
+        raise unusable(str(path), str(reason), _NAME) from None
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -191,10 +188,10 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
                 from cpcal.cli.verified import of_run  # while the legs are being checked
 
                 yield from of_run(target, legs, verbose=verbose)
-        elif runs_in(target):
-            from cpcal.cli.verified import of_runs
-
-            yield from of_runs(target, verbose=verbose)
+        elif runs := runs_in(target):
+            for run in runs:
+                yield True, f"{run.name}:"
+                yield from statements(run, verbose=verbose)
         elif not target.is_dir():
             yield told(target.name, _accepted(target, check))
         elif unfinished(target):
@@ -209,7 +206,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
         name = heads[0] if len(heads) == 1 else target.name
         yield False, f"{name}: REFUSED, {str(reason).removeprefix(f'{name} ')}"
     except Unusable as reason:
-        raise _nothing(target, reason) from None
+        raise unusable(str(target), str(reason), _NAME) from None
 
 
 def refusals(folder: Path) -> list[str]:

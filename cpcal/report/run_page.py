@@ -32,7 +32,7 @@ from cpcal.common.numbers import (
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
-from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
+from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
 from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
@@ -293,17 +293,15 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
     _, box, held = _range(result, leg)
-    best, marked, said = leg.recommended, "", list[Words]()
-    if best is not None:
-        why = {"fail": ", not recommended: fails", "pass": ""}.get(verdict_of(result, leg).word, ", not shown to pass")
-        marked = f": {best.why}{why}"
-        if math.isfinite(best.largest):
-            known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
-            said = ["Off by ", known, " mm at most for all readings. "]
+    best, said = leg.recommended, list[Words]()
+    title = f"Leg {leg.leg}" if best is None else f"Leg {leg.leg}: {recommendation(result, leg)}"
+    if best is not None and math.isfinite(best.largest):
+        known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
+        said = ["Off by ", known, " mm at most for all readings. "]
     if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
         held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
     table = _table(campaign, result, leg, ("parameter", "load", "at least", "at most"), ("", "main"))
-    return Section(f"Leg {leg.leg}{marked}", [(*said, *held)], tables=[table])
+    return Section(title, [(*said, *held)], tables=[table])
 
 
 def _table(

@@ -84,11 +84,11 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeyp
     genuine, checked = table.read_text(), check_pose_sets(folder / "sets")
     assert _table_problem(table, checked) == ""
     for old, new, why in (
-        (first["x"], repr(float(first["x"]) + 1e-9), "its numbers are not those of a claim that is proved"),
-        (first["dx"], "", "its numbers are not those of a claim that is proved"),
-        (",proved,", ",refuted,", "its verdict is refuted, and no claim that is proved says so"),
-        (",unknown,", ",refuted,", "its verdict is refuted, and no claim that is proved says so"),
-        ("first.png", "second.png", "its numbers are not those of a claim that is proved"),
+        (first["x"], repr(float(first["x"]) + 1e-9), "its verdict and numbers are not those of a claim that is proved"),
+        (first["dx"], "", "its verdict and numbers are not those of a claim that is proved"),
+        (",proved,", ",refuted,", "its verdict and numbers are not those of a claim that is proved"),
+        (",unknown,", ",refuted,", "its verdict and numbers are not those of a claim that is proved"),
+        ("first.png", "second.png", "its verdict and numbers are not those of a claim that is proved"),
         (genuine.splitlines(keepends=True)[2], "", "it leaves out first"),
         ("file,", "files,", "is no table of pose sets"),
     ):
@@ -103,7 +103,7 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeyp
     status, said = run("verify", folder / "sets")
     assert status == 1
     assert "first: REFUSED" in said
-    assert "sets.csv: REFUSED, first.png: its numbers are not those of a claim that is proved" in said
+    assert "sets.csv: REFUSED, first.png: its verdict and numbers are not those of a claim that is proved" in said
 
 
 def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:
