@@ -408,7 +408,7 @@ def _rotation(
             drawn = drawn or drawn_poses(campaign.robot, campaign.length)
         except (InputError, KinematicsError):
             continue
-        typical = Given.of(campaign).typical
+        typical = Given.of(campaign).share()
         if typical <= SHARE and not base:
             return None
         tried.append((min(_by_drawing(campaign, drawn), typical), name))
@@ -432,7 +432,7 @@ def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
     except (InputError, KinematicsError):
         return math.inf
     robot = redefined(campaign.robot, first.camera_in_base, first.target_in_mobile)
-    return Given.of(replace(campaign, robot=robot)).typical
+    return Given.of(replace(campaign, robot=robot)).share()
 
 
 def load_log(
@@ -474,7 +474,7 @@ def load_log(
             raise
         raise _rotation(log, settings, columns, rotation, True) or error from None
     few = read.sampled(_TRIED)
-    if frames is None and (typical := Given.of(few).typical) > SHARE:  # frames that explain it, and much better?
+    if frames is None and (typical := Given.of(few).share()) > SHARE:  # frames that explain it, and much better?
         frames = "tracker" if _by_drawing(few) <= min(_EXPLAINED, 0.1 * typical) else "base"
         if frames == "base" and (other := _rotation(log, settings, columns, rotation, False)) is not None:
             raise other

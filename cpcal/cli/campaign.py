@@ -162,7 +162,7 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     talk.say(*(campaign.provenance[name] for name in FRAME_NOTES if name in campaign.provenance))
     talk.say("First rows, in mm and degrees (rotation vector); off: largest |residual| of a leg, nominal, mm")
     shown, some = min(campaign.legs, 6), slice(_PREVIEWED)
-    off = (given.share[some] * given.nominal[some]).max(axis=1)
+    off = given.off[some].max(axis=1)
     parts = (
         campaign.position[some],
         np.degrees(rotation_vector(campaign.quaternion[some])),
@@ -173,7 +173,7 @@ def _preview(talk: Talk, campaign: Campaign) -> str | None:
     rows = [(name, *(nearest(value, 2) for value in row)) for name, row in zip(names, numbers, strict=True)]
     head = ("pose/run", "x", "y", "z", "rx", "ry", "rz", *(f"L{i}" for i in range(1, shown + 1)), "off")
     talk.table(head, rows, left=())
-    talk.say(_off(np.median(given.share * given.nominal, axis=0).tolist()))
+    talk.say(_off(np.median(given.off, axis=0).tolist()))
     mistake = mixed_up(campaign, spread_of(campaign))
     if mistake is not None:
         talk.say(f"! {mistake}")

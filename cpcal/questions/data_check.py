@@ -123,7 +123,7 @@ def check_data(campaign: Campaign) -> DataCheck:
     mistake = mixed_up(campaign, seen) if still is None else None
     stated = None if mistake or still or sizes else misstated(seen)
     findings = list(filter(None, (mistake, stated, *sizes, still, copied_rows(campaign))))
-    nominal = tuple(np.median(given.share * given.nominal, axis=0).tolist())
+    nominal = tuple(np.median(given.off, axis=0).tolist())
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), nominal, seen, ())
     sample, x = campaign.sampled(_FITTED), seen.fitted

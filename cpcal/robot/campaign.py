@@ -404,18 +404,12 @@ class Given:
         return np.asarray(np.linalg.norm(leg_vectors(self.robot, self.pose), axis=-1))
 
     @property
-    def share(self) -> Floats:
-        """(N, n): |nominal residual| / nominal leg length."""
-        nominal = self.nominal
-        off = np.abs(nominal - self.robot.offset - self.length)
-        return np.asarray(off / np.maximum(nominal, np.finfo(np.float64).tiny))
+    def off(self) -> Floats:
+        """(N, n) mm: |nominal residual|."""
+        return np.abs(self.nominal - self.robot.offset - self.length)
 
-    @property
-    def typical(self) -> float:
-        """The share's median over the measurements, of the worst leg: a few odd rows do not move it."""
-        return float(np.median(self.share, axis=0).max())
-
-    @property
-    def most(self) -> float:
-        """The share that four fifths of the measurements do not exceed, of the worst leg: to tell causes by."""
-        return float(np.quantile(self.share, 0.8, axis=0).max())
+    def share(self, quantile: float = 0.5) -> float:
+        """|nominal residual| / nominal leg length that so many of the measurements do not exceed, of the worst leg: a
+        few odd rows do not move it."""
+        shares = self.off / np.maximum(self.nominal, np.finfo(np.float64).tiny)
+        return float(np.quantile(shares, quantile, axis=0).max())

@@ -460,7 +460,7 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
         return []
     few = _evenly(given, min(_ROWS[1], len(given.length)))
     with np.errstate(all="ignore"):
-        if not doubted and few.most <= SHARE:
+        if not doubted and few.share(_MOST) <= SHARE:
             return _best(_options(few, []))
         turning = int(np.ptp(few.pose.quaternion[:, 1:], axis=0).astype(bool).sum())  # angles that vary
         tried = [
@@ -470,7 +470,7 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
         ]
         options = _options(few, tried)
         found = _best(options)
-        if not found and few.most > 2.0 * SHARE:
+        if not found and few.share(_MOST) > 2.0 * SHARE:
             found = _best(options + _options(few, _pairs(few)))
         return found
 
@@ -545,12 +545,13 @@ def _pairs(few: Given) -> Tried:
     return [
         (f"{first}, and {second}", without, 2)
         for first, scaled in units(few)
-        if scaled.typical < _ODD
+        if scaled.share() < _ODD
         for undone in plain
         for second, without in undone(scaled)
     ]
 
 
+_MOST = 0.8  # of the rows, to tell causes by
 _ODD = 0.9  # of a leg's length: a unit alone leaves less, where it is one of two mistakes
 _MOVED = 3  # hypotheses whose drawings are moved as a whole
 

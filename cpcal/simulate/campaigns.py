@@ -16,7 +16,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -79,25 +78,7 @@ def check_options(options: Mapping[str, Any], rows: Callable[[], int]) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Poses of a robot that is measured all over a box of poses, whatever the number of its legs.
-
-
-def workspace_poses(
-    workspace: PoseRange, stream: np.random.Generator, *, random_poses: int, extremal: bool
-) -> tuple[list[str], Pose]:
-    """Pose ids (K) and poses: the corners of the box, and poses drawn evenly from it.
-
-    In pose "e05" the coordinate i (x, y, z and the rotation vector's, those that vary) is at its upper end if bit i
-    of 5 is set.
-    """
-    low, high = workspace.bounds
-    ends = [(lo, hi) if free else (lo,) for lo, hi, free in zip(low, high, workspace.free, strict=True)]
-    corners = np.array([row[::-1] for row in product(*ends[::-1])]) if extremal else np.empty((0, 6))
-    drawn = stream.uniform(low, high, (random_poses, 6))
-    rows = np.concatenate([corners, drawn])
-    names = [f"e{k:02d}" for k in range(len(corners))] + [f"r{k:03d}" for k in range(random_poses)]
-    return names, Pose(rows[:, :3], quaternion_from_rotation_vector(rows[:, 3:]))
-
+# Campaigns.
 
 STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
 LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)
@@ -153,11 +134,12 @@ def simulate(
     shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
     deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
     truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
+    bounds = np.tile(np.array(stroke)[:, None], 6) if workspace is None else workspace.bounds
+    names, rows = configurations(bounds, pose_stream, random_poses=random_poses, extremal=extremal)
     if workspace is None:
-        names, readings = configurations(stroke, pose_stream, random_poses=random_poses, extremal=extremal)
-        poses = assembled(truth, readings, stroke)
+        poses = assembled(truth, rows, stroke)
     else:
-        names, poses = workspace_poses(workspace, pose_stream, random_poses=random_poses, extremal=extremal)
+        poses = Pose(rows[:, :3], quaternion_from_rotation_vector(rows[:, 3:]))
     phases = joint_phases(truth.legs, joint_stream)
     lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
     free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)  # what a workspace fixes has no noise
@@ -200,16 +182,19 @@ def true_robot(campaign: Campaign) -> Robot | None:
 
 
 def configurations(
-    stroke: tuple[float, float], stream: np.random.Generator, *, random_poses: int, extremal: bool
+    bounds: Floats, stream: np.random.Generator, *, random_poses: int, extremal: bool
 ) -> tuple[list[str], Floats]:
-    """Pose ids (K) and the readings, (K, 6) mm, that command them."""
-    low, high = stroke
-    bits = np.arange(64)[:, None] >> np.arange(6) & 1
-    corners = np.where(bits == 1, high, low)
-    drawn = stream.uniform(low, high, (random_poses, 6))
-    names = [f"e{k:02d}" for k in range(64)] if extremal else []
-    names += [f"r{k:03d}" for k in range(random_poses)]
-    return names, np.concatenate([corners, drawn]) if extremal else drawn
+    """Pose ids (K) and (K, 6) numbers that command them, leg readings or poses: the corners of the box `bounds` (2, 6),
+    and such as are drawn evenly from it.
+
+    In "e05" number i of those that vary is at its upper end if bit i of 5 is set.
+    """
+    low, high = bounds
+    free = np.flatnonzero(low < high)
+    corners = np.tile(low, (1 << len(free) if extremal else 0, 1))
+    corners[:, free] += (np.arange(len(corners))[:, None] >> np.arange(len(free)) & 1) * (high - low)[free]
+    names = [f"e{k:02d}" for k in range(len(corners))] + [f"r{k:03d}" for k in range(random_poses)]
+    return names, np.concatenate([corners, stream.uniform(low, high, (random_poses, 6))])
 
 
 def assembled(robot: Robot, readings: Floats, stroke: tuple[float, float]) -> Pose:

@@ -126,7 +126,8 @@ def simulate_study(
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
         drawn = 0 if extremal else random_poses
-        names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
+        bounds = np.tile(np.array(stroke)[:, None], 6)
+        names, readings = configurations(bounds, pose, random_poses=drawn, extremal=extremal)
         poses = true_poses(true_robot, mechanisms, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
         return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)

@@ -15,7 +15,7 @@ LARGE = {  # mm; the gain is relative
     "gain": 0.2,
     "joint_error": 20.0,
 }
-READINGS = configurations(STROKE, streams(5)[2], random_poses=20, extremal=True)[1]
+READINGS = configurations(np.tile(np.array(STROKE)[:, None], 6), streams(5)[2], random_poses=20, extremal=True)[1]
 IDEAL = assembled(DELTALAB, READINGS, STROKE)
 
 
