@@ -63,8 +63,6 @@ if TYPE_CHECKING:
 
 LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
-_WEAK = 5.0  # and below it, a remark
-_LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
 
 
 def cross_matrix(vector: npt.ArrayLike) -> Floats:
@@ -75,11 +73,10 @@ def cross_matrix(vector: npt.ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class FrameCalibration:
-    """camera_in_base: X, target_in_mobile: Z (positions in mm); remarks: sentences on what makes them doubtful."""
+    """camera_in_base: X, target_in_mobile: Z (positions in mm)."""
 
     camera_in_base: Pose
     target_in_mobile: Pose
-    remarks: tuple[str, ...]
 
 
 def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
@@ -109,19 +106,14 @@ def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
     x, z = world_hand_eye(a, b)
     turn = rotation_vector(compose(b, inverse(compose(inverse(x), compose(a, z)))).quaternion)
     rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
-    found = f"move the direction ({direction}) by {least:.2g} rad (rms) only"
     if least <= _LOST * rms:
-        what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
+        what = (
+            f"move the direction ({direction}) by {least:.2g} rad (rms) only, and the two sides differ by {rms:.2g} "
+            "rad: translations along it are not determined"
+        )
         remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
         raise unusable(name, what, remedy)
-    remarks = []
-    if least <= _WEAK * rms:
-        ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
-        remarks.append(f"{name} {found}, {ratio}: translations along it are weakly determined")
-    if rms > _LARGE:
-        remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
-    x, z = (Pose(pose.position * unit, pose.quaternion) for pose in (x, z))
-    return FrameCalibration(x, z, tuple(remarks))
+    return FrameCalibration(*(Pose(pose.position * unit, pose.quaternion) for pose in (x, z)))
 
 
 def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:

@@ -284,7 +284,7 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
         rms=float(np.sqrt(np.mean(residuals**2))),
-        remarks=(*closed.remarks, *weak),
+        remarks=tuple(weak),
     )
 
 

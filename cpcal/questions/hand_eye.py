@@ -44,7 +44,6 @@ from cpcal.models.hand_eye_fit import (
     minimax_fit,
 )
 from cpcal.questions.result import Result
-from cpcal.robot import quaternion_from_matrix, rotation_vector
 from cpcal.solver.interval.numbers import round_down, round_up
 
 Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.models.hand_eye`
@@ -580,7 +579,7 @@ def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
 # answer is computed again here.
 
 _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how far one computed again may be
-_ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pixels fit without error
+_ROUNDING = 1e-6  # mm and rad: the same where pixels fit without error
 
 
 def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
@@ -606,15 +605,9 @@ def _not_least_squares(study: HandEyeStudy, found: HandEyeResult) -> str:
         answer = classical_answer(study.part(np.array(kept)))
     except InputError as error:  # what a study must be for its answer to be computed again
         return str(error.problems[0])
-    stated, there = found.asked.center.frames, answer.frames
-    apart = np.concatenate([
-        rotation_vector(quaternion_from_matrix(stated.e_rotation @ there.e_rotation.T)),
-        stated.e_translation - there.e_translation,
-        rotation_vector(quaternion_from_matrix(stated.f_rotation @ there.f_rotation.T)),
-        stated.f_translation - there.f_translation,
-    ])  # fmt: skip
-    allowed = np.minimum(np.sqrt(np.diagonal(answer.covariance)), np.tile(np.repeat([1.0, found.asked.reach], 3), 2))
-    if not (np.abs(apart) <= _APART * allowed + _ROUNDING).all():
+    turn, place = np.sqrt(np.diagonal(answer.covariance)).reshape(2, 2, 3).max(axis=(0, 2))
+    near = _APART * min(place, found.asked.reach) + _ROUNDING, np.degrees(_APART * min(turn, 1.0) + _ROUNDING)
+    if not holds(PlacedFrames.of(answer.frames).numbers, found.asked.center.numbers, *map(F, near)):
         return "it is not the least-squares answer"
     readings, own = found.classical.readings, _stated_readings(study, kept, answer.readings)
     if [len(row) for row in readings] == [6] * len(own):

@@ -67,7 +67,6 @@ def test_without_noise_the_frames_come_out_exactly(seed, count):
         move, turn = distance(pose, true)
         assert move <= 1e5 * accuracy
         assert turn <= 1e2 * accuracy
-    assert found.remarks == ()
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1e6])
@@ -115,13 +114,6 @@ def test_poses_that_hardly_turn_are_refused():
     assert "hardly turn" in refusal(a, b)
     _, _, a, b = problem(12, turn=1e-3)
     assert "not determined" in refusal(a, noisy(b, 1, 0.5, 0.003))
-
-
-def test_little_rotation_is_remarked_upon():
-    _, _, a, b = problem(13, 60, turn=0.012)
-    found = calibrate_frames(a, noisy(b, 1, 0.5, 0.003))
-    assert any("weakly determined" in remark for remark in found.remarks)
-    assert calibrate_frames(a, b).remarks == ()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
