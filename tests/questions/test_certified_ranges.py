@@ -82,10 +82,6 @@ def test_there_are_none_where_no_tolerance_is_reached(campaign, run):
     assert ranges_of(prepared_leg(Question(campaign=campaign, options=run[1].options), 2), lost) == (None, False)
 
 
-def test_a_result_with_ranges_is_read_as_it_was_written(run):
-    assert cpcal.load_result(run[0]) == run[1]
-
-
 def with_options(result, **changes):
     return dataclasses.replace(result, options=dataclasses.replace(result.options, **changes))
 

@@ -19,7 +19,6 @@ from cpcal.files import campaign_sha256
 from cpcal.report import write_report
 from cpcal.report.comparison_page import comparison_table, write_comparison
 from cpcal.simulate import true_robot
-from cpcal.solver.contract import Verdict
 from tests.changed import with_gain
 
 GAIN, TOLERANCE = 0.01, 0.3
@@ -154,12 +153,6 @@ def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path)
     for wrong in (replace(own, name="other"), replace(own, extra=(cpcal.Parameter("j", "mm", 1.0),))):
         with pytest.raises(cpcal.InputError, match="is not the result's"):
             write_report(exact, drawn, tmp_path, wrong)
-
-
-def test_the_papers_script_with_a_model(exact):
-    leg = cpcal.certify(exact, legs=[1], model="gain", method="timeout", time_limit=20.0, gap=0.05).legs[0]
-    assert leg.bracket.verdict is Verdict.PROVED
-    assert leg.bracket.lo <= 0.1194 <= leg.bracket.hi * 1.01
 
 
 def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):

@@ -168,12 +168,6 @@ def test_the_factor_on_the_half_widths_is_the_largest_at_which_the_point_conform
     assert never == replace(leg.reduced, factor=0.0, certificate=None)
 
 
-def test_on_a_fail_least_squares_is_marked() -> None:
-    result, leg = certified(campaign(0.01), tolerance=0.3)
-    assert recommendation(result, leg) == "least squares; not recommended: fails"
-    assert verdict_of(result, leg).sentence.startswith("Fail at 0.3 mm: no parameters in the box")
-
-
 def test_with_outliers_a_pass_is_over_the_others() -> None:
     good = cpcal.simulate(seed=2, joint_error=0.1, noise=0.1, truncate=3.0, extremal=False, random_poses=30)
     length = good.length.copy()

@@ -85,25 +85,6 @@ def test_the_noise_is_that_of_tables_2_and_3(images, share):
     assert np.array_equal(length, np.repeat(length[:: max(images, 1)], max(images, 1), axis=0))  # once a run
 
 
-def test_backlash_makes_the_lengths_of_a_pose_bimodal():
-    """Centred pose by pose, the lengths that the poses mean lie near two values that are the backlash apart."""
-    study = simulate_study(seed=1, backlash=0.5, friction=100.0)
-    table, truth = study.calibration, study.truth
-    surplus = inverse_kinematics(truth.robot, truth.mobile_in_base(table)) - table.length
-    modes = surplus / 0.25
-    assert_allclose(np.abs(modes), 1.0, atol=1.0)  # noise of some 0.05 mm
-    assert np.abs(np.abs(modes) - 1.0).std() < 0.3
-    assert 0.4 < (modes > 0).mean() < 0.6
-    by_pose = modes.reshape(64, 11, 6)
-    both = (by_pose > 0).any(axis=1) & (by_pose < 0).any(axis=1)
-    assert both.mean() > 0.95
-    centred = np.abs(by_pose - by_pose.mean(axis=1, keepdims=True))
-    assert np.mean(centred < 0.3) < 0.05  # nothing in the middle, where a Gaussian is densest
-    # decided by the weight alone, a pose keeps to its mode in all runs
-    quiet = simulate_study(seed=1, backlash=0.5, friction=0.0, noise=0.0).calibration
-    assert np.ptp(quiet.position.reshape(64, 11, 3), axis=1).max() == 0.0
-
-
 def test_poses_without_noise_and_a_camera_of_ones_own():
     """What images are rendered from: the true poses, seen by the camera given; leg readings keep their noise."""
     camera = Pose(np.array([10.0, -20.0, 1100.0]), np.array([0.0, 1.0, 0.0, 0.0]))
