@@ -84,7 +84,7 @@ def pose_sets(folder: Path) -> None:
     """Of seven dots, whose places are uncertain."""
     rng = np.random.default_rng(7)
     few = Target("few dots", DELTALAB_TARGET.dots[::12], 6.0)
-    targets, cameras = TargetSet.within(few, 0.01), CameraSet(DELTALAB_CAMERA)
+    targets, cameras = TargetSet(few, 0.01), CameraSet(DELTALAB_CAMERA)
     numbers, centers = shown(rng, drawn_pose(rng), cameras, targets)
     boxes = PixelBoxes.around(numbers, centers, 0.05, of_images=True)
     (folder / "run").mkdir()

@@ -54,7 +54,7 @@ def shown(rng: np.random.Generator, pose: Pose, cameras: CameraSet, targets: Tar
     t = rng.uniform(-1.0, 1.0, cameras.spread.shape[1])
     t /= max(1.0, float(np.linalg.norm(t)))
     camera = cameras.camera.with_numbers(cameras.camera.numbers + cameras.spread @ t)
-    off = targets.half_widths * rng.uniform(-1.0, 1.0, targets.half_widths.shape)
+    off = np.asarray(targets.half_widths) * rng.uniform(-1.0, 1.0, (len(targets.target.dots), 3))
     flat = replace(targets.target, dots=targets.target.dots + off[:, :2])
     high = transformed(pose, flat.points + [0.0, 0.0, 1.0] * off)
     centers = predicted_centers(flat, camera, pose) + camera.project(high)
@@ -97,7 +97,7 @@ def main() -> None:
     asked = parser.parse_args()
     print(f"boxes of +-{asked.half_width} px, {asked.outliers} outliers; half-widths in um and urad")
     print(f"{'':<18} {'inside':>7} {'s':>6}", " ".join(f"{name:>7}" for name in COLUMNS))
-    plates = {"": TargetSet.within(DELTALAB_TARGET), ", plate": TargetSet.within(DELTALAB_TARGET, PLATE)}
+    plates = {"": TargetSet(DELTALAB_TARGET), ", plate": TargetSet(DELTALAB_TARGET, PLATE)}
     cameras = {"exact": CameraSet(DELTALAB_CAMERA), "ellipsoid": calibrated()}
     for (name, camera), (with_, plate) in ((c, p) for c in cameras.items() for p in plates.items()):
         rng, given = np.random.default_rng(asked.seed), (camera, plate, asked.half_width, asked.outliers)

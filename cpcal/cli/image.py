@@ -317,5 +317,5 @@ def _stated(
     known = None if camera_exact else lens.covariance
     cameras = CameraSet(lens.camera) if known is None else CameraSet.ellipsoid(lens.camera, known, factor)
     if plate_exact:
-        return TargetSet.within(plate), cameras
-    return TargetSet.within(plate, [within, within, 0.0], factor * plate.scale_sigma), cameras
+        return TargetSet(plate), cameras
+    return TargetSet(plate, [within, within, 0.0], factor * plate.scale_sigma), cameras

@@ -157,7 +157,8 @@ class CameraSet(Value):
 
 @dataclass(frozen=True, eq=False)
 class TargetSet(Value):
-    """Targets whose dot i is within `half_widths[i]` of its place: (n, 3) mm along x, y and z of the target.
+    """Targets whose dots are within `half_widths` of their places: one number, or (3,) mm along x, y and z of the
+    target.
 
     scale  the plate as a whole, dots' radius included, is 1 + tau times such a one, |tau| <= scale: as a print shrinks
 
@@ -165,26 +166,17 @@ class TargetSet(Value):
     """
 
     target: Target
-    half_widths: Floats
+    half_widths: npt.ArrayLike = 0.0
     scale: float = 0.0
 
     def __post_init__(self) -> None:
-        widths, shape = frozen_array(self.half_widths), (len(self.target.dots), 3)
-        if widths.shape != shape:
-            what = f"have the shape {widths.shape}"
-            raise unusable("target half-widths", what, f"give one number, (3,) or {shape}, mm")
-        if not (np.isfinite(widths) & (widths >= 0.0)).all():
-            raise unusable("target half-widths", "are negative or not finite", "give mm >= 0")
+        widths = np.asarray(self.half_widths, dtype=np.float64)
+        if widths.shape not in ((), (3,)) or not (np.isfinite(widths) & (widths >= 0.0)).all():
+            raise unusable("target half-widths", f"are {self.half_widths}", "give one number or (3,), mm >= 0")
         if not 0.0 <= self.scale <= LARGEST_SCALE:
             what = f"is {self.scale}"
             raise unusable("target scale", what, f"give a share from 0 to {LARGEST_SCALE}")
-        fill(self, half_widths=widths)
-
-    @classmethod
-    def within(cls, target: Target, half_widths: npt.ArrayLike = 0.0, scale: float = 0.0) -> TargetSet:
-        """One half-width, or one for each coordinate (3,), for all dots. Raises InputError."""
-        widths = np.asarray(half_widths, dtype=np.float64)
-        return cls(target, np.tile(widths * np.ones(3), (len(target.dots), 1)), float(scale))
+        fill(self, half_widths=frozen_array(widths * np.ones(3)))
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -224,7 +216,7 @@ def _sight(
         "target": {
             "radius": _hex(target.radius),
             "dots": _hex(target.dots[boxes.numbers]),
-            "half_widths": _hex(targets.half_widths[boxes.numbers]),
+            "half_widths": [_hex(targets.half_widths)] * len(boxes),
             "scale": _hex(targets.scale),
         },
     }
@@ -486,7 +478,7 @@ def enclose_pose(
     Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.
     """
     begin = time.perf_counter()
-    targets = target if isinstance(target, TargetSet) else TargetSet.within(target)
+    targets = target if isinstance(target, TargetSet) else TargetSet(target)
     cameras = camera if isinstance(camera, CameraSet) else CameraSet(camera)
     _check(boxes, targets.target, outliers)
     stem = None if certificate is None else Path(certificate)

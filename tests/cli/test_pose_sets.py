@@ -121,7 +121,7 @@ def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:
 def test_the_dots_deviations_count_factor_times() -> None:
     plate, lens = replace(DELTALAB_TARGET, dot_sigma=0.01, scale_sigma=1e-4), CameraRecord(DELTALAB_CAMERA)
     plates, cameras = _stated(plate, lens, None, 3.0, plate_exact=False, camera_exact=True)
-    np.testing.assert_array_equal(plates.half_widths, np.tile([0.03, 0.03, 0.0], (len(plate.dots), 1)))
+    np.testing.assert_array_equal(plates.half_widths, [0.03, 0.03, 0.0])
     assert (plates.scale, cameras.spread.shape[1]) == (3.0 * 1e-4, 0)
     plates, _ = _stated(plate, lens, None, 3.0, plate_exact=True, camera_exact=True)
     assert (plates.half_widths.any(), plates.scale) == (False, 0.0)

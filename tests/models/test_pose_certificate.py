@@ -41,7 +41,7 @@ SETS = {
 @pytest.mark.parametrize("kind", list(SETS))
 def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind: str) -> None:
     rng = np.random.default_rng(list(SETS).index(kind))
-    targets = TargetSet.within(FEW, PLATE)
+    targets = TargetSet(FEW, PLATE)
     pose, boxes = seen(rng, SETS[kind], targets)
     found = enclose_pose(boxes, targets, SETS[kind])
     assert found.verdict is Verdict.PROVED
@@ -51,7 +51,7 @@ def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind
 def test_shared_errors_are_not_taken_dot_by_dot() -> None:
     """A principal point that is off by 0.2 px moves the pose; boxes that are wider by as much leave it turn as well."""
     rng = np.random.default_rng(2)
-    _, boxes = seen(rng, SETS["exact"], TargetSet.within(FEW))
+    _, boxes = seen(rng, SETS["exact"], TargetSet(FEW))
     variance = np.diag([0.0, 0.0, 0.04, 0.04, 0.0, 0.0, 0.0, 0.0, 0.0])
     shifted = CameraSet.ellipsoid(DELTALAB_CAMERA, variance, 1.0)
     shared = enclose_pose(boxes, FEW, shifted)
@@ -104,7 +104,7 @@ def test_the_bias_holds_the_centroid_of_the_area() -> None:
 
 def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
     rng = np.random.default_rng(9)
-    pose, boxes = seen(rng, SETS["exact"], TargetSet.within(FEW))
+    pose, boxes = seen(rng, SETS["exact"], TargetSet(FEW))
     lo, hi = boxes.lo.copy(), boxes.hi.copy()
     lo[5], hi[5] = lo[5] + 3.0, hi[5] + 3.0
     wrong = PixelBoxes(boxes.numbers, lo, hi, of_images=True)
@@ -137,7 +137,7 @@ def test_sets_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match="covariance"):
         CameraSet.ellipsoid(DELTALAB_CAMERA, np.eye(8), 1.0)
     with pytest.raises(InputError, match="target half-widths"):
-        TargetSet.within(FEW, -1.0)
+        TargetSet(FEW, -1.0)
 
 
 def test_an_ellipsoid_of_cameras_has_the_covariance_times_the_square_of_its_factor():

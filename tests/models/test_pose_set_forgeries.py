@@ -29,7 +29,7 @@ def certified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pose set of everything uncertain, with its certificates."""
     folder = tmp_path_factory.mktemp("sets")
     rng = np.random.default_rng(7)
-    targets = TargetSet.within(FEW, 0.01, scale=2e-4)
+    targets = TargetSet(FEW, 0.01, scale=2e-4)
     cameras = CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0)
     pose = drawn_pose(rng)
     numbers, centers = shown(rng, pose, cameras, targets)
@@ -47,7 +47,7 @@ def robust(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One where one dot may be wrong, and none is found to be."""
     folder = tmp_path_factory.mktemp("robust")
     rng = np.random.default_rng(8)
-    cameras, targets = CameraSet(DELTALAB_CAMERA), TargetSet.within(FEW)
+    cameras, targets = CameraSet(DELTALAB_CAMERA), TargetSet(FEW)
     pose = drawn_pose(rng)
     numbers, centers = shown(rng, pose, cameras, targets)
     boxes = PixelBoxes.around(numbers, centers + rng.uniform(-0.04, 0.04, centers.shape), 0.05, of_images=True)
