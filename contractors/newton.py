@@ -7,15 +7,17 @@ Near a simple zero the widths of a box are squared at every pass. To prove that 
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, narrowed
-from cpcal.solver.existence import Equalities, newton_all, stop_flag
+from cpcal.solver.existence import Equalities, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
 _MOST = 10  # times that the operator is applied to a box
+_QUICK = 100  # unknowns, beyond which the clock is looked at before each box
 
 
 class Newton(Composable):
@@ -39,6 +41,8 @@ class Newton(Composable):
         if not self._equalities.count:
             return boxes
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
-        with stop_flag(deadline, boxes.shape[1], len(bounds)) as stop:
-            newton_all(self._equalities.program, _MOST, stop, bounds)
+        together = max(1, len(bounds) if boxes.shape[1] <= _QUICK else 1)
+        for k in range(0, len(bounds), together):
+            if time.monotonic() < deadline:
+                newton_all(self._equalities.program, _MOST, bounds[k : k + together])
         return IntervalArray(bounds[..., 0], bounds[..., 1])

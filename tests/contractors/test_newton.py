@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from contractors import HC4, Newton
 from cpcal.solver.contract import Repeat
-from cpcal.solver.existence import Equalities, newton_all, stop_flag
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, norm, sqr
 
@@ -33,24 +31,11 @@ def test_a_zero_in_one_call_where_hc4_is_stuck() -> None:
     assert box.width.max() < 1e-14
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-def test_a_deadline_leaves_boxes_as_they_are(stopped: bool) -> None:
+def test_after_the_deadline_boxes_stay_as_they_are() -> None:
     net = circle_and_parabola()
-    lo, hi = np.array([1.2, 1.2]), np.array([1.4, 1.4])
-    boxes, flag = np.stack([lo, hi], axis=-1)[None].copy(), np.array([int(stopped)])
-    newton_all(Equalities(net).program, 10, flag, boxes)
-    assert bool((boxes == np.stack([lo, hi], axis=-1)).all()) is stopped
-
-
-def test_the_flag_is_raised_at_the_deadline() -> None:
-    with stop_flag(time.monotonic(), 1000) as flag:
-        for _ in range(10_000):
-            if flag[0]:
-                break
-            time.sleep(0.001)
-        assert flag[0]
-    with stop_flag(math.inf, 1000) as flag:
-        assert not flag[0]
+    near = Box(net.names, [1.2, 1.2], [1.6, 1.4])
+    assert Newton(net).contract(near, time.monotonic()).box == near
+    assert Newton(net).contract(near).box.width.max() < 1e-12
 
 
 def test_a_box_without_a_zero_is_refuted() -> None:

@@ -97,16 +97,3 @@ def test_measurements_are_taken_apart_and_q_is_checked() -> None:
     empty = ConstraintNetwork()
     empty.variable("x", (), (0, 1))
     assert qinter(empty).contract(empty.domain).box == empty.domain
-
-
-def test_projections_alone_are_wider() -> None:
-    """Three squares of which each two meet in each projection, but only the first two in the plane; q = 1."""
-    boxes = IntervalArray(
-        np.array([[0.0, 0.0], [1.0, 1.0], [0.5, 4.0]]), np.array([[2.0, 2.0], [3.0, 3.0], [2.5, 5.0]])
-    )
-    hull = q_intersection(boxes, 1)
-    assert hull is not None
-    assert hull.lo.tolist() == [1.0, 1.0]
-    assert hull.hi.tolist() == [2.0, 2.0]
-    by_projection = [q_intersection(boxes[:, [k]], 1) for k in range(2)]
-    assert [p.lo.tolist() for p in by_projection if p is not None] == [[0.5], [1.0]]

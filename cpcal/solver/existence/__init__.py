@@ -12,7 +12,6 @@ row at all (`sides`).
 from cpcal.solver.existence.operators import (
     Equalities,
     newton_all,
-    stop_flag,
 )
 from cpcal.solver.existence.unique import (
     Inside,
@@ -39,6 +38,5 @@ __all__ = [
     "prove_unique",
     "reads",
     "sides",
-    "stop_flag",
     "upper_ends",
 ]

@@ -18,11 +18,7 @@ The computation itself comes last, in compiled functions. Bounds are the last ax
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property
-from threading import Timer
 
 import numpy as np
 
@@ -34,30 +30,6 @@ from cpcal.solver.interval.operations import continuous
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.sweeps import Program, Reach, all_partials, forward, gradients
-
-# ------------------------------------------------------------------------------------------------------------------
-# How compiled functions hear of a deadline: they cannot read the clock, and hold no lock while they run.
-
-_QUICK = 100**3  # steps of an elimination: some milliseconds, not worth a thread
-
-
-@contextmanager
-def stop_flag(deadline: float, unknowns: int, boxes: int = 1) -> Iterator[Ints]:
-    """A flag (1,) that becomes 1 at the deadline (of time.monotonic()), for Newton's method on so many boxes.
-
-    Where that takes some milliseconds only, it stays 0.
-    """
-    flag = np.zeros(1, np.int64)
-    if math.isinf(deadline) or boxes * unknowns**3 < _QUICK:
-        yield flag
-        return
-    timer = Timer(max(0.0, deadline - time.monotonic()), flag.fill, (1,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield flag
-    finally:
-        timer.cancel()
 
 
 def inside(inner: IntervalArray, outer: IntervalArray, columns: Indices) -> bool:
@@ -91,12 +63,11 @@ class Equalities:
         """Those of a network, written once."""
         return network.once("equalities", lambda: cls(network))
 
-    def image(self, box: Box, center: Floats, columns: Indices, deadline: float = math.inf) -> IntervalArray | None:
+    def image(self, box: Box, center: Floats, columns: Indices) -> IntervalArray | None:
         """N(X) about a point of a bounded box X, for as many equations as `columns`; NaN where X holds no zero.
 
-        None where F or a derivative is not defined or not bounded, where there is no inverse, or where it was not
-        finished at the deadline (of time.monotonic()). The derivatives (where they exist) at all points of the box
-        enclose all slopes (F(x) - F(y)) between two of its points.
+        None where F or a derivative is not defined or not bounded, or where there is no inverse. The derivatives
+        (where they exist) at all points of the box enclose all slopes (F(x) - F(y)) between two of its points.
         """
         center, rows = np.array(center, np.float64), np.arange(len(columns))
         value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
@@ -104,9 +75,7 @@ class Equalities:
         if not linearized(self.program, bounds, center, value, jacobian):
             return None
         out = np.full(bounds.shape, np.nan)
-        with stop_flag(deadline, len(columns)) as stop:
-            given = (value, jacobian, center, rows, np.array(columns), stop, bounds, out)
-            found = newton_image(*given)
+        found = newton_image(value, jacobian, center, rows, np.array(columns), bounds, out)
         return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
     @cached_property
@@ -176,8 +145,8 @@ def entry(x: Floats, i: int, j: int) -> Bounds:
 
 
 @compiled
-def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: Ints) -> int:
-    """The rows and columns of a square part that is far from singular, and its size: as many as can be. 0: stopped.
+def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int:
+    """The rows and columns of a square part that is far from singular, and its size: as many as can be.
 
     Components of no width are no unknowns. Rows and columns are chosen by Gauss elimination with full pivoting of the
     midpoints, in units of the box.
@@ -204,7 +173,7 @@ def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: 
             for j in range(step, free):
                 if abs(scaled[i, j]) > best:
                     best, at_row, at_column = abs(scaled[i, j]), i, j
-        if at_row < 0 or not math.isfinite(best) or stop[0] != 0:
+        if at_row < 0 or not math.isfinite(best):
             return 0
         for j in range(free):
             scaled[step, j], scaled[at_row, j] = scaled[at_row, j], scaled[step, j]
@@ -220,11 +189,8 @@ def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: 
 
 
 @compiled
-def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, stop: Ints, out: Floats) -> bool:
-    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none.
-
-    `stop` (1,) is not 0 as soon as nobody waits for the result any more.
-    """
+def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, out: Floats) -> bool:
+    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none."""
     s = len(out)
     work = np.zeros((s, 2 * s))
     for i in range(s):
@@ -236,7 +202,7 @@ def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, stop: Ints, o
         for i in range(k + 1, s):
             if abs(work[i, k]) > abs(work[best, k]):
                 best = i
-        if not abs(work[best, k]) > 0.0 or stop[0] != 0:
+        if not abs(work[best, k]) > 0.0:
             return False
         for j in range(2 * s):
             work[k, j], work[best, j] = work[best, j], work[k, j]
@@ -257,10 +223,8 @@ def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, stop: Ints, o
 
 
 @compiled
-def precondition(
-    inverse: Floats, rows: Ints, value: Floats, jacobian: Floats, stop: Ints, y: Floats, matrix: Floats
-) -> bool:
-    """y = C F(c) (s, 2) and A = C J (s, n, 2); False where it was stopped."""
+def precondition(inverse: Floats, rows: Ints, value: Floats, jacobian: Floats, y: Floats, matrix: Floats) -> None:
+    """y = C F(c) (s, 2) and A = C J (s, n, 2)."""
     s, n = len(inverse), jacobian.shape[1]
     entries, where = np.zeros(s, np.int64), np.empty((s, n), np.int64)  # that are not 0, by row
     for r in range(s):
@@ -271,8 +235,6 @@ def precondition(
     y[:] = 0.0
     matrix[:] = 0.0
     for i in range(s):
-        if stop[0] != 0:
-            return False
         for r in range(s):
             c, row = inverse[i, r], rows[r]
             if c == 0.0:
@@ -280,7 +242,6 @@ def precondition(
             y[i, 0], y[i, 1] = add(pair(y, i), mul((c, c), pair(value, row)))
             for j in where[r, : entries[r]]:
                 matrix[i, j, 0], matrix[i, j, 1] = add(entry(matrix, i, j), mul((c, c), entry(jacobian, row, j)))
-    return True
 
 
 @compiled
@@ -306,20 +267,18 @@ def newton_image(
     center: Floats,
     rows: Ints,
     columns: Ints,
-    stop: Ints,
     box: Floats,
     out: Floats,
 ) -> int:
-    """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse or it was stopped.
+    """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse.
 
     `columns` are the s unknowns.
     """
     s, n = len(columns), len(box)
     inverse, y, matrix, away = np.empty((s, s)), np.empty((s, 2)), np.empty((s, n, 2)), np.empty((n, 2))
-    if not inverse_of_middle(jacobian, rows, columns, stop, inverse):
+    if not inverse_of_middle(jacobian, rows, columns, inverse):
         return -1
-    if not precondition(inverse, rows, value, jacobian, stop, y, matrix):
-        return -1
+    precondition(inverse, rows, value, jacobian, y, matrix)
     for j in range(n):
         away[j, 0], away[j, 1] = sub(pair(box, j), (center[j], center[j]))
     if not gauss_seidel(y, matrix, columns, away):
@@ -337,11 +296,8 @@ def middle(lo: float, hi: float) -> float:
 
 
 @compiled
-def newton_all(equations: Equations, most: int, stop: Ints, boxes: Floats) -> None:
-    """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero.
-
-    Boxes that are left when `stop` (1,) is not 0 stay as they are.
-    """
+def newton_all(equations: Equations, most: int, boxes: Floats) -> None:
+    """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero."""
     m, n = len(equations[0].roots), boxes.shape[1]
     value, jacobian, image, center = np.empty((m, 2)), np.empty((m, n, 2)), np.empty((n, 2)), np.empty(n)
     rows, columns = np.empty(m, np.int64), np.empty(n, np.int64)
@@ -353,11 +309,11 @@ def newton_all(equations: Equations, most: int, stop: Ints, boxes: Floats) -> No
             for j in range(n):
                 center[j] = middle(box[j, 0], box[j, 1])
             known = linearized(equations, box, center, value, jacobian)
-            size = square_part(jacobian, box, stop, rows, columns) if known else 0
+            size = square_part(jacobian, box, rows, columns) if known else 0
             if size == 0:
                 break
             square_rows, unknowns = rows[:size], columns[:size]
-            found = newton_image(value, jacobian, center, square_rows, unknowns, stop, box, image)
+            found = newton_image(value, jacobian, center, square_rows, unknowns, box, image)
             if found < 0:
                 break
             halved = False

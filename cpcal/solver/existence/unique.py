@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -289,9 +290,9 @@ class UniquenessProver:
     def _image(self, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""
         box = self._domain.with_bounds(region.lo, region.hi)
-        if not box.is_bounded:
+        if not box.is_bounded or time.monotonic() > self._deadline:
             return None
-        return self._equalities.image(box, center, self._columns, self._deadline)
+        return self._equalities.image(box, center, self._columns)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""

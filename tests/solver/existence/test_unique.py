@@ -207,9 +207,9 @@ def test_no_zero_of_a_linearised_system_is_lost() -> None:
         value = -((matrix + spread * rng.uniform(-1.0, 1.0, matrix.shape)) @ (x - center))
         values = np.stack([value - 1e-12, value + 1e-12], axis=-1)
         slopes = np.stack([matrix - spread, matrix + spread], axis=-1)
-        box, found, stop = np.stack([center - half, center + half], axis=-1), np.full((4, 2), np.nan), np.zeros(1, int)
+        box, found = np.stack([center - half, center + half], axis=-1), np.full((4, 2), np.nan)
         square = (center, np.arange(len(columns)), columns)
-        if newton_image(values, slopes, *square, stop, box, found) >= 0:
+        if newton_image(values, slopes, *square, box, found) >= 0:
             narrowed += bool((np.ptp(found, axis=1) < np.ptp(box, axis=1))[columns].all())
             assert ((found[:, 0] <= x) & (x <= found[:, 1]))[columns].all()
     assert narrowed > 100
