@@ -28,6 +28,7 @@ from cpcal.solver.interval.kernels import (
     sub,
     sum_above,
     sum_below,
+    two_sum,
 )
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -37,7 +38,7 @@ from cpcal.solver.interval.kernels import (
 # its relative error. The cores' errors over the whole reduced range are proved in tests/solver/interval/
 # test_elementary.py: truncation by arb, rounding by running the very functions below on numbers that carry error
 # bounds.
-# No function of the C library takes part but frexp and sqrt, which are exact or correctly rounded.
+# No function of the C library takes part but frexp, ldexp and sqrt, which are exact or correctly rounded.
 
 _x = float.fromhex
 LN2_HI, LN2_LO = _x("0x1.62e42feep-1"), _x("0x1.a39ef35793c76p-33")  # 32 bits: times an exponent it is exact
@@ -113,19 +114,6 @@ def widened(v: float) -> Bounds:
 
 
 @compiled
-def _power_of_two(n: int) -> float:
-    """2^n for -1000 <= n <= 1000."""
-    result, base = 1.0, 2.0 if n >= 0 else 0.5
-    n = abs(n)
-    while n:
-        if n & 1:
-            result *= base
-        base *= base
-        n >>= 1
-    return result
-
-
-@compiled
 def exp_at(x: float) -> Bounds:
     if x != x:
         return x, x
@@ -135,10 +123,8 @@ def exp_at(x: float) -> Bounds:
         return 0.0, ETA
     k = math.floor(x * 1.4426950408889634 + 0.5)
     low, high = widened(exp_core((x - k * LN2_HI) - k * LN2_LO))
-    half = k // 2
-    one, two = _power_of_two(half), _power_of_two(k - half)
-    low, high = low * one * two, high * one * two
-    if k < -1000:  # the last product may be subnormal, and rounded
+    low, high = math.ldexp(low, k), math.ldexp(high, k)
+    if k < -1000:  # these may be subnormal, and rounded
         low, high = max(low - ETA, 0.0), high + ETA
     return low, high
 
@@ -158,14 +144,6 @@ def log_at(x: float) -> Bounds:
 
 
 @compiled
-def two_sum(a: float, b: float) -> tuple[float, float]:
-    """The rounded sum and its error, exactly (Knuth)."""
-    total = a + b
-    part = total - a
-    return total, (a - (total - part)) + (b - part)
-
-
-@compiled
 def reduced(x: float) -> tuple[int, float, float]:
     """k, r, tail with x = k pi/2 + r + tail, |r| <= 0.79, up to REDUCTION; for |x| <= FARTHEST."""
     k = math.floor(x * 0.6366197723675814 + 0.5)
@@ -178,7 +156,7 @@ def reduced(x: float) -> tuple[int, float, float]:
 
 
 @compiled
-def _wave_at(x: float, shift: int) -> Bounds:
+def wave_at(x: float, shift: int) -> Bounds:
     """The sine of x plus so many quarters of a turn."""
     if not abs(x) <= FARTHEST:
         return -1.0, 1.0
@@ -190,16 +168,6 @@ def _wave_at(x: float, shift: int) -> Bounds:
         low, high = low - REDUCTION, high + REDUCTION
         low, high = low - abs(low) * 2.0**-52, high + abs(high) * 2.0**-52
     return max(low, -1.0), min(high, 1.0)
-
-
-@compiled
-def sin_at(x: float) -> Bounds:
-    return _wave_at(x, 0)
-
-
-@compiled
-def cos_at(x: float) -> Bounds:
-    return _wave_at(x, 1)
 
 
 @compiled
@@ -264,16 +232,16 @@ def _multiples(x: Bounds, offset: float) -> tuple[float, float]:
 
 
 @compiled
-def _wave(x: Bounds, cosine: bool) -> Bounds:
-    """Maxima are at m pi (of a cosine) or (m + 1/2) pi (of a sine) for even m, minima for odd m."""
+def _wave(x: Bounds, shift: int) -> Bounds:
+    """Of a sine (shift 0) or a cosine (1): maxima are at (m + (1 - shift) / 2) pi for even m, minima for odd m."""
     if not x[0] <= x[1]:
         return EMPTY
     if far(x):
         return SINES
-    first, last = _multiples(x, 0.0 if cosine else 0.5)
+    first, last = _multiples(x, 0.5 * (1 - shift))
     if last > first:
         return SINES
-    a, b = (cos_at(x[0]), cos_at(x[1])) if cosine else (sin_at(x[0]), sin_at(x[1]))
+    a, b = wave_at(x[0], shift), wave_at(x[1], shift)
     low, high = min(a[0], b[0]), max(a[1], b[1])
     if first == last:
         return (low, 1.0) if int(first) % 2 == 0 else (-1.0, high)
@@ -282,12 +250,12 @@ def _wave(x: Bounds, cosine: bool) -> Bounds:
 
 @compiled
 def sin(x: Bounds) -> Bounds:
-    return _wave(x, False)
+    return _wave(x, 0)
 
 
 @compiled
 def cos(x: Bounds) -> Bounds:
-    return _wave(x, True)
+    return _wave(x, 1)
 
 
 @compiled
@@ -305,7 +273,7 @@ def tan(x: Bounds) -> Bounds:
         return EMPTY
     if has_pole(x):
         return LINE
-    return div(sin_at(x[0]), cos_at(x[0]))[0], div(sin_at(x[1]), cos_at(x[1]))[1]
+    return div(wave_at(x[0], 0), wave_at(x[0], 1))[0], div(wave_at(x[1], 0), wave_at(x[1], 1))[1]
 
 
 @compiled

@@ -264,24 +264,12 @@ def factor(z: Bounds, y: Bounds, x: Bounds) -> Bounds:
 
 
 @compiled
-def mig(a: Bounds) -> float:
-    """The smallest absolute value."""
-    if a[0] > 0.0:
-        return a[0]
-    return -a[1] if a[1] < 0.0 else 0.0
-
-
-@compiled
-def mag(a: Bounds) -> float:
-    """The largest absolute value."""
-    return a[1] if a[1] > -a[0] else -a[0]
-
-
-@compiled
 def absolute(a: Bounds) -> Bounds:
     if not a[0] <= a[1]:
         return EMPTY
-    return mig(a), mag(a)
+    if a[0] > 0.0:
+        return a
+    return neg(a) if a[1] < 0.0 else (0.0, max(-a[0], a[1]))
 
 
 @compiled
@@ -350,14 +338,20 @@ def larger(a: Bounds, b: Bounds) -> Bounds:
 
 
 @compiled
+def two_sum(a: float, b: float) -> tuple[float, float]:
+    """The rounded sum and its error, exactly (Knuth)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@compiled
 def total_below(terms: Floats) -> float:
-    """A bound of a sum. What each addition loses is exact (Knuth): added up beside it, it is small."""
+    """A bound of a sum. What each addition loses is exact: added up beside it, it is small."""
     total, rest, size = 0.0, 0.0, 0.0
     for v in terms:
-        more = total + v
-        part = more - total
-        lost = (total - (more - part)) + (v - part)
-        total, rest, size = more, rest + lost, size + abs(lost)
+        total, lost = two_sum(total, v)
+        rest, size = rest + lost, size + abs(lost)
     if size == 0.0:
         return total
     if size < math.inf:  # all that was computed is finite
