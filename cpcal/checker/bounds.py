@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fractions import Fraction as F
 from math import isqrt
+from typing import TypeVar
 
 from .polynomial import inner, rotation_rows
 from .readers import Refused
@@ -115,6 +116,7 @@ def number(value: F | int) -> Bounds:
 
 
 ZERO, ONE, UNIT = number(0), number(1), Bounds(-_ONE, _ONE)
+T = TypeVar("T")
 Vector = Sequence[Bounds]
 Matrix = Sequence[Vector]
 
@@ -138,7 +140,7 @@ def sizes(x: Vector) -> list[Bounds]:
     return [v.size for v in x]
 
 
-def matrix(entries: Vector) -> list[Vector]:
+def matrix(entries: Sequence[T]) -> list[Sequence[T]]:
     """(3, 3), from its entries row by row."""
     return [entries[k : k + 3] for k in (0, 3, 6)]
 

@@ -13,12 +13,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import cached_property
-from itertools import product
+from functools import cached_property, lru_cache
+from itertools import product as pairs
+from typing import Any
 
 from .bounds import Bounds, box_of, matrix, number, numbers
 from .bounds import rotation as enclosed_rotation
-from .polynomial import Polynomial, Spend, applied, dyadics, minus, plus, rotation_rows, transposed, unknown
+from .polynomial import (
+    Polynomial,
+    Spend,
+    applied,
+    cross,
+    dyadics,
+    inner,
+    minus,
+    plus,
+    product,
+    rotation_rows,
+    transposed,
+    unknown,
+)
 from .readers import Refused
 from .rule import Box, Problem
 
@@ -34,6 +48,7 @@ SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "lin
 STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
 Terms = dict[tuple[int, ...], int]
+Matrix = Sequence[Sequence[Any]]
 Vector = Sequence[F]
 
 
@@ -70,17 +85,54 @@ def rotation(q: Sequence[F | int]) -> tuple[list[list[int]], int]:
     return rotation_rows(whole), sum(c * c for c in whole)
 
 
-def turn_equation(part: Sequence[int], k: int) -> Terms:
-    """One of 21 polynomials that vanish at a rotation: R R' = I, R' R = I, R = cof R."""
-    if k < 12:
-        lines = [[part[3 * a + b] if k < 6 else part[3 * b + a] for b in AXES] for a in AXES]
-        a, b = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))[k % 6]
-        found: Terms = {(min(i, j), max(i, j)): 1 for i, j in zip(lines[a], lines[b], strict=True)}
-        return found | {(): -1} if a == b else found
-    a, b = divmod(k - 12, 3)
-    p, q, s, t = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
-    first, second = (part[3 * p + s], part[3 * q + t]), (part[3 * p + t], part[3 * q + s])
-    return {(part[3 * a + b],): 1, (min(first), max(first)): -1, (min(second), max(second)): 1}
+class Form:
+    """A polynomial with whole coefficients, by its unknowns, ascending."""
+
+    __slots__ = ("terms",)
+
+    def __init__(self, terms: Terms) -> None:
+        self.terms = {m: c for m, c in terms.items() if c}
+
+    def __add__(self, other: Form | int) -> Form:
+        found = dict(self.terms)
+        for m, c in (other.terms if isinstance(other, Form) else {(): other}).items():
+            found[m] = found.get(m, 0) + c
+        return Form(found)
+
+    def __sub__(self, other: Form | int) -> Form:
+        return self + -1 * other
+
+    def __mul__(self, other: Form | int) -> Form:
+        if isinstance(other, int):
+            return Form({m: c * other for m, c in self.terms.items()})
+        found: Terms = {}
+        for m, c in self.terms.items():
+            for n, d in other.terms.items():
+                key = tuple(sorted(m + n))
+                found[key] = found.get(key, 0) + c * d
+        return Form(found)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def forms(unknowns: Iterable[int]) -> list[Form]:
+    return [Form({(i,): 1}) for i in unknowns]
+
+
+@lru_cache(maxsize=256)
+def turn_equations(first: int) -> list[Form]:
+    """21 polynomials that vanish at a rotation, whose entries begin there: R R' = I, R' R = I, R = cof R."""
+    turn = matrix(forms(range(first, first + 9)))
+    found = [inner(x[a], x[b]) - int(a == b) for x in (turn, transposed(turn)) for a in AXES for b in AXES if a <= b]
+    return found + [v for a in AXES for v in minus(turn[a], cross(turn[a - 2], turn[a - 1]))]
+
+
+def before_camera(
+    x_turn: Matrix, e: Sequence[Any], f_turn: Matrix, f: Sequence[Any], turn: Matrix, shift: Sequence[Any]
+) -> tuple[Matrix, Sequence[Any]]:
+    """Turn and place of the board, R_X' (H (R_F p + f) + shift) + e."""
+    back = transposed(x_turn)
+    return product(back, product(turn, f_turn)), plus(applied(back, plus(applied(turn, f), shift)), e)
 
 
 class Rows:
@@ -103,7 +155,14 @@ class Rows:
         values_px = dyadics([*study.focal, *(eps + width for width in study.half_width), *off]).values
         count = 2 + len(study.points)
         self._focal, self._width, self._off = values_px[:2], values_px[2:count], values_px[count:]
-        self._motions: dict[int, tuple[Sequence[Sequence[int]], int, list[int]]] = {}
+        self._x_turn, self._f_turn = matrix(forms(R_X)), matrix(forms(R_F))
+        self._t_x, t_f, self._e, self._f = map(self._mms, (T_X, T_F, E_, F_))
+        self._ties = [
+            *minus(plus(applied(self._x_turn, self._e), self._t_x), self._hand),
+            *minus(minus(self._f, t_f), applied(self._f_turn, self._board)),
+        ]
+        self._poses: dict[int, list[Form]] = {}
+        self._links: dict[int, list[tuple[Form, F]]] = {}
         names = [*(f"R{a}{b}" for a in "123" for b in "123"), "tx", "ty", "tz", "wx", "wy", "wz", "dx", "dy", "dz"]
         alone, own = stage == "image", [] if stage == "frames" else images
         each = 18 if self.wide and not alone else 12
@@ -113,23 +172,14 @@ class Rows:
         self.count = max(len(study.image), (EQUATIONS + 12) * (2 + len(study.images)))  # numbers of rows are below
         seen, parts = frozenset(images), [*(() if alone else (0, 1)), *(2 + k for k in own)]
         self.tags = [(side, n) for n, image in enumerate(study.image) if image in seen for side in SIDES[:4]]
-        self.tags += product(SIDES[4:6], (EQUATIONS * part + k for part in parts for k in range(EQUATIONS)))
+        self.tags += pairs(SIDES[4:6], (EQUATIONS * part + k for part in parts for k in range(EQUATIONS)))
         if not alone:
             tied = (SIDES[8:10], images) if stage == "links" else (SIDES[10:], sets)
             self.tags += [
-                *product(SIDES[6:8], range(6)),
-                *product(tied[0], (12 * k + j for k in tied[1] for j in range(12))),
+                *pairs(SIDES[6:8], range(6)),
+                *pairs(tied[0], (12 * k + j for k in tied[1] for j in range(12))),
             ]
         self._known = frozenset(self.tags)
-
-    def motion(self, k: int) -> tuple[Sequence[Sequence[int]], int, list[int]]:
-        """H and n = |q|^2 of an image, and n (h - w)."""
-        if k not in self._motions:
-            turn, norm = self.study.motion(k)
-            place = self._places[k]
-            shift = [-v for v in applied(turn, place)] if self.study.in_hand else [norm * v for v in place]
-            self._motions[k] = turn, norm, [s - norm * w for s, w in zip(shift, self._hand, strict=True)]
-        return self._motions[k]
 
     def row(self, side: str, k: int) -> Terms:
         """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
@@ -137,114 +187,92 @@ class Rows:
             raise Refused(f"there is no row {side} {k}")
         kind, sign, limit = side[:-1], 1 if side[-1] == "+" else -1, F(0)
         if kind in "uv":
-            return {m: c for m, c in self._pixel(k, "uv".index(kind), sign).items() if c}
+            return self._pixel(k, "uv".index(kind), sign).terms
         if kind == "turn":
             part, k = divmod(k, EQUATIONS)
-            first = self.first[part - 2] if part > 1 else (R_X, R_F)[part][0]
-            found = turn_equation(range(first, first + 9), k)
+            found = turn_equations(self.first[part - 2] if part > 1 else (R_X, R_F)[part][0])[k]
         elif kind == "tie":
-            found = self._tie(*divmod(k, 3))
+            found = self._ties[k]
         elif kind == "link":
-            found, limit = self._link(*divmod(k, 12))
+            found, limit = self.links(k // 12)[k % 12]
         else:
-            found = self._pose(*divmod(k, 12), sign > 0)
-        found = {m: sign * c for m, c in found.items() if c}
+            image, j = divmod(k, 12)
+            above, below = self.sets[image][sign > 0][j].as_integer_ratio()
+            found = below * self.pose(image)[j] - self._scale(image, j) * above
+        found = found * sign
         if limit:
-            found = {m: c << _FINE for m, c in found.items()}
-            found[()] = found.get((), 0) - (limit * (1 << _FINE)).__ceil__()
-        return found
+            found = found * (1 << _FINE) - (limit * (1 << _FINE)).__ceil__()
+        return found.terms
 
-    def _pixel(self, n: int, axis: int, sign: int) -> Terms:
-        image, p = self.study.image[n], self._points[n]
-        found: Terms = {}
-        for a, factor in ((axis, sign * self._focal[axis]), (2, -sign * self._off[2 * n + axis] - self._width[n])):
+    def _scale(self, image: int, j: int) -> int:
+        """What `pose` is times an entry of the board's pose."""
+        return (self.study.motion(image)[1] if self.stage == "frames" else 1) << (self._mm if j >= 9 else 0)
+
+    def pose(self, image: int) -> list[Form]:
+        """The board's turn (9) and place (3) before the camera: unknowns, or by the frames and times n; in units."""
+        if image not in self._poses:
             if self.stage == "frames":
-                found |= {m: factor * c for m, c in self._seen(image, a, p).items()}
+                (turn, n), place = self.study.motion(image), self._places[image]
+                shift = [-v for v in applied(turn, place)] if self.study.in_hand else [n * v for v in place]
+                shift, e = minus(shift, [n * v for v in self._hand]), [n * v for v in self._e]
+                rows, at = before_camera(self._x_turn, e, self._f_turn, self._f, turn, shift)
+                self._poses[image] = [*(v for row in rows for v in row), *at]
             else:
-                start = self.first[image]
-                found |= {(start + 3 * a + d,): factor * p[d] for d in AXES}
-                found[(start + 9 + a,)] = factor << self._mm
+                first = self.first[image]
+                self._poses[image] = [*forms(range(first, first + 9)), *self._mms(range(first + 9, first + 12))]
+        return self._poses[image]
+
+    def _mms(self, unknowns: Iterable[int]) -> list[Form]:
+        """In units of 2^-mm."""
+        return [v * (1 << self._mm) for v in forms(unknowns)]
+
+    def _pixel(self, n: int, axis: int, sign: int) -> Form:
+        pose, p = self.pose(self.study.image[n]), self._points[n]
+        x, z = (inner(pose[3 * a : 3 * a + 3], p) + pose[9 + a] for a in (axis, 2))
+        found: Form = x * (sign * self._focal[axis]) - z * (sign * self._off[2 * n + axis] + self._width[n])
         return found
 
-    def _seen(self, image: int, a: int, p: Sequence[int]) -> Terms:
-        """n x_a of a point of the board, in units of mm."""
-        turn, norm, shift = self.motion(image)
-        found: Terms = {(E_[a],): norm << self._mm}
-        for b in AXES:
-            x = R_X[3 * b + a]
-            found[(x,)] = shift[b]
-            for c in AXES:
-                found[x, F_[c]] = turn[b][c] << self._mm
-                found |= {(x, R_F[3 * c + d]): turn[b][c] * p[d] for d in AXES if p[d]}
-        return found
-
-    def _tie(self, which: int, a: int) -> Terms:
-        one = 1 << self._mm
-        if which:  # f - t_F - R_F c
-            return {(F_[a],): one, (T_F[a],): -one} | {(R_F[3 * a + d],): -self._board[d] for d in AXES}
-        found: Terms = {(R_X[3 * a + b], E_[b]): one for b in AXES}  # R_X e + t_X - w
-        return found | {(T_X[a],): one, (): -self._hand[a]}
-
-    def _pose(self, image: int, j: int, upper: bool) -> Terms:
-        """n times an entry of the board's pose in an image, less an end of what its own certificate proves."""
-        turn, norm, _ = self.motion(image)
-        above, below = self.sets[image][upper][j].as_integer_ratio()
-        if j < 9:
-            a, d = divmod(j, 3)
-            found: Terms = {(R_X[3 * b + a], R_F[3 * c + d]): turn[b][c] for b in AXES for c in AXES}
-        else:
-            found = self._seen(image, j - 9, (0, 0, 0))
-            above <<= self._mm
-        return {m: below * c for m, c in found.items()} | {(): -norm * above}
-
-    def _link(self, image: int, j: int) -> tuple[Terms, F]:
-        """One of the 12 equations R_X (A, t) + t_X = T F for the reading T of a pose, and what it may be off.
+    def links(self, image: int) -> list[tuple[Form, F]]:
+        """The 12 equations R_X (A, t) + t_X = T F for the reading T of a pose, and what they may be off.
 
         R(1, s) = I + [w]x + V with w = 2 s / (1 + s's), so |w_j| is at most the half-width, and each |V_ij| at most
         half of their squares' sum. With the camera in the hand the equation is turned back by R(1, s)'.
         """
-        in_hand, (turn, norm, _), start = self.study.in_hand, self.motion(image), self.first[image]
-        one = [[norm * (a == b) for b in AXES] for a in AXES]
+        if image in self._links:
+            return self._links[image]
+        in_hand, (turn, n), first = self.study.in_hand, self.study.motion(image), self.first[image]
+        one = [[n * (a == b) for b in AXES] for a in AXES]
         left, right = (transposed(turn), one) if in_hand else (one, turn)
-        a, place = (j - 9, self._places[image]) if j >= 9 else (j // 3, (0, 0, 0))
-        unit = self._mm if j >= 9 else 0
+        off = self._mms(range(first + 15, first + 18)) if self.wide else [Form({})] * 3
+        position = [n * (d + p) for d, p in zip(off, self._places[image], strict=True)]  # n (P + d)
+        columns: list[list[tuple[Form, F]]] = []
+        for column, target in (
+            *zip(transposed(matrix(self.pose(image)[:9])), transposed(self._f_turn), strict=True),
+            (self.pose(image)[9:], self._f),
+        ):
+            target, reached = applied(right, target), applied(self._x_turn, column)
+            if len(columns) == 3:
+                reached = plus(reached, self._t_x)
+                target = minus(target, position) if in_hand else target
+            row, limit = minus(applied(left, reached), target), F(0)
+            if len(columns) == 3 and not in_hand:
+                row = minus(row, position)
+            if self.wide:
+                row = (plus if in_hand else minus)(row, cross(forms(range(first + 12, first + 15)), target))
+                limit = self._beyond(image, target)
+            columns.append([(v, limit) for v in row])
+        self._links[image] = [columns[b][a] for a in AXES for b in AXES] + columns[3]
+        return self._links[image]
 
-        def position(row: int) -> Terms:
-            """n (P + d)"""
-            return {(): -norm * place[row]} | ({(start + 15 + row,): -norm << unit} if self.wide else {})
-
-        def target(row: int) -> Terms:
-            """Of n times F's column, or of n (f - P - d) or n R f: what a reading turns."""
-            if j < 9:
-                return {(R_F[3 * c + j % 3],): right[row][c] for c in AXES}
-            found: Terms = {(F_[c],): right[row][c] << unit for c in AXES}
-            return found | position(row) if in_hand else found
-
-        found = {m: -c for m, c in target(a).items()}
-        if j >= 9:
-            found |= {} if in_hand else position(a)
-            found |= {(T_X[c],): left[a][c] << unit for c in AXES}
-        for c, d in product(AXES, AXES):
-            entry = start + 3 * d + j % 3 if j < 9 else start + 9 + d
-            found[R_X[3 * c + d], entry] = left[a][c] << unit
-        if not self.wide:
-            return found, F(0)
-        b, c = (a + 1) % 3, (a + 2) % 3  # ([w]x z)_a = w_b z_c - w_c z_b
-        for w, row, way in ((b, c, 1), (c, b, -1)):
-            for m, value in target(row).items():
-                key = tuple(sorted((*m, start + 12 + w)))
-                found[key] = found.get(key, 0) + (way if in_hand else -way) * value
-        return found, self._beyond(image, [target(row) for row in AXES])
-
-    def _beyond(self, image: int, targets: Iterable[Terms]) -> F:
+    def _beyond(self, image: int, targets: Iterable[Form]) -> F:
         """v times the largest sum of the sizes of three polynomials on the box of the frames."""
         widths, start, frames = self.study.widths[image], self.first[image], self._frames
         ends: dict[tuple[int, ...], tuple[F, F]] = {(): (F(1), F(1))}
         ends |= {(i,): end for i, end in enumerate(zip(frames.lo, frames.hi, strict=True))}
         ends |= {(start + 15 + a,): (-widths[a], widths[a]) for a in AXES}
         total = F(0)
-        for terms in targets:
-            sums = zip(*(sorted((c * ends[m][0], c * ends[m][1])) for m, c in terms.items()), strict=True)
+        for form in targets:
+            sums = zip(*(sorted((c * ends[m][0], c * ends[m][1])) for m, c in form.terms.items()), strict=True)
             total += max(abs(sum(side)) for side in sums)
         return sum((w * w for w in widths[3:]), F(0)) / 2 * total
 

@@ -18,7 +18,7 @@ from .bounds import Bounds, between, matrix, norm, number, numbers, skew
 from .bounds import rotation as enclosed_rotation
 from .certificate import FORMAT, Accepted, Certificates
 from .files import STUDY_NAME, WORK, Budget, Lines, content, parsed
-from .frames import E_, R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, holds, rotation
+from .frames import E_, R_F, R_X, SIZE, STAGES, T_F, T_X, Rows, Study, asked_box, before_camera, holds, rotation
 from .lens import Cameras, values
 from .polynomial import applied, minus, plus, product, transposed
 from .readers import (
@@ -145,7 +145,7 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
     `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
     """
     (x_place, x_turn), (f_place, f_turn) = ((placed[k : k + 3], _turn(placed[k + 3 : k + 7])) for k in (0, 7))
-    back, maps = transposed(x_turn), []
+    maps = []
     for k, (place, turned) in enumerate(study.poses):
         turn = _turn(turned)
         if readings:
@@ -153,10 +153,8 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
             place = plus(place, readings[k][:3])
         if study.in_hand:  # H = (R, P)^-1
             turn = transposed(turn)
-            moved = applied(turn, minus(f_place, place))
-        else:
-            moved = plus(applied(turn, f_place), place)
-        maps.append((product(back, product(turn, f_turn)), applied(back, minus(moved, x_place))))
+            place = [-v for v in applied(turn, place)]
+        maps.append(before_camera(x_turn, [F(0)] * 3, f_turn, f_place, turn, minus(place, x_place)))
     found: list[F | None] = []
     for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
         x, y, z = plus(applied(maps[image][0], p), maps[image][1])

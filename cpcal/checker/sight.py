@@ -38,7 +38,7 @@ from .bounds import (
 )
 from .certificate import FORMAT, Certificates
 from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, parsed
-from .frames import EQUATIONS, Terms, polynomial, turn_equation
+from .frames import EQUATIONS, Form, Terms, forms, polynomial, turn_equations
 from .lens import NEAREST, Cameras, longest
 from .polynomial import Polynomial, Spend, applied, inner, minus, plus, transposed
 from .polynomial import product as matrix_product
@@ -155,11 +155,11 @@ def turned(entries: Vector, before: Sequence[F], after: Sequence[F]) -> list[Bou
 
 @dataclass(frozen=True)
 class _Seen:
-    """Of a dot: X, Y and Z as whole numbers times 2^-44 by unknowns D and P (and constants), what they may be off;
+    """Of a dot: X, Y and Z as whole numbers times 2^-44 by unknowns D and P, what each may be off;
     planes g (3) and k, whole numbers times 2^-36, by side."""
 
-    forms: tuple[Terms, ...]
-    off: Vector
+    forms: tuple[Form, ...]
+    off: Bounds
     planes: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
 
 
@@ -174,6 +174,7 @@ class Rows:
         held = matrix_product(matrix(self._ends[:9]), self._turn)
         self._held = [[v.within(-1, 1) for v in row] for row in held]  # the target's rotation before the camera
         self._seen: dict[int, _Seen] = {}
+        self._t = forms(range(12, 12 + sight.cameras.size))
         names = *(f"D{a}{b}" for a in "123" for b in "123"), "Px", "Py", "Pz"
         self.unknowns = *names, *(f"t{j + 1}" for j in range(sight.cameras.size))
         self.count = max(EQUATIONS, len(sight.dots))
@@ -191,39 +192,31 @@ class Rows:
             raise Refused(f"there is no row {side} {k}")
         if side in SIDES[5:7]:
             sign = 1 if side == SIDES[5] else -1
-            return {m: sign * c for m, c in turn_equation(TURN, k).items()}
+            return (turn_equations(0)[k] * sign).terms
         if side == SIDES[7]:
-            return {(12 + j, 12 + j): 1 for j in range(self.sight.cameras.size)} | {(): -1}
+            ball: Form = inner(self._t, self._t) - 1
+            return ball.terms
         seen = self.seen(k)
         if side == SIDES[4]:
             off = inner(self.sight.dots[k].widths, sizes(self._held[2]))
-            nearest = number(NEAREST) * self.sight.radius - off - seen.off[2]
-            found = {m: -c for m, c in seen.forms[2].items()}
-            found[()] = found.get((), 0) + nearest.floor(_FORM)
-            return found
-        return self._plane(k, seen, *seen.planes[SIDES.index(side)])
+            nearest: Bounds = number(NEAREST) * self.sight.radius - off - seen.off
+            return (seen.forms[2] * -1 + nearest.floor(_FORM)).terms
+        return self._plane(k, seen, *seen.planes[SIDES.index(side)]).terms
 
-    def _plane(self, k: int, seen: _Seen, plane: Sequence[int], shared: Sequence[int]) -> Terms:
+    def _plane(self, k: int, seen: _Seen, plane: Sequence[int], shared: Sequence[int]) -> Form:
         """g . X + Z k . t, less what it may be off: by rounding, and as the dot is off its place."""
-        found: Terms = {}
-        for form, factor in zip(seen.forms, plane, strict=True):
-            for m, c in form.items():
-                found[m] = found.get(m, 0) + factor * c
-        for j, factor in enumerate(shared):
-            if factor:
-                for m, c in seen.forms[2].items():
-                    found[(*m, 12 + j)] = factor * c
+        by_depth = inner([Form({}), *self._t], [0, *shared])
+        found: Form = inner(seen.forms, plane) + seen.forms[2] * by_depth
         g, by_t = ([multiple(v, _PLANE) for v in part] for part in (plane, shared))
         shift = longest(by_t)
-        lost = inner(sizes(g), seen.off) + shift * seen.off[2]
+        lost = (total(sizes(g)) + shift) * seen.off
         widths = self.sight.dots[k].widths
         if any(w.hi for w in widths):
             length = inner(g, g).root.most
             for j, w in enumerate(widths):
                 along = inner(g, [row[j] for row in self._held]).size
                 lost = lost + w * (Bounds(0, min(along.hi, length.hi)) + shift * self._held[2][j].size)
-        found[()] = found.get((), 0) - lost.ceiling(_PLANE + _FORM)
-        return found
+        return found - lost.ceiling(_PLANE + _FORM)
 
     def seen(self, k: int) -> _Seen:
         if k not in self._seen:
@@ -235,8 +228,8 @@ class Rows:
         v = applied(self._turn, dot.at)
         whole = [(c.middle + multiple(1, _FORM + 1)).floor(_FORM) for c in v]
         off = total((c - multiple(w, _FORM)).size for c, w in zip(v, whole, strict=True))
-        forms = tuple({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole) if w} for i in AXES)
-        return _Seen(forms, [off] * 3, self._planes(self._moved(dot, v) if self.sight.of_images else dot.pixels))
+        seen = tuple(Form({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole)}) for i in AXES)
+        return _Seen(seen, off, self._planes(self._moved(dot, v) if self.sight.of_images else dot.pixels))
 
     def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
         """The box of pixels of a dot's centre, of one of the centre of its image."""

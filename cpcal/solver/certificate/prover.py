@@ -308,17 +308,15 @@ class System:
         self.tags, self.wrong = list(rows.tags), wrong
         self.owner = [owner(*tag) for tag in self.tags]
         size = len(rows.unknowns)
-        place: dict[tuple[int, ...], int] = {m: k for k, m in enumerate([(), *((i,) for i in range(size))])}
-        entries: list[tuple[int, int, float]] = []
-        for n, tag in enumerate(self.tags):
-            terms = rows.row(*tag)
+        table = [rows.row(*tag) for tag in self.tags]
+        products = sorted({m for terms in table for m in terms if len(m) > 1})
+        place = {m: k for k, m in enumerate([(), *((i,) for i in range(size)), *products])}
+        values = np.zeros((len(table), len(place)))
+        for row, terms in zip(values, table, strict=True):
             unit = 1 << max((c.bit_length() for c in terms.values()), default=0)
-            entries += [(n, place.setdefault(tuple(sorted(m)), len(place)), c / unit) for m, c in terms.items()]
-        table = np.zeros((len(self.tags), len(place)))
-        of, at, values = zip(*entries, strict=True)
-        table[of, at] = values
-        self.constant, self.linear, self.products = table[:, 0], table[:, 1 : size + 1], table[:, size + 1 :]
-        self.pairs = np.array(list(place)[size + 1 :], dtype=np.intp).reshape(-1, 2)
+            row[[place[m] for m in terms]] = [c / unit for c in terms.values()]
+        self.constant, self.linear, self.products = values[:, 0], values[:, 1 : size + 1], values[:, size + 1 :]
+        self.pairs = np.array(products, dtype=np.intp).reshape(-1, 2)
         own = np.isin(self.pairs, list(derived)).any(axis=1)
         self.main: Bools = np.logical_not(self.linear[:, list(derived)].any(axis=1) | self.products[:, own].any(axis=1))
         self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
