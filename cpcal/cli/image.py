@@ -266,7 +266,7 @@ def sets(
             rows += some
             progress(len(rows), len(names))
         rows.sort(key=lambda one: one.file)
-        (draft / TABLE).write_bytes(csv_table(("file", "verdict", "reason", *NUMBERS), map(_cells, rows), files=True))
+        (draft / TABLE).write_bytes(csv_table(("file", "verdict", "reason", *NUMBERS), map(_cells, rows)))
     found = [one.found for one in rows if one.found is not None]
     proved = [one for one in found if one.verdict is Verdict.PROVED]
     refuted = sum(one.verdict is Verdict.REFUTED for one in found)

@@ -24,7 +24,7 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, argument, option
 from cpcal.cli.terminal import Talk
 from cpcal.common.errors import InputError, printable, unusable
-from cpcal.common.numbers import at_least, at_most, bracket_text, plain_gap, short
+from cpcal.common.numbers import at_least, at_most, bracket_text, gap_text, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished
 from cpcal.solver.execution.executors import executor_for
 
@@ -84,7 +84,7 @@ def sentences(accepted: Accepted) -> list[str]:
         lo, hi = max(sides[:7] if is_leg else sides, key=lambda side: side[1] - side[0], default=(F(0), F(0)))
         others = zip(map(printable, accepted.unknowns[7:-1]), sides[7:], strict=True) if is_leg else ()
         ranges = (f", {name} in [{', '.join(map(short, bracket_text(*side)))}]" for name, side in others)
-        out.append(f"all{reached} within sides of {plain_gap(lo, hi)}{unit}{''.join(ranges)}")
+        out.append(f"all{reached} within sides of {gap_text(lo, hi)}{unit}{''.join(ranges)}")
     return out
 
 

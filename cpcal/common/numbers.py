@@ -1,6 +1,6 @@
 """Numbers in print. Every bound that a person reads is rounded here to the side on which it stays true.
 
-Bounds: `bracket_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`, `plain_gap`. What
+Bounds: `bracket_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`. What
 the user stated is repeated by `stated`. Estimates, of which nothing is proved: `nearest`, `about`.
 """
 
@@ -50,18 +50,14 @@ def at_most(value: Number, digits: int = 3) -> str:
 
 
 def gap_text(lo: Number, hi: Number) -> str:
-    """`hi - lo` to two digits, never less than it is."""
+    """`hi - lo` to two digits, never less than it is; without an exponent where that is short."""
     if not (_finite(lo) and _finite(hi)):
         return _INFINITY if hi > lo else _NONE
     gap = Fraction(hi) - Fraction(lo)
-    return f"{_quantized(gap, _exponent(gap) - 1, math.ceil):.1e}" if gap else "0"
-
-
-def plain_gap(lo: Number, hi: Number) -> str:
-    """The same, without an exponent where that is short."""
-    text = gap_text(lo, hi)
-    number = float(text) if text[0].isdigit() else 0.0
-    return f"{Decimal(text):f}" if 0.001 <= number < 1e6 else text
+    if not gap:
+        return "0"
+    number = _quantized(gap, _exponent(gap) - 1, math.ceil)
+    return f"{number:f}" if Decimal("0.001") <= number < 1_000_000 else f"{number:.1e}"
 
 
 def stated(value: float) -> str:

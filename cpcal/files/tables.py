@@ -33,8 +33,6 @@ from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
 from cpcal.robot.units import override_columns, reading_columns
 
-# A formula without one of these calls nothing: the name of a file stays as it is then, for tables are joined by it.
-_CALLS = re.compile("[(|\uff08\uff5c]")
 _RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them
 
 
@@ -48,15 +46,12 @@ def unguarded(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _RUNS.match(cell) else cell
 
 
-def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]], *, files: bool = False) -> bytes:
-    """A CSV file. Floats by repr, so that they are read back bit for bit; None: empty. `files`: they come first."""
+def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]]) -> bytes:
+    """A CSV file. Floats by repr, so that they are read back bit for bit; None: empty."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(header)
-    for row in rows:
-        first, *others = row
-        begin = first if files and isinstance(first, str) and not _CALLS.search(first) else _cell(first)
-        writer.writerow([begin, *map(_cell, others)])
+    writer.writerows(map(_cell, row) for row in rows)
     return buffer.getvalue().encode()
 
 

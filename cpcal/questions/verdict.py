@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from cpcal.common.numbers import at_least, at_most, gap_text, plain_gap, stated
+from cpcal.common.numbers import at_least, at_most, gap_text, stated
 from cpcal.models import PARAMETERS
 from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
 from cpcal.solver.accounts import bracket_sentence
@@ -125,7 +125,7 @@ class LegVerdict:
         """What the measurements leave open: by their rank, then by the ranges that are proved."""
         said = [] if self.determination is None else [self.determination.sentence]
         if self.wide:
-            widths = ", ".join(f"{name} ({plain_gap(lo, hi)} mm)" for name, lo, hi in self.wide)
+            widths = ", ".join(f"{name} ({gap_text(lo, hi)} mm)" for name, lo, hi in self.wide)
             what = "parameters that may fill more than half of the box"
             said.append(f"The measurements are not shown to determine {what}: {widths}.")
         return " ".join(filter(None, said))

@@ -23,8 +23,8 @@ from cpcal.common.numbers import (
     at_least,
     at_most,
     bracket_text,
+    gap_text,
     nearest,
-    plain_gap,
     rounded_down,
     rounded_up,
     stated,
@@ -331,7 +331,7 @@ def _table(
             lo, hi = float(box.lo[k]), float(box.hi[k])
             row["at least"] = claim(rounded_down(lo, decimals), f"{of}.lo", leg, lo, name)
             row["at most"] = claim(rounded_up(hi, decimals), f"{of}.hi", leg, hi, name)
-            row["width"] = claim(plain_gap(lo, hi), f"{of}.width", leg, "", name)
+            row["width"] = claim(gap_text(lo, hi), f"{of}.width", leg, "", name)
         rows.append([row.get(column, _UNKNOWN) for column in head])
     return Table(head, rows, columns)
 

@@ -72,7 +72,7 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose], monkeyp
     assert "dots are exact, the plate's size is exact" in said
     with (folder / "sets" / "sets.csv").open(encoding="utf-8") as file:
         nothing, first = csv.DictReader(file)
-    assert (nothing["file"], nothing["verdict"]) == (ODD_NAME, "unknown")
+    assert (nothing["file"], nothing["verdict"]) == (f"'{ODD_NAME}", "unknown")
     assert nothing["reason"]
     for name, true in zip("xyz", pose.position, strict=True):
         assert abs(float(first[name]) - true) <= float(first[f"d{name}"]) < 0.5

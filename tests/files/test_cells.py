@@ -4,12 +4,11 @@ import csv
 import io
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.files import load_campaign, save_campaign
-from cpcal.files.tables import csv_table, guarded, unguarded
+from cpcal.files.tables import guarded, unguarded
 from cpcal.robot import DELTALAB, Campaign
 
 RUN = "=+-@\uff1d\uff0b\uff0d\uff20"
@@ -20,12 +19,6 @@ NAMES = ["=cmd|'calc'!A0", "+1", "-1", "@SUM(A1)", "'=a", "''+b", "'plain", "a=b
 def test_every_name_comes_back_and_none_is_run(name):
     assert unguarded(guarded(name)) == name
     assert guarded(name)[:1] not in tuple(RUN)
-
-
-@pytest.mark.parametrize("name", ["-10deg.png", "=1.png", "a.png", "'-1.png", "=cmd|'calc'!A0.png", "@SUM(A1).png"])
-def test_a_file_keeps_its_name_so_that_tables_can_be_joined_unless_a_spreadsheet_would_run_it(name):
-    _, row = csv.reader(io.StringIO(csv_table(["file"], [(name,)], files=True).decode()))
-    assert row == ["'" + name if "|" in name or "(" in name else name]
 
 
 def test_pose_ids_that_a_spreadsheet_would_run_are_quoted(tmp_path):

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.checker import Refused, check
 from cpcal.cli import app
-from cpcal.common.numbers import plain_gap
+from cpcal.common.numbers import gap_text
 from cpcal.files import save_campaign_json
 from cpcal.report import leg_sentence
 from cpcal.report.run_page import render
@@ -277,7 +277,7 @@ def test_a_width_is_printed_with_two_digits_and_never_less_than_it_is(engine):
         (1.0, 1.0),
         (0.0, 99.1),
     ):
-        text, exact = plain_gap(lo, hi), (hi - lo).hex()
+        text, exact = gap_text(lo, hi), (hi - lo).hex()
         assert engine.call(script, text, exact) == ""
         if hi > lo:
             one = Decimal(1).scaleb(Decimal(text).adjusted() - 1)

@@ -353,7 +353,7 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
         [d.file, d.dots, *(d.values if d.found else [None] * len(NUMBERS)), d.doubt, d.reason]
         for d in sorted(detections, key=lambda d: d.file)
     )
-    return csv_table(COLUMNS, rows, files=True)
+    return csv_table(COLUMNS, rows)
 
 
 def hinted(text: str | None) -> str | Pose:
