@@ -19,6 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal.checker
+from cpcal.checker.frames import E_, R_X, T_X
 from cpcal.checker.hand_eye import errors, known_point, largest, parameter_ranges
 from cpcal.checker.readers import dyadic
 from cpcal.cli import app
@@ -187,6 +188,22 @@ def test_the_truth_puts_a_point_no_farther_from_the_best_frames_than_is_proved(e
         turned = rotation_vector(quaternion_from_matrix(truth.e_rotation @ best.e_rotation.T))
         assert 0.0 < away <= known.place < 2.0
         assert 0.0 < np.degrees(np.linalg.norm(turned)) <= known.turn < 0.2
+
+
+@pytest.mark.parametrize(("moved", "turned", "expected"), [([1.0, -2.0, 2.0], 0.0, 3.0), ([0.0] * 3, 1e-3, 0.3)])
+def test_the_bound_of_a_point_is_attained_where_only_its_place_or_only_the_turn_is_open(
+    exact_run, moved, turned, expected
+):
+    """At e, whose place is open, and 173 mm beside it, with entries of the rotation that are."""
+    ranges, point = exact_run.result.ranges, exact_run.result.point
+    hand, lo, hi = np.array([30.0, -20.0, 500.0]), np.array(ranges.lo), np.array(ranges.hi)
+    e = point.frames.e_rotation @ hand + point.frames.e_translation
+    lo[T_X], hi[T_X], lo[E_], hi[E_] = -1e3, 1e3, e + moved, e + moved
+    turn = point.frames.e_rotation.T.ravel()
+    lo[R_X], hi[R_X] = turn - turned, turn + turned
+    beside = [100.0 * (turned > 0.0)] * 3
+    place, _ = known_point(exact(lo), exact(hi), exact(hand), exact(e + beside), point.numbers)
+    assert math.isclose(place, expected * (math.sqrt(3.0) if turned else 1.0), rel_tol=1e-9)
 
 
 def test_brackets_close_to_a_millionth(exact_run, uncertain):
