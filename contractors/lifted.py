@@ -155,71 +155,16 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
     return out
 
 
-_WORTH = 2  # columns for each variable, from which on fewer are worth a try
-_REMAINDER = 2.0  # of a row, per half-width of the objective: the largest at which linear programs still help
-_BEYOND = 2.0  # how far linear parts may reach beyond the box, in its half-widths
-_LOST = 0.01  # of what the objective's lower bound would rise by: what linear programs may lose
-
-
 class LiftedPrograms(Programs):
-    """The linear programs of a relaxation, to be loaded. What they prove says the contractor `name`."""
+    """The linear programs of a relaxation. What they prove says the contractor `name`."""
 
     def __init__(self, name: str, structure: Structure, relaxation: Relaxation, box: Box) -> None:
         places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         columns = {variable: places[k] for variable, k in structure.positions.items() if k in places}
         super().__init__(box, columns, len(relaxation.columns))
         self.name, self.structure, self.relaxation = name, structure, relaxation
-        self._linear: Indices | None = None  # the columns of the programs; None: all
-
-    def load(self, objective: int | None) -> None:
-        """All columns. Where the box is small for the second-order remainders of its rows, and an objective is sought,
-        the programs are those of the rows' linear parts alone, a third of the columns. That is no relaxation: their
-        multipliers are proved with all monomials."""
-        r = self.relaxation
-        if objective is None or not self._nearly_linear(objective):
-            self._linear = None
-            self.engine.load(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
-
-    def _nearly_linear(self, objective: int) -> bool:
-        """Whether the objective's bound loses little to what is not linear. Then the linear programs are loaded.
-
-        Linear parts may leave no point below the box's upper end, so they reach beyond it: as far as the loss.
-        """
-        r, place = self.relaxation, self.columns.get(objective)
-        linear = np.flatnonzero(self.structure.linear[r.columns])
-        if place is None or not self.box.rad[objective] > 0.0 or len(r.columns) < _WORTH * len(linear):
-            return False
-        rows = np.abs(r.matrix[len(r.products) :])
-        remainders, grows = rows.sum(axis=1) - rows[:, linear].sum(axis=1), rows[:, place]
-        if np.count_nonzero(remainders <= _REMAINDER * grows) < 0.5 * len(rows):
-            return False
-        self._linear, mine = linear, int(np.searchsorted(linear, place))
-        self._load_linear(mine, 1.0 + _BEYOND)
-        sought = self.unit(objective, 1.0)
-        solution = self.minimize(sought)
-        if solution.status is not LinearStatus.OPTIMAL:
-            return False
-        reached = float(solution.point[place])
-        lost = reached - self.lowest(sought, solution)
-        if not lost <= _LOST * (reached + 1.0):
-            return False
-        self._load_linear(mine, max(1.0, reached + lost))
-        return True
-
-    def _load_linear(self, place: int, highest: float) -> None:
-        """The linear parts of the rows, one column reaching up to `highest`."""
-        r, first = self.relaxation, len(self.relaxation.products)
-        lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
-        upper[place] = highest
-        self.engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
-
-    def minimize(self, objective: Floats) -> LinearSolution:
-        if self._linear is None:
-            return super().minimize(objective)
-        found = super().minimize(objective[self._linear])
-        point = np.zeros(len(objective))
-        point[self._linear] = found.point
-        return replace(found, point=point, rows=found.rows + len(self.relaxation.products))
+        r = relaxation
+        self.engine.load(r.matrix, r.rhs, r.bounds.lo, r.bounds.hi, len(r.products))
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
@@ -302,7 +247,7 @@ class Lifted(Composable):
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        programs = self._programs(box, deadline, self._objective)
+        programs = self._programs(box, deadline)
         return Contraction(box) if programs is None else programs.tightened(self._objective, deadline)
 
     def support_function(self, box: Box, directions: Floats, deadline: float = math.inf) -> Floats:
@@ -318,12 +263,9 @@ class Lifted(Composable):
         programs = self._programs(box, deadline)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
-    def _programs(self, box: Box, deadline: float, objective: int | None = None) -> LiftedPrograms | None:
+    def _programs(self, box: Box, deadline: float) -> LiftedPrograms | None:
         """None where no row has a polynomial form."""
         structure = self._structures.on(box, deadline)
         if not structure.positions:
             return None
-        relaxation = Relaxation(structure, box)
-        programs = LiftedPrograms("lifted", structure, relaxation, box)
-        programs.load(objective)
-        return programs
+        return LiftedPrograms("lifted", structure, Relaxation(structure, box), box)

@@ -16,11 +16,9 @@ from cpcal.calibration import least_squares
 from cpcal.models import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Interval
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
-from cpcal.solver.optimize.bound import Minimum, minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -167,29 +165,6 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         one, other = reused.contract(box).box, Lifted(net).contract(box).box
         np.testing.assert_array_equal(one.lo, other.lo)
         np.testing.assert_array_equal(one.hi, other.hi)
-
-
-@pytest.fixture(scope="module")
-def closed() -> tuple[ConstraintNetwork, Minimum]:
-    """A leg, and its least eps within 100 mm."""
-    few = exact_readings(simulate(seed=5, joint_error=1.0, extremal=False, random_poses=12))
-    net = leg_network(few, 1, leg_box(least_squares(few, 1), 100.0), eps=(0.0, 100.0))
-    return net, run(minimize(net, "eps", Lifted(net, objective="eps"), limits=Limits()), None)
-
-
-def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(
-    closed: tuple[ConstraintNetwork, Minimum],
-) -> None:
-    net, found = closed
-    assert found.witness is not None
-    point, radius = found.witness.point, np.full(8, 0.05)
-    small = net.domain.with_bounds(point - radius, np.append(point[:7] + radius[:7], found.hi))
-    left = Lifted(net, objective="eps").contract(small)
-    assert point in left.box  # on the box's upper face, where linear parts may leave no point
-    assert found.hi - 1e-3 < left.box["eps"].lo <= found.hi
-    weights = [step.weights for step in left.steps]
-    assert weights
-    assert all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)
 
 
 def test_product_rows_are_the_hull_of_one_product_and_one_square() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.interval.kernels import ETA, MAX, Arrays, Bounds, add, at, mul, sqr
+from cpcal.solver.interval.kernels import Arrays, add, at
 
 
 def _over(terms: int) -> float:
@@ -60,14 +60,8 @@ def _terms(x: IntervalArray, shape: tuple[int, ...]) -> Arrays:
 def total_over(x: IntervalArray, axis: int) -> IntervalArray:
     """The sum of the elements along one of their axes, counted from 0."""
     shape = x.shape
-    left = (*shape[: axis + 1], *shape[axis + 2 :])
-    if shape[0] > 1:  # slopes, whose rounding the value bears
-        ends = shape[2 : axis + 1], shape[axis + 2 :]
-        size = (*shape[:2], math.prod(ends[0]), shape[axis + 1], math.prod(ends[1]))
-        of_slots = (size[0], size[1] * size[2], *size[3:])
-        return IntervalArray(*centred_sums(_shaped(x, of_slots))).reshape(left)
-    flat = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
-    return IntervalArray(*summed(_shaped(x, flat))).reshape(left)
+    flat = (shape[0], math.prod(shape[1 : axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
+    return IntervalArray(*centred_sums(_shaped(x, flat))).reshape((*shape[: axis + 1], *shape[axis + 2 :]))
 
 
 def reciprocal(x: IntervalArray) -> IntervalArray:
@@ -102,7 +96,6 @@ def total(x: IntervalArray) -> IntervalArray:
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-300  # more than all that products lose that are too small
-_WIDE = 0.03  # an error beyond this share of a coefficient: two such have a tighter product as intervals
 
 
 class Centred(NamedTuple):
@@ -116,7 +109,6 @@ class Centred(NamedTuple):
     slopes: Floats
     total: Floats
     moves: Bools
-    wide: Bools
 
 
 @compiled
@@ -129,7 +121,7 @@ def _gamma(count: int) -> float:
 def centred(x: Arrays, count: int) -> Centred:
     """Of intervals (1 + J, T, E), E being `count`, or 1 for elements that are all the same."""
     slots, terms = x[0].shape[0], x[0].shape[1]
-    mid, moves, wide = np.empty((slots, terms, count)), np.zeros((slots, terms), np.bool_), np.zeros(terms, np.bool_)
+    mid, moves = np.empty((slots, terms, count)), np.zeros((slots, terms), np.bool_)
     error, slopes, total = np.zeros((terms, count)), np.zeros((terms, count)), np.zeros((terms, count))
     alike = x[0].shape[2] == 1
     up = 1.0 + _gamma(slots)
@@ -147,35 +139,38 @@ def centred(x: Arrays, count: int) -> Centred:
             if moves[s, t]:
                 for k in range(count):
                     slopes[t, k] += abs(mid[s, t, k]) * up
-    for t in range(terms):
-        for k in range(count):
-            if not error[t, k] <= _WIDE * total[t, k]:
-                wide[t] = wide[t] or error[t, k] != 0.0
-    return Centred(mid, error, slopes, total, moves, wide)
+    return Centred(mid, error, slopes, total, moves)
 
 
 @compiled
-def centred_products(x: Centred, y: Centred, pairs: Indices, size: int, square: bool) -> Arrays:
-    """Bounds (slots, size, E) of the terms of a product; `pairs` and `square` as in `products`."""
-    p, q, count = x.mid.shape[0], y.mid.shape[0], x.mid.shape[2]
+def products(a: Arrays, b: Arrays, pairs: Indices, size: int, count: int, square: bool) -> Arrays:
+    """Terms (slots, size, count) of a product of polynomials (1 + J, terms, E).
+
+    Of two coefficients it is `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`.
+
+    `pairs` (P, 3): a term of x, one of y, and the term that their product belongs to. `square`: x is y, and a pair of
+    two different terms stands for both orders.
+    """
+    x, y = centred(a, count), centred(b, count)
+    p, q = x.mid.shape[0], y.mid.shape[0]
     value = np.zeros((max(p, q), size, count))
     extent, error, counts = np.zeros((size, count)), np.zeros((size, count)), np.zeros(size, np.intp)
     for t in range(len(pairs)):
         i, j, m = pairs[t]
         twice = 2.0 if square and i != j else 1.0
         counts[m] += 1 + max(p, q)
-        a, b, v, g = x.mid[0, i], y.mid[0, j], value[0, m], extent[m]
+        one, two, v, g = x.mid[0, i], y.mid[0, j], value[0, m], extent[m]
         _errors(x, y, i, j, twice, error[m])
         for k in range(count):
-            c = twice * (a[k] * b[k])
+            c = twice * (one[k] * two[k])
             v[k] += c
             g[k] += abs(c)
         for s in range(1, p):
             if x.moves[s, i]:
-                _add_slope(x.mid[s, i], b, twice, value[s, m], g)
+                _add_slope(x.mid[s, i], two, twice, value[s, m], g)
         for s in range(1, q):
             if y.moves[s, j]:
-                _add_slope(y.mid[s, j], a, twice, value[s, m], g)
+                _add_slope(y.mid[s, j], one, twice, value[s, m], g)
         if x.moves[:, i].any() and y.moves[:, j].any():
             _second_order(x, y, i, j, twice, v, g, error[m])
     return _bounds(value, extent, error, counts)
@@ -287,95 +282,3 @@ def nonzero(x: Arrays) -> Bools:
                     out[s, t] = True
                     break
     return out
-
-
-@compiled
-def _add(out: Arrays, k: tuple[int, int, int], term: Bounds, twice: bool) -> None:
-    if twice:
-        term = min(2.0 * term[0], MAX), max(2.0 * term[1], -MAX)
-    out[0][k], out[1][k] = add(at(out, k), term)
-
-
-@compiled
-def interval_products(x: Arrays, y: Arrays, pairs: Indices, size: int, count: int, square: bool) -> Arrays:
-    """`products` by products of intervals: tight for wide ones, too."""
-    p, q = x[0].shape[0], y[0].shape[0]
-    at_x, at_y = int(x[0].shape[2] > 1), int(y[0].shape[2] > 1)
-    out = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
-    moves_x, moves_y = nonzero(x), nonzero(y)
-    for t in range(len(pairs)):
-        i, j, m = pairs[t]
-        both, twice = moves_x[1:, i].any() and moves_y[1:, j].any(), square and i != j
-        for k in range(count):
-            a, b = k * at_x, k * at_y
-            if square and i == j and p == 1:
-                term = sqr(at(x, (0, i, a)))
-            else:
-                term = mul(at(x, (0, i, a)), at(y, (0, j, b)))
-                if both:
-                    of_x, of_y = (x[0][:, i, a], x[1][:, i, a]), (y[0][:, j, b], y[1][:, j, b])
-                    term = add(term, _second_order_of_sums(of_x, of_y))
-            _add(out, (0, m, k), term, twice)
-        for s in range(1, max(p, q)):
-            by_x, by_y = s < p and moves_x[s, i], s < q and moves_y[s, j]
-            if not (by_x or by_y):
-                continue
-            for k in range(count):
-                a, b, term = k * at_x, k * at_y, (0.0, 0.0)
-                if by_x:
-                    term = mul(at(x, (s, i, a)), at(y, (0, j, b)))
-                if by_y:
-                    term = add(term, mul(at(x, (0, i, a)), at(y, (s, j, b))))
-                _add(out, (s, m, k), term, twice)
-    return out
-
-
-@compiled
-def products(x: Arrays, y: Arrays, pairs: Indices, size: int, count: int, square: bool) -> Arrays:
-    """Terms (slots, size, count) of a product of polynomials (1 + J, terms, E).
-
-    Of two coefficients it is `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`.
-
-    `pairs` (P, 3): a term of x, one of y, and the term that their product belongs to. `square`: x is y, and a pair of
-    two different terms stands for both orders.
-
-    Where no two wide intervals meet, midpoints are multiplied and errors bounded: many times faster.
-    """
-    u, v = centred(x, count), centred(y, count)
-    for t in range(len(pairs)):
-        if u.wide[pairs[t, 0]] and v.wide[pairs[t, 1]]:
-            return interval_products(x, y, pairs, size, count, square)
-    return centred_products(u, v, pairs, size, square)
-
-
-@compiled
-def summed(x: Arrays) -> Arrays:
-    """Sums over the middle axis of arrays of three."""
-    before, count, after = x[0].shape
-    low, high = np.zeros((before, after)), np.zeros((before, after))
-    for i in range(before):
-        for k in range(count):
-            for j in range(after):
-                low[i, j], high[i, j] = add((low[i, j], high[i, j]), at(x, (i, k, j)))
-    return low, high
-
-
-@compiled
-def _second_order_of_sums(x: Arrays, y: Arrays) -> Bounds:
-    """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, entries from 1 on: d_i^2 is in [0, 1].
-
-    The terms of each sum have one sign: `over` covers its rounding, and a few ETA what underflows.
-    """
-    p, q = len(x[0]), len(y[0])
-    low, high, both, of_x, of_y = 0.0, 0.0, 0.0, 0.0, 0.0
-    over = (p + q + 64) * 2.0**-52
-    for j in range(1, max(p, q)):
-        a = max(abs(x[0][j]), abs(x[1][j])) if j < p else 0.0
-        b = max(abs(y[0][j]), abs(y[1][j])) if j < q else 0.0
-        of_x, of_y, both = of_x + a, of_y + b, both + a * b
-        if j < p and j < q:
-            square = mul(at(x, j), at(y, j))
-            low, high = low + min(square[0], 0.0), high + max(square[1], 0.0)
-    mixed = max(of_x * of_y * (1.0 + over) - both * (1.0 - over), 0.0)
-    mixed += (p + 2) * ETA if of_x > 0.0 and of_y > 0.0 else 0.0
-    return (low - mixed) * (1.0 + over), (high + mixed) * (1.0 + over)

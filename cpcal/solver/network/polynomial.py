@@ -200,6 +200,9 @@ class Expander:
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Polynomial:
         x, op = args[0], node.op
+        known = all(arg.is_constant for arg in args) and op not in ("index", "sum")
+        if known and not any(arg.coefficients.shape[0] > 1 for arg in args):
+            return _over_readings(node, args)
         if op == "neg":
             return x.monomials, -x.coefficients
         if op in ("index", "sum"):
@@ -222,10 +225,8 @@ class Expander:
             return out
         if op == "div" and args[1].is_constant:
             return self._product(one, (((),), _aligned(coef.reciprocal(args[1].constant)[:, None], node.ndim)))
-        if all(arg.is_constant for arg in args):  # any operation, over all readings in their sets
-            known = [coef.total(arg.constant) for arg in args]
-            own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
-            return ((),), own[0].apply(CODES[op], own[-1], node.parameter)[None, None]
+        if known:
+            return _over_readings(node, args)
         raise NotPolynomial(f"{op!r} of an expression with variables")
 
     def _product(self, x: Polynomial, y: Polynomial, square: bool = False) -> Polynomial:
@@ -233,6 +234,13 @@ class Expander:
             raise NotPolynomial(f"a product of {len(x[0]) * len(y[0])} terms")
         monomials, table = _products(x[0], y[0], square)
         return monomials, coef.term_products(x[1], y[1], table, len(monomials), square)
+
+
+def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
+    """Any operation on constants, over all readings in their sets."""
+    known = [coef.total(arg.constant) for arg in args]
+    own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
+    return ((),), own[0].apply(CODES[node.op], own[-1], node.parameter)[None, None]
 
 
 def _owned(data: IntervalArray) -> IntervalArray:
