@@ -226,11 +226,6 @@ class ClassicalAnswer(Value):
         arrays = ("readings", "residuals", "covariance")
         fill(self, **{name: frozen_array(getattr(self, name)) for name in arrays})
 
-    @property
-    def largest(self) -> float:
-        """px: the largest residual on one axis."""
-        return float(np.abs(self.residuals).max())
-
 
 def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
     """E and F of the study by a closed form and least squares.

@@ -40,6 +40,7 @@ _TERMS = 12
 _NEWTON_STEPS = 50
 _LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the error is its square
 _EXACT = 1e-9  # how near the inverse must come
+_GRID = 9  # pixels that stand for the image, each way
 
 Three = tuple[float, float, float]
 
@@ -192,6 +193,12 @@ class Camera(Value):
         given = dict(zip(LENSES[self.model], self.distortion.tolist(), strict=True), fisheye=self.model == "fisheye")
         return np.array([*self.focal, *self.center, *(given.get(name, 0.0) for name in PACKED)])
 
+    @cached_property
+    def spread(self) -> Floats:
+        """(81, 2) pixels over the whole image, its border included."""
+        x, y = (np.linspace(-0.5, side - 0.5, _GRID) for side in (self.width, self.height))
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
     def with_numbers(self, numbers: Floats) -> Camera:
         """The same image size and model, other numbers. Raises InputError when they make no camera."""
         return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:], self.model)
@@ -247,7 +254,6 @@ _ASPECT = 4.0  # of fx and fy
 _CENTER = 10.0  # image sides away from the image, which may be a part of a larger one
 _STRETCH = 4.0  # of a direction by the distortion, and its inverse
 _SHARE = 0.5  # of the image that must show directions: lenses are calibrated where something was seen
-_GRID = 9  # pixels looked at, each way
 
 
 def implausible(camera: Camera) -> list[tuple[str, str, str]]:
@@ -273,9 +279,7 @@ def implausible(camera: Camera) -> list[tuple[str, str, str]]:
 
 def _seen(camera: Camera) -> float:
     """The share of the image's pixels that show a direction not far from where a camera without distortion sees it."""
-    x, y = (np.linspace(0.0, side - 1.0, _GRID) for side in (camera.width, camera.height))
-    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    plain = np.linalg.norm((pixels - camera.center) / camera.focal, axis=1)
-    seen = np.linalg.norm(camera.normalised(pixels), axis=1)
+    plain = np.linalg.norm((camera.spread - camera.center) / camera.focal, axis=1)
+    seen = np.linalg.norm(camera.normalised(camera.spread), axis=1)
     with np.errstate(invalid="ignore"):
         return float(((seen <= _STRETCH * plain) & (plain <= _STRETCH * seen)).mean())

@@ -78,10 +78,7 @@ class View:
 @lru_cache(maxsize=8)
 def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
     """The rectangle around all directions that the image shows."""
-    x, y = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
-    border = [np.stack([x, np.full(9, end)], axis=1) for end in (y[0], y[-1])]
-    border += [np.stack([np.full(9, end), y], axis=1) for end in (x[0], x[-1])]
-    rays = camera.normalised(np.concatenate(border))
+    rays = camera.normalised(camera.spread)
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
 
 

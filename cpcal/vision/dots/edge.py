@@ -166,7 +166,7 @@ def gathered(grey: Grey, at_x: int, at_y: int, unit: float, room: float, p: Floa
 # Blurred ellipses fitted to dots' pixels, dot by dot, as compiled loops: Gauss-Newton steps, first on some pixels.
 
 ODD = LINEAR - PLAIN  # parameters of the light
-RESULTS = 14  # numbers of a fit, see `fit_dots`
+RESULTS = 13  # numbers of a fit, see `fit_dots`
 _MANY = 150  # pixels, of which a third does for rough steps
 _ROUGH_STEPS, _FINE_STEPS = 4, 6
 _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
@@ -186,7 +186,7 @@ def fit_dots(
     edge are the dot's own; `light` (n, 2) is its growth per pixel, where the fit begins (or stays: `used` is PLAIN).
 
     out (n, RESULTS): centre, conic xx xy yy, back, contrast, blur, covariance xx xy yy of the centre, noise, variance
-    of the grey levels, pixels; left as it is (nan) where a fit fails. odd (n, ODD, ODD + 3): of the light's growth,
+    of the grey levels; left as it is (nan) where a fit fails. odd (n, ODD, ODD + 3): of the light's growth,
     had it been fitted as well, the inverse covariance, times that the values, and how far (pixels, x and y)
     each moves the centre.
     """
@@ -320,7 +320,7 @@ def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step:
     scale = variance * unit * unit
     out[8], out[9] = scale * np.dot(moves[0, :used], by_x), scale * np.dot(moves[1, :used], by_x)
     out[10] = scale * np.dot(moves[1, :used], by_y)
-    out[11], out[13] = np.sqrt(variance), count
+    out[11] = np.sqrt(variance)
 
 
 @compiled
