@@ -43,12 +43,13 @@ from cpcal.report import (
     parameters_section,
     write_report,
 )
-from cpcal.report.comparison_page import (
+from cpcal.report.run_page import (
+    advice,
+    answer_section,
     comparison_section,
     passing,
     write_comparison,
 )
-from cpcal.report.run_page import advice, answer_section
 from cpcal.report.section import Mark, Section, Table, Words
 from cpcal.report.words import SHORT_QUANTIFIER, overall, uncertified_legs
 from cpcal.robot import Campaign

@@ -13,8 +13,8 @@ from cpcal.checker.platform import COORDINATES
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, nearest, stated
 from cpcal.questions.accuracy import FAR, Accuracy, WorkspaceAccuracy
+from cpcal.report.figures import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 from cpcal.report.section import Drawing, Mark, Page, Section, Table, Words, origin, verdict
-from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Plot, Svg, rectangle
 
 # ------------------------------------------------------------------------------------------------------------------
 # Sentences: what is assumed, what is proved under it, what is only estimated.

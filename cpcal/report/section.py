@@ -18,10 +18,11 @@ from markupsafe import Markup, escape
 from cpcal.common.errors import printable
 from cpcal.common.files import write_file
 from cpcal.common.version import __version__
-from cpcal.report.svg import Svg
 
 if TYPE_CHECKING:
     from jinja2 import Template
+
+    from cpcal.report.figures import Svg
 
 _PACKAGES = ("numpy", "scipy", "python-flint")
 

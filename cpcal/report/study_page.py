@@ -17,10 +17,9 @@ from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.questions import Result
 from cpcal.questions.points import CertifiedFits
-from cpcal.report.figures import series
+from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
-from cpcal.report.svg import DOT, ROOM, Svg
 from cpcal.robot import Campaign, Robot
 from cpcal.solver.contract import Verdict
 

@@ -41,7 +41,7 @@ ESTIMATES = (
     "files",
     "cli/study.py",
     "cli/image.py",
-    "report/svg.py",  # coordinates of drawings, and ticks, which are round numbers
+    "report/figures.py",  # coordinates of drawings, and ticks, which are round numbers
 )
 
 

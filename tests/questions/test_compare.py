@@ -17,7 +17,7 @@ from cpcal.checker.command import PROVED, REFUSED, main
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.report import write_report
-from cpcal.report.comparison_page import comparison_table, write_comparison
+from cpcal.report.run_page import comparison_table, write_comparison
 from cpcal.simulate import true_robot
 from tests.changed import with_gain
 

@@ -13,7 +13,7 @@ from cpcal.models import PARAMETERS, Parameter
 from cpcal.questions import ModelNote, Ranges
 from cpcal.questions.points import CertifiedFits, VerifiedFit
 from cpcal.report import write_report
-from cpcal.report.comparison_page import write_comparison
+from cpcal.report.run_page import write_comparison
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.simulate import simulate_study, true_robot
 from tests.changed import leg_with

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.models import PARAMETERS
 from cpcal.report import errors_svg, residuals_drawing
-from cpcal.report.figures import FARTHEST, MOST_POINTS, worst_of_neighbours
-from cpcal.report.svg import INK, Plot, evenly, tick_labels
+from cpcal.report.figures import FARTHEST, INK, MOST_POINTS, Plot, evenly, tick_labels, worst_of_neighbours
 from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
