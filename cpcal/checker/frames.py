@@ -47,7 +47,7 @@ EQUATIONS = 21  # of a rotation
 SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "link-", "pose+", "pose-")
 STAGES = ("image", "links", "frames")
 _FINE = 64  # bits of what a link may be off
-Terms = dict[tuple[int, ...], int]
+Terms = dict[tuple[int, ...], Any]  # coefficients, whole ones but where they are said to be fractions
 Matrix = Sequence[Sequence[Any]]
 Vector = Sequence[F]
 
@@ -86,24 +86,24 @@ def rotation(q: Sequence[F | int]) -> tuple[list[list[int]], int]:
 
 
 class Form:
-    """A polynomial with whole coefficients, by its unknowns, ascending."""
+    """A polynomial by its unknowns, ascending."""
 
     __slots__ = ("terms",)
 
     def __init__(self, terms: Terms) -> None:
         self.terms = {m: c for m, c in terms.items() if c}
 
-    def __add__(self, other: Form | int) -> Form:
+    def __add__(self, other: Form | F | int) -> Form:
         found = dict(self.terms)
         for m, c in (other.terms if isinstance(other, Form) else {(): other}).items():
             found[m] = found.get(m, 0) + c
         return Form(found)
 
-    def __sub__(self, other: Form | int) -> Form:
+    def __sub__(self, other: Form | F | int) -> Form:
         return self + -1 * other
 
-    def __mul__(self, other: Form | int) -> Form:
-        if isinstance(other, int):
+    def __mul__(self, other: Form | F | int) -> Form:
+        if not isinstance(other, Form):
             return Form({m: c * other for m, c in self.terms.items()})
         found: Terms = {}
         for m, c in self.terms.items():

@@ -25,26 +25,12 @@ from fractions import Fraction as F
 from math import isqrt, prod
 from pathlib import Path
 
-from .certificate import Accepted, Given, polynomial
+from .certificate import Accepted, Given
 from .files import ACCURACY_NAME, content, leg_work, parsed
-from .frames import AXES, rotation
+from .frames import AXES, Form, forms, rotation
 from .leg import NAME, ExactCampaign
-from .polynomial import (
-    FIELD,
-    READINGS,
-    Polynomial,
-    Spend,
-    applied,
-    cross,
-    inner,
-    minus,
-    plus,
-    product,
-    substituted,
-    transposed,
-)
+from .polynomial import Spend, applied, cross, inner, minus, plus, product, transposed
 from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up, whole
-from .rule import Box, Unknowns
 from .run import INFORMATION, LegCertificates, of_the_campaign
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")  # of (p, 2 s)
@@ -109,15 +95,11 @@ class Commanded:
     def form(self, controller: Vector) -> Given:
         """T |q|^2 over its scale, in the unknowns x."""
         n, length = self.norm, self.length(controller)
+        (*a, b1, b2, b3, offset), rest = forms(range(7)), length - controller[6]  # what the controller reads
+        z, b, square = minus(a, self.position), (b1, b2, b3), (offset + rest) * (offset + rest)
+        found = (inner(z, z) + inner(b, b) - square) * n - inner(z, applied(self.turn, b)) * 2
         scale = self.scale(length)
-        rest = length - controller[6]  # what the controller reads
-        terms: dict[tuple[int, ...], F] = {(): n * (inner(self.position, self.position) - rest * rest)}
-        terms[6,], terms[6, 6] = -2 * n * rest, F(-n)
-        for i, back in enumerate(applied(transposed(self.turn), self.position)):
-            terms[i,], terms[i, i], terms[3 + i, 3 + i] = -2 * n * self.position[i], F(n), F(n)
-            terms[3 + i,] = F(2 * back)
-            terms |= {(i, 3 + j): F(-2 * self.turn[i][j]) for j in AXES}
-        return tuple((m, c / scale) for m, c in terms.items() if c)
+        return tuple((m, c / scale) for m, c in found.terms.items())
 
 
 def direction_form(direction: Vector) -> Given:
@@ -135,7 +117,7 @@ def pose_bounds(
     asked = [F(0) if i in held else reach if i < 3 else half_turn for i in range(6)]
     rows, center = [_Row(pose, leg, spend, held) for leg in legs], [F(0)] * 6
     for step in range(_CENTERINGS + 1):
-        forms = [_About(row, center, spend) for row in rows]
+        forms = [_About(row, center) for row in rows]
         lines = _left_inverse([[form.slopes[i] for i in range(6) if asked[i]] for form in forms])
         if lines is None:
             return None
@@ -161,12 +143,12 @@ def pose_bounds(
 
 
 class _Row:
-    """The equation of a leg, times |q|^2: `polynomial` in (p, s) is (1 + s.s) times what lies in `value`, but for terms
+    """The equation of a leg, times |q|^2: a polynomial in (p, s) is (1 + s.s) times what lies in `value`, but for terms
     with what x is off the middle of its set, which `beside` bounds."""
 
     def __init__(self, pose: Commanded, leg: Leg, spend: Spend, held: Sequence[int] = ()) -> None:
         spend(_ROW_WORK)
-        n, believed = pose.norm, pose.length(leg.controller)
+        n, believed, self._held = pose.norm, pose.length(leg.controller), held
         middle = applied(transposed(leg.directions), [(a + b) / 2 for a, b in leg.along])
         off = [max(b - x, x - a) for x, a, b in zip(middle, leg.lo, leg.hi, strict=True)]
         self._norm, self._arm = n, applied(pose.turn, middle[3:6])
@@ -188,36 +170,22 @@ class _Row:
         error = leg.eps + F(2, 2**_LENGTH_BITS)
         most = n * error * (2 * longest + error)
         self.value = -leg.form[1] * scale - most, -leg.form[0] * scale + most
-        self.polynomial = self._formed(spend, set(held))
 
     def _gradient(self, base: Vector, arm: Vector) -> list[F]:
         """In (p, s) at 0: of what the equation changes by, where a moves by `base` and |q|^2 R b by `arm`."""
         turned = minus(cross(arm, self._place), cross(self._arm, base))
         return [2 * (b - self._norm * a) for a, b in zip(base, arm, strict=True)] + [4 * v for v in turned]
 
-    def _formed(self, spend: Spend, held: set[int]) -> Polynomial:
-        """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`."""
-        n, r, w, h = self._norm, self._arm, self._place, (self.value[0] + self.value[1]) / 2
-        terms: dict[tuple[int, ...], F] = {}
-
-        def add(m: tuple[int, ...], c: F) -> None:
-            key = tuple(sorted(m))
-            terms[key] = terms.get(key, F(0)) + c
-
-        for i in AXES:
-            v = n * w[i] + r[i]
-            for squared in ((), *((3 + k, 3 + k) for k in AXES)):
-                add((i, i, *squared), F(n))
-                add((i, *squared), 2 * v)
-            add((3 + i, 3 + i), -h)
-            j, k = (i + 1) % 3, (i + 2) % 3
-            # component i of s x r + s (s.r) - (s.s) r
-            turned: list[tuple[tuple[int, ...], F]] = [((3 + j,), r[k]), ((3 + k,), -r[j])]
-            turned += [((3 + i, 3 + m), r[m]) for m in (j, k)] + [((3 + m, 3 + m), -r[i]) for m in (j, k)]
-            for monomial, c in turned:
-                add(monomial, 4 * w[i] * c)
-                add((*monomial, i), 4 * c)
-        return polynomial(tuple((m, c) for m, c in terms.items() if c and held.isdisjoint(m)), spend)
+    def about(self, center: Vector) -> Form:
+        """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`, in what
+        (p, s) is off a centre."""
+        n, r, h = self._norm, self._arm, (self.value[0] + self.value[1]) / 2
+        unknowns = [Form({} if i in self._held else {(i,): F(1)}) + c for i, c in enumerate(center)]
+        p, s = unknowns[:3], unknowns[3:]
+        once, v = cross(s, r), plus([n * w for w in self._place], r)
+        swung = inner(plus(self._place, p), plus(once, cross(s, once)))
+        found: Form = (inner(s, s) + 1) * (inner(p, p) * n + inner(p, v) * 2 - h) + swung * 4 + h
+        return found
 
     def beside(self, z: Sequence[float], linear: Sequence[float]) -> float:
         """At most so large is all else, for components of (p, s) at most as large as `z`, and products with the
@@ -240,23 +208,18 @@ class _Row:
 class _About:
     """A row about a centre: slopes.w + (terms of w of degree two and more) is in `value`, but for what is beside."""
 
-    def __init__(self, row: _Row, center: Vector, spend: Spend) -> None:
-        self.row = row
-        x = Unknowns(Box(tuple(c - 1 for c in center), tuple(c + 1 for c in center)), spend)
-        form = substituted(row.polynomial, x.images)
-        self.value = row.value[0] - form.constant, row.value[1] - form.constant
-        self.slopes, self.curved = [F(0)] * 6, [[F(0)] * 6 for _ in range(6)]
-        self._higher: list[tuple[float, list[int]]] = []
-        for monomial, c in form.terms.items():
-            held = [i for i in range(6) for _ in range(monomial >> FIELD * (READINGS + i) & (1 << FIELD) - 1)]
-            coefficient = F(c) * F(2) ** form.exponent
-            if len(held) == 1:
-                self.slopes[held[0]] = coefficient
-            elif len(held) == 2:
+    def __init__(self, row: _Row, center: Vector) -> None:
+        self.row, form = row, row.about(center).terms
+        constant = form.pop((), F(0))
+        self.value = row.value[0] - constant, row.value[1] - constant
+        self.slopes, self.curved = [form.pop((i,), F(0)) for i in range(6)], [[F(0)] * 6 for _ in range(6)]
+        self._higher: list[tuple[float, tuple[int, ...]]] = []
+        for held, c in form.items():
+            if len(held) == 2:
                 for i, j in (held, held[::-1]):
-                    self.curved[i][j] = coefficient / (1 + (i != j))
-            elif held:
-                self._higher.append((float(abs(coefficient)), held))
+                    self.curved[i][j] = c / (1 + (i != j))
+            else:
+                self._higher.append((float(abs(c)), held))
 
     def by_legs(self, inverse: Sequence[Vector], center: Vector) -> None:
         """What is linear or of degree two in w, in the legs' coordinates y, w = C y."""

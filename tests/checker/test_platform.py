@@ -283,7 +283,7 @@ def test_the_linear_part_of_a_legs_equation_is_where_it_says(run, known, seed):
     rows = []
     for row, error in zip(map(exact, controller.parameters), errors, strict=True):
         rows.append(_Row(pose, known_leg(row, row, row, F(float(error) + 1e-9), (F(0), F(0))), free))
-    forms = [_About(row, [F(0)] * 6, free) for row in rows]
+    forms = [_About(row, [F(0)] * 6) for row in rows]
     inverse = _left_inverse([form.slopes for form in forms])
     linear = [sum(map(mul, form.slopes, exact(w))) for form in forms]
     y = [abs(float(v)) for v in linear]
