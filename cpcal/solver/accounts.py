@@ -141,14 +141,10 @@ def row_use(
     origin = range(len(size)) if origin is None else origin
     left = []
     for name, contractor in named:
-        unused = _unused(contractor)
+        declared = (frozenset(getattr(part, "unused_constraints", ())) for part in elements(contractor))
+        unused = frozenset.intersection(*declared)  # what each part leaves alone, by number
         used = {old for new, old in enumerate(origin) if new not in unused}
         left.append((name, frozenset(range(len(size))) - used))
     nobody = frozenset.intersection(*(which for _, which in left)) if left else frozenset[int]()
     counts = [(name, sum(size[k] for k in which)) for name, which in left if which]
     return RowUse(sum(size), tuple(counts), sum(size[k] for k in nobody))
-
-
-def _unused(contractor: Contractor) -> frozenset[int]:
-    """What none of its parts uses: each may declare the constraints, by number, that it leaves alone."""
-    return frozenset.intersection(*(frozenset(getattr(p, "unused_constraints", ())) for p in elements(contractor)))

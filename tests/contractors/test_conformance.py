@@ -6,7 +6,7 @@ import itertools
 import math
 import tomllib
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ import pytest
 
 from contractors import (
     HC4,
-    Beaumont,
     Cid,
     Lifted,
     Newton,
@@ -53,7 +52,6 @@ def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 ALGEBRA = {"then": then, "union": union, "repeat": repeated}
 VARIANTS = {
-    "beaumont thrice": partial(Beaumont, most=3),
     "cid with newton": sliced,
 }
 OURS = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())["project"]["entry-points"]

@@ -121,13 +121,6 @@ def test_a_problem_is_what_its_segments_say() -> None:
     assert lower == [25.0, 40.0]
 
 
-def test_the_bound_of_its_minimum_is_below_the_known_one_and_the_point_above() -> None:
-    found = answer(read_nl(HS071, "problem.nl"), limits=Limits(nodes=30))
-    assert found.objective is not None
-    assert 16.0 < found.objective[0] <= 17.014018  # 17.0140173 in the literature
-    assert found.objective[1] >= 17.014017
-
-
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -92,23 +91,6 @@ def test_limits_and_the_certificate_reach_the_solver(tmp_path: Path) -> None:
     stopped = solver().solve(hs071(), time_limit=0.0, raise_exception_on_nonoptimal_result=False, load_solutions=False)
     assert stopped.termination_condition is results_.TerminationCondition.maxTimeLimit
     assert Verdict.UNKNOWN.value not in stopped.extra_info.sentence
-
-
-def test_rows_that_overflow_prove_nothing(tmp_path: Path) -> None:
-    """By the command line, too: exp(x) >= 1e300 and x^2 <= 1 have no solution in (0, 2000)."""
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(bounds=(0, 2000))
-    m.rows = pyo.ConstraintList()
-    m.rows.add(pyo.exp(m.x) >= 1e300)
-    m.rows.add(m.x**2 <= 1)
-    m.goal = pyo.Objective(expr=m.x)
-    found = solver().solve(m, raise_exception_on_nonoptimal_result=False, load_solutions=False)
-    assert found.termination_condition is results_.TerminationCondition.provenInfeasible
-    text = "Variables\nx in [0, 2000];\nMinimize\nx;\nConstraints\nexp(x) >= 1e300;\nx^2 <= 1;\nend\n"
-    (tmp_path / "p.bch").write_text(text)
-    run = CliRunner().invoke(app, ["solve", str(tmp_path / "p.bch"), "-o", str(tmp_path / "p.json")])
-    assert run.exit_code == 0, run.output
-    assert json.loads((tmp_path / "p.json").read_text())["verdict"] == "infeasible"
 
 
 def test_an_optimum_of_equations_with_a_certificate_is_not_certified(tmp_path: Path) -> None:

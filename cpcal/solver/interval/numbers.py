@@ -138,16 +138,12 @@ def _fits(array: np.ndarray[Any, Any]) -> bool:
 # Arrays of intervals: two float64 arrays of the same shape.
 
 
-def _unary(code: int) -> Callable[[IntervalArray], IntervalArray]:
-    return lambda x: x.apply(code)
+def _operation(code: int, reflected: bool = False) -> Callable[..., IntervalArray]:
+    def operate(x: IntervalArray, other: Intervals | None = None) -> IntervalArray:
+        y = x if other is None else IntervalArray.of(other)
+        return y.apply(code, x) if reflected else x.apply(code, y)
 
-
-def _binary(code: int) -> Callable[[IntervalArray, Intervals], IntervalArray]:
-    return lambda x, y: x.apply(code, IntervalArray.of(y))
-
-
-def _reflected(code: int) -> Callable[[IntervalArray, Intervals], IntervalArray]:
-    return lambda x, y: IntervalArray.of(y).apply(code, x)
+    return operate
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +160,9 @@ class IntervalArray:
 
     __array_ufunc__: ClassVar[None] = None  # so that numpy leaves array + intervals to these
 
-    __add__, __sub__, __mul__, __truediv__ = map(_binary, (ADD, SUB, MUL, DIV))
-    __radd__, __rsub__, __rmul__, __rtruediv__ = map(_reflected, (ADD, SUB, MUL, DIV))
-    __neg__, sqr, sqrt = map(_unary, (NEG, SQR, SQRT))  # the square root is of the part that is >= 0
+    __add__, __sub__, __mul__, __truediv__ = map(_operation, (ADD, SUB, MUL, DIV))
+    __radd__, __rsub__, __rmul__, __rtruediv__ = (_operation(code, reflected=True) for code in (ADD, SUB, MUL, DIV))
+    __neg__, sqr, sqrt = map(_operation, (NEG, SQR, SQRT))  # the square root is of the part that is >= 0
 
     def apply(self, code: int, other: IntervalArray | None = None, n: int = 0) -> IntervalArray:
         """Any operation of the table, element by element; n is a power's exponent."""

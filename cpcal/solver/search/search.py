@@ -42,17 +42,10 @@ class Node:
 Priority = Callable[[Node], float]
 
 
-def depth_first(node: Node) -> float:
-    """The latest box first: few boxes wait at any time."""
-    return -float(node.serial)
-
-
-def breadth_first(node: Node) -> float:
-    """The least divided box first: what is known of the whole domain grows evenly."""
-    return float(node.depth)
-
-
-ORDERS = {"depth": depth_first, "breadth": breadth_first}
+ORDERS: dict[str, Priority] = {
+    "depth": lambda node: -float(node.serial),  # the latest box first: few boxes wait at any time
+    "breadth": lambda node: float(node.depth),  # what is known of the whole domain grows evenly
+}
 
 
 class EventKind(Enum):
@@ -134,7 +127,7 @@ class Search(Iterator[Event]):
         self,
         roots: Iterable[Box | Piece],
         process: Process,
-        priority: Priority = depth_first,
+        priority: Priority = ORDERS["depth"],
         *,
         outside: bool = False,
         abreast: int | Callable[[int], int] = 1,

@@ -93,28 +93,6 @@ def test_no_time_no_calls() -> None:
     )
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_both_methods_agree(seed: int) -> None:
-    """On random campaigns the optimum of branch and bound lies in the bracket; calls may take their time."""
-    campaign = cpcal.simulate(seed=seed, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
-    question: dict[str, Any] = {"legs": [1], "delta": 10.0, "gap": 1e-2}
-    bound = cpcal.certify(campaign, **question).legs[0]
-
-    def solve(eps: float, seconds: float) -> TimeoutOutcome:
-        leg = cpcal.certify(campaign, eps=eps, **question).legs[0]
-        if leg.bracket.verdict is cpcal.Verdict.REFUTED:
-            return TimeoutOutcome(TimeoutAnswer.INFEASIBLE)
-        assert leg.bracket.verdict is cpcal.Verdict.PROVED
-        return TimeoutOutcome(TimeoutAnswer.FOUND, Witness(np.append(leg.bracket.point, eps), eps))
-
-    fit = cpcal.certify_point(campaign, 1, bound.bracket.center, eps=5.0 * bound.bracket.hi).verified
-    assert fit.verdict is cpcal.Verdict.PROVED  # so that it may begin there
-    trials = list(timeout(solve, lo=0.0, hi=5.0 * bound.bracket.hi, limits=Limits(gap=1e-2)))
-    assert trials[-1].lo <= bound.bracket.hi
-    assert trials[-1].hi >= bound.bracket.lo
-    assert trials[-1].hi - trials[-1].lo <= 1e-2 * trials[-1].hi
-
-
 def test_the_method_of_certify_is_the_script() -> None:
     """With the contractors' own search as the solver; how far it gets depends on the machine, what it says does not."""
     campaign = cpcal.simulate(seed=8, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
