@@ -144,12 +144,10 @@ _ROUNDED, _LOST = 1.0 + 1e-12, 1e-13
 class PoseBounds:
     """For K cells; where `proved` is False nothing is, and bounds are infinite.
 
-    box       (K, 6): (p, s) of the true pose, mm and half a rotation vector, for all poses of the cell
     position  (K,) mm: ||p|| is at most this; rotation (K,) rad: the angle of R(1, s) is at most this
     """
 
     proved: Bools
-    box: IntervalArray
     position: Floats
     rotation: Floats
 
@@ -252,10 +250,7 @@ class Equations:
             size, proved = proved_sizes(image, value.mag, good)
             size, more = (np.where(proved[:, None], of, 0.0) for of in (size, image(size)))
         y = (IntervalArray(-more, more) - value).intersect(IntervalArray(-size, size))
-        box = applied(IntervalArray.of(self.inverse), y)
-        position, angle = (np.where(proved, most, np.inf) for most in sizes(self.inverse, y))
-        lo, hi = (np.where(proved[:, None], of, end) for of, end in ((box.lo, -np.inf), (box.hi, np.inf)))
-        return PoseBounds(proved, IntervalArray(lo, hi), position, angle)
+        return PoseBounds(proved, *(np.where(proved, most, np.inf) for most in sizes(self.inverse, y)))
 
     def with_error(self, deviation: IntervalArray) -> IntervalArray:
         """With all errors e: the deviation less e (2 (L + l) + e) / (2 scale). Infinite for legs below eps."""

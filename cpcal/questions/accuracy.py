@@ -33,7 +33,6 @@ from cpcal.robot import (
     Campaign,
     Pose,
     Robot,
-    distances,
     inverse_kinematics,
     pose_jacobian,
     quaternion_conjugate,
@@ -458,33 +457,14 @@ def held_coordinates(campaign: Campaign) -> tuple[int, ...]:
     return tuple(np.flatnonzero(np.ptp(seen, axis=0) <= 2.0 * radius + 1e-6).tolist())
 
 
-def _sensitivity(robot: Robot, poses: Pose, held: Sequence[int]) -> Floats:
-    """(K,) mm/mm: how far errors of the legs can move the mobile joints, to first order. Near a singular pose the
-    platform may be free to turn alone, so turns count too."""
-    inverse = pose_inverse(pose_jacobian(robot, poses), held)
-    inverse[:, 3:] *= np.linalg.norm(robot.mobile, axis=1).max()
-    return np.asarray(np.linalg.norm(inverse, axis=(1, 2)))
-
-
 def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) -> tuple[Workspace | None, str]:
     """A box of positions in one orientation, and a sentence on it.
 
-    It has the center and the proportions of the measured positions' range, and is the largest in which no leg needs a
-    reading beyond those that were measured. None where even its center does.
-
-    The orientation is the measured poses' mean, unless errors of the legs move the platform there more than in half of
-    the measured poses: then the nearest measured one in which they do not. A planar robot with similar triangles is
-    singular wherever it is not turned, which is the mean of turns both ways.
+    It has the center and the proportions of the measured positions' range and the measured poses' mean orientation, and
+    is the largest in which no leg needs a reading beyond those measured. None where even its center does.
     """
     lo, hi = campaign.position.min(axis=0), campaign.position.max(axis=0)
-    mean = _mean_orientation(campaign)
-    measured = Pose(campaign.position, campaign.quaternion)
-    usual = float(np.median(_sensitivity(robot, measured, held)))
-    turned = distances(measured, Pose(campaign.position, mean))[1]
-    choice = np.vstack([mean, campaign.quaternion[np.argsort(turned, kind="stable")]])
-    middles = Pose(np.broadcast_to(0.5 * (lo + hi), (len(choice), 3)), choice)
-    chosen = int(np.argmax(_sensitivity(robot, middles, held) <= usual))  # 0, the mean, where there is none
-    orientation = choice[chosen]
+    orientation = _mean_orientation(campaign)
     middle, half = 0.5 * (lo + hi), 0.5 * (hi - lo) * ~np.isin(np.arange(3), held)
     low, high = campaign.length.min(axis=0), campaign.length.max(axis=0)
     # R b - a + P is shortest where P is nearest to a - R b, longest at a corner
@@ -503,14 +483,9 @@ def proposed_workspace(campaign: Campaign, robot: Robot, held: Sequence[int]) ->
         return None, ""
     turn = 2.0 * orientation[1:] / orientation[0]
     box = (np.concatenate([middle + sign * shares[-1] * half, turn]).tolist() for sign in (-1.0, 1.0))
-    which = "the mean measured orientation"
-    if chosen:
-        which = (
-            "a measured orientation (in the mean one errors of the legs move the platform more than they usually do)"
-        )
     said = (
-        f"{about(100 * shares[-1], 2)} % of the measured positions' range about its middle, in {which}, in which no "
-        "leg needs a reading beyond those measured; smaller where its cells cannot be bounded"
+        f"{about(100 * shares[-1], 2)} % of the measured positions' range about its middle, in the mean measured "
+        "orientation, in which no leg needs a reading beyond those measured; smaller where its cells cannot be bounded"
     )
     return Workspace(*map(tuple, box)), said
 

@@ -14,7 +14,7 @@ from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign
 from cpcal.robot.campaign import Given, copied_rows, single_pose
-from cpcal.robot.mistakes import Spread, misstated, mixed_up, sizes_in_question, spread_of
+from cpcal.robot.mistakes import Spread, doubts, spread_of
 
 # ------------------------------------------------------------------------------------------------------------------
 # Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
@@ -118,13 +118,11 @@ def check_data(campaign: Campaign) -> DataCheck:
     Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 2,000 measurements, spread
     evenly, are fitted, and 20,000 say what is open; odd and copied rows are sought among all.
     """
-    given, seen, still = Given.of(campaign), spread_of(campaign), single_pose(campaign)
-    sizes = sizes_in_question(campaign)
-    mistake = mixed_up(campaign, seen) if still is None else None
-    stated = None if mistake or still or sizes else misstated(seen)
-    findings = list(filter(None, (mistake, stated, *sizes, still, copied_rows(campaign))))
-    nominal = tuple(np.median(given.off, axis=0).tolist())
-    if mistake is not None or still is not None:
+    seen, still = spread_of(campaign), single_pose(campaign)
+    mistake, others = doubts(campaign, seen) if still is None else (still, [])
+    findings = list(filter(None, (mistake, *others, copied_rows(campaign))))
+    nominal = tuple(np.median(Given.of(campaign).off, axis=0).tolist())
+    if mistake is not None:
         return DataCheck(tuple(findings), nominal, seen, ())
     sample, x = campaign.sampled(_FITTED), seen.fitted
     legs = tuple(determination(sample, leg, x[leg - 1], PLAIN) for leg in range(1, campaign.legs + 1))

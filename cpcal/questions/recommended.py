@@ -159,10 +159,7 @@ class _Leg:
 
     def factor(self, x: Floats, tolerance: float) -> float:
         """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
-        exact = self._exact(x)
-        if exact is None:
-            return _most(lambda factor: self.largest(x, factor) <= tolerance)
-        return _most(lambda factor: exact.needed(tolerance, factor) <= tolerance)
+        return _most(lambda factor: self.largest(x, factor) <= tolerance)
 
 
 def _most(passes: Callable[[float], bool]) -> float:

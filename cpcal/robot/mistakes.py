@@ -647,10 +647,14 @@ _ABSURD = 0.2  # of the robot's size: no drawing is so bad, also where a fit exp
 @lru_cache(maxsize=4)  # `certify` warns, and its page says it again
 def suspicions(campaign: Campaign) -> tuple[str, ...]:
     """A sentence for each thing that looks wrong with the campaign as a whole; none if all is as it should be."""
-    sizes = sizes_in_question(campaign)
-    seen = spread_of(campaign)
-    found = mixed_up(campaign, seen) or (None if sizes else misstated(seen))
-    return (*filter(None, [found]), *sizes)
+    mistake, others = doubts(campaign, spread_of(campaign))
+    return (*filter(None, [mistake]), *others)
+
+
+def doubts(campaign: Campaign, seen: Spread) -> tuple[str | None, list[str]]:
+    """The sentence on what does not fit, and those on what is stated."""
+    sizes, mistake = sizes_in_question(campaign), mixed_up(campaign, seen)
+    return mistake, sizes or list(filter(None, [None if mistake else misstated(seen)]))
 
 
 def mixed_up(campaign: Campaign, seen: Spread) -> str | None:

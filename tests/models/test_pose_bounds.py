@@ -64,7 +64,7 @@ def test_a_model_error_that_the_campaign_refutes_leaves_no_set(known):
     assert certified_set(AskedSet(campaign, 1, 0.02, center=x, delta=8.0, controller=x)) is None
 
 
-def test_the_true_pose_lies_in_the_proved_box_and_within_both_bounds(known):
+def test_the_true_pose_lies_within_both_bounds(known):
     poses = unseen(known, 12, 2)
     found = pose_bounds(poses, known.sets)
     true = reached_poses(known.campaign, known.controller, poses)
@@ -72,9 +72,6 @@ def test_the_true_pose_lies_in_the_proved_box_and_within_both_bounds(known):
     position, angle = distances(true, poses)
     assert (position <= found.position).all()
     assert (angle <= found.rotation).all()
-    turn = quaternion_product(true.quaternion, quaternion_conjugate(poses.quaternion))
-    inside = np.concatenate([true.position - poses.position, turn[:, 1:] / turn[:, :1]], axis=1)
-    assert ((found.box.lo <= inside) & (inside <= found.box.hi)).all()
     # and what is not of first order counts for little
     assert (found.position <= 1.2 * shares(poses, known.sets).sum(axis=1)).all()
 
