@@ -42,16 +42,6 @@ from cpcal.solver.search import Decision, EventKind, Node, Piece, Search
 _FORTH, _BACK = [1, 2, 0], [2, 0, 1]
 
 
-def total(x: IntervalArray, axis: int = -1) -> IntervalArray:
-    """The sum along an axis, which may count from the end."""
-    return x.sum(axis % x.ndim)
-
-
-def squares(x: IntervalArray) -> IntervalArray:
-    """Of vectors (..., m)."""
-    return total(x.sqr())
-
-
 def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
     """Of vectors (..., 3) and (..., 3)."""
     return x[..., _FORTH] * y[..., _BACK] - x[..., _BACK] * y[..., _FORTH]
@@ -59,7 +49,7 @@ def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
 
 def applied(matrix: IntervalArray, x: Numbers) -> IntervalArray:
     """M x, for matrices (..., m, n) and vectors (..., n)."""
-    return total(matrix * IntervalArray.of(x)[..., None, :])
+    return (matrix * IntervalArray.of(x)[..., None, :]).sum(-1)
 
 
 def transposed(matrix: IntervalArray) -> IntervalArray:
@@ -69,7 +59,7 @@ def transposed(matrix: IntervalArray) -> IntervalArray:
 
 def norm(x: IntervalArray) -> IntervalArray:
     """Of vectors (..., m)."""
-    return squares(x).sqrt()
+    return x.sqr().sum(-1).sqrt()
 
 
 def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
@@ -81,7 +71,7 @@ def turned_pose(s: IntervalArray, center: Pose) -> IntervalArray:
     """R(1, s) R(q) (K, 1, 3, 3) of s (K, 3)."""
     one = joined([IntervalArray.of(np.ones((len(s.lo), 1))), s])
     turn, before = (IntervalArray.of(rotations(q)) for q in (one, IntervalArray.of(center.quaternion)))
-    return total(turn[..., :, :, None] * before[..., None, :, :], -2)[:, None]
+    return (turn[..., :, :, None] * before[..., None, :, :]).sum(-2)[:, None]
 
 
 def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
@@ -89,7 +79,7 @@ def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
 
     R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), hence 2 (m - s x m) / (1 + s.s).
     """
-    return (2.0 / (1.0 + squares(s)))[..., None] * (m - cross(s, m))
+    return (2.0 / (1.0 + s.sqr().sum(-1)))[..., None] * (m - cross(s, m))
 
 
 def crossing(v: IntervalArray) -> IntervalArray:
@@ -118,7 +108,7 @@ class Cells:
         away, c = IntervalArray.of(boxes) - middle, IntervalArray.of(middle[:, 3:])
         d = away[:, 3:]
         # (1, c + d) (1, -c), divided by its scalar part: R(1, c + d) = R(1, s) R(1, c)
-        scalar = 1.0 + squares(c) + total(c * d)
+        scalar = 1.0 + c.sqr().sum(-1) + (c * d).sum(-1)
         s = (d - cross(d, c)) / scalar[:, None]
         return cls(
             Pose(middle[:, :3], np.column_stack([np.ones(len(middle)), middle[:, 3:]])), joined([away[:, :3], s])
@@ -208,7 +198,7 @@ class Equations:
         exact = self._form() / self.scale[..., None]
         asked = exact.mid
         at_center = joined([one.ranges(asked[:, k])[:, None] for k, one in enumerate(self.sets)])
-        return at_center + total((exact - asked) * self.box[None])
+        return at_center + ((exact - asked) * self.box[None]).sum(-1)
 
     def _form(self) -> IntervalArray:
         """(K, n, 17): the linear form in z of each leg."""
@@ -224,13 +214,13 @@ class Equations:
         direction that the measurements leave open changes the length much the same at all poses. Of the products by
         their boxes.
         """
-        linear = total(total(self._slopes() * self.cells.reach[:, None, None, :]) * self.along[None])
+        linear = ((self._slopes() * self.cells.reach[:, None, None, :]).sum(-1) * self.along[None]).sum(-1)
         # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
-        squared = total(IntervalArray.of(self.basis[:, :, None, :]) * self.basis[:, None, :, :])
+        squared = (IntervalArray.of(self.basis[:, :, None, :]) * self.basis[:, None, :, :]).sum(-1)
         lost = applied(np.eye(7)[None] - squared, self.box[:, :7])
         change = self._form() - centers._form()
-        added = linear + total(change[..., :7] * lost[None])
-        return (added + total(change[..., 8:] * self.box[None, :, 8:])) / self.scale
+        added = linear + (change[..., :7] * lost[None]).sum(-1)
+        return (added + (change[..., 8:] * self.box[None, :, 8:]).sum(-1)) / self.scale
 
     def _slopes(self) -> IntervalArray:
         """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau of the basis."""
@@ -452,11 +442,6 @@ class Covered:
     at: Floats
     at_position: float
     complete: bool
-
-    @property
-    def worst(self) -> float:
-        """mm: proved of all poses in the cells that are proved."""
-        return float(self.position[self.proved].max(initial=0.0))
 
 
 def cover(

@@ -98,16 +98,13 @@ class _Leg:
         """PROVED: a bound of E(x), mm, with `factor` times the stated half-widths; infinite where nothing is proved.
 
         Of a model that comes with cpcal the least that the exact proof of a certificate reaches."""
-        exact, question = self._exact(x), self._question
-        if exact is not None:
-            return exact.least_eps(factor)
+        question, key = self._question, x.tobytes()
+        if self._statement is not None:
+            if key not in self._known:
+                self._known[key] = AllReadings(question.model.name, x.tolist(), *self._readings)
+            return self._known[key].least_eps(factor)
         found = reading_range(question.campaign, self._leg, question.model, x, factor)
         return float(np.max(np.maximum(found.hi, -found.lo)[self._mine], initial=0.0))
-
-    def _exact(self, x: Floats) -> AllReadings | None:
-        if self._statement is not None and x.tobytes() not in self._known:
-            self._known[x.tobytes()] = AllReadings(self._question.model.name, x.tolist(), *self._readings)
-        return self._known.get(x.tobytes())
 
     def certificate(self, name: str, x: Floats, eps: float, factor: float = 1.0) -> str | None:
         """The file that claims E(x) <= eps with that factor on the half-widths; None where there is none."""

@@ -616,19 +616,19 @@ class Spread:
 
 def spread_of(campaign: Campaign) -> Spread:
     """Of all legs, fitted near the drawing."""
-    rows = np.linspace(0, len(campaign) - 1, min(_FITTED_ROWS, len(campaign))).astype(np.intp)
-    given = Given.of(campaign).rows(rows)
+    campaign = campaign.sampled(_FITTED_ROWS)
+    given, count = Given.of(campaign), len(campaign)
     with np.errstate(all="ignore"):
         found = scored([given], _STEPS[1])
         fit = given.drawn(np.nan_to_num(found.fitted[0])).robot
         residual = np.abs(inverse_kinematics(fit, given.pose) - given.length)
-        spare = np.sqrt(len(rows) / max(len(rows) - 7, 1))
+        spare = np.sqrt(count / max(count - 7, 1))
         left = spare * _NORMAL * np.median(residual, axis=0)
-        if campaign.exact or len(rows) < _TOLD:
+        if campaign.exact or count < _TOLD:
             return Spread(left, None, float(found.off[0]), float(found.share[0]), fit.parameters)
         factor = campaign.uncertainty.factor if campaign.uncertainty is not None else None
-        radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[rows, None]
-        square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius[rows] ** 2
+        radii = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)[:, None]
+        square = np.sum((pose_jacobian(fit, given.pose) * radii) ** 2, axis=2) + campaign.length_radius**2
         stated = np.sqrt(square) / (factor or _UNIFORM)
         ratio = spare * _NORMAL * np.median(residual / np.maximum(stated, _TINY), axis=0)
     return Spread(left, ratio, float(found.off[0]), float(found.share[0]), fit.parameters)
