@@ -42,7 +42,7 @@ from benchmarks.genuine_runs import RUNS
 from cpcal.calibration import calibrate_study
 from cpcal.calibration.study_calibration import load_record, save_record
 from cpcal.cli import app
-from cpcal.cli.options import Status
+from cpcal.cli.verbs import Status
 from cpcal.common.errors import InputError
 from cpcal.common.values import same
 from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study

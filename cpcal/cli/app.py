@@ -18,8 +18,7 @@ from typing import Any, NamedTuple, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.options import Status, option, warn
-from cpcal.cli.terminal import Talk
+from cpcal.cli.verbs import Status, Talk, option, warn
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
 from cpcal.solver.compiled import QUIET

@@ -10,11 +10,14 @@ from typing import Any, Literal
 
 from rich.text import Text
 
-from cpcal.cli.options import (
+from cpcal.cli.verbs import (
     Status,
+    Talk,
     Where,
+    answer,
     argument,
     expert,
+    line,
     numbers_of,
     option,
     options,
@@ -22,7 +25,6 @@ from cpcal.cli.options import (
     refuse_options,
     warn,
 )
-from cpcal.cli.terminal import Talk, answer, line
 from cpcal.common.errors import OutputError, printable
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign

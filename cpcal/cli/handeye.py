@@ -9,8 +9,19 @@ import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.certify import show as show_sections
-from cpcal.cli.options import FIRST_ROW, FORCE, Status, argument, check_new, numbers_of, option, output, refuse
-from cpcal.cli.terminal import Talk, answer
+from cpcal.cli.verbs import (
+    FIRST_ROW,
+    FORCE,
+    Status,
+    Talk,
+    answer,
+    argument,
+    check_new,
+    numbers_of,
+    option,
+    output,
+    refuse,
+)
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up

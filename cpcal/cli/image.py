@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.cli.certify import show
-from cpcal.cli.options import FIRST_ROW, TARGET_FILE, Status, argument, option, output, refuse
-from cpcal.cli.terminal import Talk, counted
+from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output, refuse
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import together, unusable
 from cpcal.common.files import unwritable, write_file

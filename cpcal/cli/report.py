@@ -9,18 +9,19 @@ from typing import Any, Literal
 import typer
 
 from cpcal.calibration import RECORD_NAME, load_record
-from cpcal.cli.options import (
+from cpcal.cli.verbs import (
     CAMPAIGN,
     FITS,
     RUN,
     TIMEOUT,
     Status,
+    Talk,
+    answer,
     argument,
     numbers_of,
     option,
     output,
 )
-from cpcal.cli.terminal import Talk, answer
 from cpcal.cli.verify import checked_certificates, refusals
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from cpcal.cli.options import Status, Where, argument, check_writable, option, output, refuse
-from cpcal.cli.terminal import Talk, line
+from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line, option, output, refuse
 from cpcal.common.errors import ClashError, CpcalError, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated

@@ -20,7 +20,8 @@ from cpcal.calibration import (
     save_record,
 )
 from cpcal.cli.certify import certified_into, show, show_result, status_of, warned
-from cpcal.cli.options import (
+from cpcal.cli.report import study_found
+from cpcal.cli.verbs import (
     CAMPAIGN,
     FITS,
     FORCE,
@@ -29,15 +30,15 @@ from cpcal.cli.options import (
     TIMEOUT,
     VALIDATION,
     Status,
+    Talk,
     argument,
     check_new,
     check_writable,
+    line,
     option,
     options,
     output,
 )
-from cpcal.cli.report import study_found
-from cpcal.cli.terminal import Talk, line
 from cpcal.common.errors import unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import stated

@@ -21,8 +21,7 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.options import Status, argument, option
-from cpcal.cli.terminal import Talk
+from cpcal.cli.verbs import Status, Talk, argument, option
 from cpcal.common.errors import InputError, printable, unusable
 from cpcal.common.numbers import at_least, at_most, bracket_text, gap_text, short
 from cpcal.files.run_folder import ACCURACY, HANDEYE, RUN, unfinished

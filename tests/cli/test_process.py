@@ -12,7 +12,7 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.certify import show_result
-from cpcal.cli.terminal import Talk
+from cpcal.cli.verbs import Talk
 from cpcal.models import PLAIN
 from tests.cli.command import run
 
@@ -20,13 +20,13 @@ from tests.cli.command import run
 _SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import cpcal.cli.terminal
+import cpcal.cli.verbs
 
 def stop(line, leg, bracket):
     if leg == 2:
         os.kill(os.getpid(), signal.NAME)
 
-cpcal.cli.terminal.Line.leg = stop
+cpcal.cli.verbs.Line.leg = stop
 from cpcal.__main__ import main
 main()
 """

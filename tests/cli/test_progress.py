@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from rich.console import Console
 
 import cpcal
-from cpcal.cli.terminal import Line, line
+from cpcal.cli.verbs import Line, line
 from cpcal.solver.optimize.bound import Bracket
 from cpcal.solver.search import Event
 

@@ -13,7 +13,7 @@ from tinyhtml5.parser import HTMLParser as Html5
 
 import cpcal
 from cpcal.cli.certify import show_result
-from cpcal.cli.terminal import Talk
+from cpcal.cli.verbs import Talk
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, reading_moves
