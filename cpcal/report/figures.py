@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -59,8 +59,8 @@ class Plot:
     """A frame whose left and right edges are the data `x`, whose bottom and top edges are `y`, and what is drawn in it.
 
     size    width and height in points; labels  of both axes
-    ticks   of both axes; left out they are chosen. grid: the axes at whose ticks lines are drawn
-    rows    names at the heights 0, 1, ... in place of an axis at the left; margin: points above and at the right
+    ticks   of both axes; left out they are chosen, and so are texts. grid: the axes at whose ticks lines are drawn
+    margin  points above and at the right
     """
 
     def __init__(
@@ -70,16 +70,15 @@ class Plot:
         y: Span,
         labels: tuple[str, str],
         *,
-        ticks: tuple[Sequence[float] | None, Sequence[float] | None] = (None, None),
+        ticks: tuple[Sequence[float] | None, Sequence[float] | Mapping[float, str] | None] = (None, None),
         grid: str = "",
-        rows: Sequence[str] = (),
         margin: Span = (6.0, 12.0),
     ) -> None:
         self.size, self.x, self.y = size, x, y
         self.elements: list[str] = []
-        along, up = (found or evenly(min(span), max(span)) for found, span in zip(ticks, (x, y), strict=True))
-        texts = rows or tick_labels(up)
-        left = _LETTER * max(map(len, texts), default=0) + (14.0 if rows else 24.0)
+        along, up = ticks[0] or evenly(*x), ticks[1] or evenly(min(y), max(y))
+        texts = [*up.values()] if isinstance(up, Mapping) else tick_labels(up)
+        left = _LETTER * max(map(len, texts), default=0) + (24.0 if labels[1] else 14.0)
         top, right, bottom = margin[0], size[0] - margin[1], size[1] - _BELOW
         self.frame = left, top, right, bottom
         if "x" in grid:
@@ -90,14 +89,12 @@ class Plot:
         for place, text in zip(places, tick_labels(along), strict=True):
             self.text(place, bottom + 10.5, text, anchor="middle")
         self.text(0.5 * (left + right), bottom + 22.5, labels[0], anchor="middle")
-        heights = self.at([(x[0], t) for t in (range(len(rows)) if rows else up)])[:, 1].tolist()
+        heights = self.at([(x[0], t) for t in up])[:, 1].tolist()
         for height, text in zip(heights, texts, strict=True):
             self.text(left - 5.5, height, text, anchor="end")
-        track = f"M{_n(left)} {_n(bottom)}H{_n(right)}" + "".join(f"M{_n(p)} {_n(bottom)}v3" for p in places)
-        if not rows:
-            self.text(8.0, 0.5 * (top + bottom), labels[1], anchor="middle", turned=True)
-            track += f"M{_n(left)} {_n(top)}V{_n(bottom)}" + "".join(f"M{_n(left)} {_n(h)}h-3" for h in heights)
-        self._path(track, INK, 0.8)
+        self.text(8.0, 0.5 * (top + bottom), labels[1], anchor="middle", turned=True)
+        track = f"M{_n(left)} {_n(top)}V{_n(bottom)}H{_n(right)}" + "".join(f"M{_n(p)} {_n(bottom)}v3" for p in places)
+        self._path(track + "".join(f"M{_n(left)} {_n(h)}h-3" for h in heights), INK, 0.8)
 
     def svg(self, label: str) -> Svg:
         """`label` says what is seen, to those who do not."""
@@ -209,19 +206,19 @@ def errors_svg(result: Result) -> Svg:
     A tick at each end of a bar, so that the thinnest is seen. The cross is the error of the recommended parameters for
     all readings.
     """
-    asked, names, bars = result.options.tolerance, list[str](), list[tuple[float, float, float, str]]()
+    asked, names, bars = result.options.tolerance, dict[float, str](), list[tuple[float, float, float, str]]()
     for leg in result.legs:
         hi = math.inf if leg.bracket.point is None else leg.bracket.hi
         passes = hi if leg.passes_from is None else leg.passes_from.eps
         largest = math.nan if leg.recommended is None else leg.recommended.largest
         colour = f"var(--{COLOURS[verdict_of(result, leg).kind]})"
-        names.append(f"leg {leg.leg}")
+        names[len(bars)] = f"leg {leg.leg}"
         bars.append((leg.bracket.lo, passes, largest, colour))
     line = asked or 0.0
     most = max([line, *(v for bar in bars for v in bar[:3] if v <= FARTHEST)])
     far, count, size = most + max(0.08 * most, _LEAST), len(bars), (_WIDE, _TOP + _ROW * len(bars) + _BOTTOM)
-    spans, few = ((0.0, far), (count - 0.5, -0.5)), (evenly(0.0, far, 4), None)
-    plot = Plot(size, *spans, ("tolerance [mm]", ""), ticks=few, grid="x", rows=names, margin=(_TOP, 12.0))
+    spans, ticks = ((0.0, far), (count - 0.5, -0.5)), (evenly(0.0, far, 4), names)
+    plot = Plot(size, *spans, ("tolerance [mm]", ""), ticks=ticks, grid="x", margin=(_TOP, 12.0))
     for row, (lo, hi, _, colour) in enumerate(bars):
         left, right = min(lo, far), min(hi, far)
         plot.area(GRID, rectangle(0.0, row - 0.2, left, row + 0.2))
