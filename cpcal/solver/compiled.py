@@ -90,10 +90,9 @@ class Compiled:
         """The dispatcher, one for Python and one to be `linked`; the plain function where numba is missing."""
         with _making:
             if linked not in self._made:
-                self._made[linked], scope = _made(self.py_func, linked)
-                for name in self.py_func.__code__.co_names:  # after it is made: it may call itself
-                    if isinstance(scope.get(name), Compiled):
-                        scope[name] = scope[name].made(True)
+                self._made[linked], link = _made(self.py_func, linked)
+                if linked:
+                    link()  # after it is made: it may call itself
         return self._made[linked]
 
 
@@ -109,20 +108,26 @@ def compiled(function: F) -> F:
     return Compiled(function)  # type: ignore[return-value]
 
 
-def _made(function: Callable[..., Any], linked: bool) -> tuple[Callable[..., Any], dict[str, Any]]:
-    """The dispatcher, and the globals that its function sees."""
+def _made(function: Callable[..., Any], linked: bool) -> tuple[Callable[..., Any], Callable[[], None]]:
+    """The dispatcher, and what links the compiled functions that it calls, which only a compilation needs."""
     try:
         import numba
     except ImportError:
         _say_once("numba is not installed: cpcal runs its kernels in plain Python, hundreds of times slower")
-        return function, {}
+        return function, lambda: None
     scope = dict(function.__globals__)
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": linked}
     dispatcher = numba.njit(**options)(update_wrapper(copy, function))
+
+    def link() -> None:
+        for name in function.__code__.co_names:
+            if isinstance(scope.get(name), Compiled):
+                scope[name] = scope[name].made(True)
+
     if not linked:
-        _keep(dispatcher, function)
-    return dispatcher, scope
+        _keep(dispatcher, function, link)
+    return dispatcher, link
 
 
 def plain(function: F) -> F:
@@ -138,11 +143,11 @@ def in_python(module: ModuleType) -> dict[str, Any]:
     return scope
 
 
-def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:
+def _keep(dispatcher: Any, function: Callable[..., Any], link: Callable[[], None]) -> None:
     """Let numba keep the machine code in a folder of ours, under a stamp of ours."""
     from numba.core.compiler_lock import global_compiler_lock
 
-    cache, compile_it = _machine_code(function), dispatcher.compile
+    cache, compile_it = _machine_code(function, link), dispatcher.compile
 
     def compile_in_turn(signature: Any) -> Any:
         # numba's own lock first: a thread that has the file's must not wait for one that waits for the file
@@ -187,10 +192,11 @@ def _linking(outermost: str, context: Any) -> Iterator[None]:
         del codegen.create_library, context.get_executable
 
 
-def _machine_code(function: Callable[..., Any]) -> Any:
+def _machine_code(function: Callable[..., Any], link: Callable[[], None]) -> Any:
     """What numba asks for the machine code of a function, and gives it to: one file for each signature."""
     import numba
     from numba.core import caching, compiler, serialize
+    from numba.core.runtime.nrt import rtsys
 
     folder = _folder(Path(function.__code__.co_filename).parent)
     module = function.__module__.rpartition(".")[2]
@@ -206,7 +212,9 @@ def _machine_code(function: Callable[..., Any]) -> Any:
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             """What is kept, or None, and then it is this process's turn to compile. Raises TimeUp."""
-            context.refresh()
+            rtsys.initialize(
+                context
+            )  # all of the context that what was compiled needs: the rest takes a third of a second
             file = self._file(signature, context.codegen())
             found = self._read(file, context)
             if found is None:
@@ -218,12 +226,15 @@ def _machine_code(function: Callable[..., Any]) -> Any:
                 raise TimeUp(late)
             if found is None:
                 self.turn.enter_context(_announced(function.__name__))
+                link()
             return found
 
         def save_overload(self, signature: Any, made: Any) -> None:
             if made.lifted or made.library.has_dynamic_globals:
                 return  # it belongs to this process alone
-            content = serialize.dumps(made._reduce())
+            *parts, environments = made._reduce()
+            # of what is linked in, an environment without objects serves nobody, and costs the import of its module
+            content = serialize.dumps((*parts, tuple(one for one in environments if one.consts)))
             file = self._file(signature, made.codegen)
             draft = file.with_name(f"{file.name}.{secrets.token_hex(8)}.draft")
             try:
