@@ -171,7 +171,7 @@ class IntervalArray:
         out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
         # in arrays of their own: loops are compiled for those that may be written
         a, b = ((x.lo.flatten(), x.hi.flatten()) for x in (x.broadcast_to(shape) for x in operands))
-        elementwise(np.int32(code), np.int32(n), a, b, out)  # as tapes have them: compiled once for both
+        elementwise(code, n, a, b, out)
         return IntervalArray(*out).reshape(shape)
 
     def sum(self, axis: int) -> IntervalArray:
