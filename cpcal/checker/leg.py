@@ -202,10 +202,10 @@ def leg_problem(
     def constraint(k: int, x: Unknowns, signs: str) -> LegConstraint | Constraint:
         return LegConstraint(known(k), model, x.first(n), signs) if k < count else stated[k - count].on(x.images)
 
-    def held(x: Unknowns, points: Iterable[tuple[int, str]], factor: F | None) -> Iterator[bool]:
-        own = x.first(n)
-        for k, signs in points:
-            yield held_leg(known(k), model, own, signs, factor) if k < count else stated[k - count].on(x.images).held
+    def held(x: Unknowns, k: int, signs: str, factor: F | None) -> bool:
+        if k < count:
+            return held_leg(known(k), model, x.first(n), signs, factor)
+        return stated[k - count].on(x.images).held
 
     chosen = tuple(range(count)) if only is None else only
     return Problem(

@@ -148,11 +148,6 @@ class Constraint:
         return all(self.row(side, 0).constant <= 0 for side in SIDES)
 
 
-def settled_constraints(x: Unknowns, items: Sequence[Constraint], side: str) -> Iterator[Polynomial]:
-    """Their rows."""
-    return (item.row(side, signed(len(x))) for item in items)
-
-
 def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
     """The most that `factor at_least^2` can be where at_least is negative: what a "lower" row must give away."""
     lowest = min(F(0), least(at_least, mask))
@@ -186,12 +181,11 @@ class Problem:
     sides: tuple[str, ...] = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
-    settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
-    held: Callable[[Unknowns, Sequence[tuple[int, str]], F | None], Iterator[bool]] | None = None  # None: no readings
+    settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] | None = None  # rows; None: of Constraints
+    held: Callable[[Unknowns, int, str, F | None], bool] | None = None  # None: there are no readings
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
-    wrong: int = (
-        0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
-    )
+    # so many tags of rows may be wrong: a step then has several sets of weights, and these spoil no more than some
+    wrong: int = 0
     tag: Callable[[str, int], int | None] = _untagged  # of a row
 
     @staticmethod
@@ -199,13 +193,10 @@ class Problem:
         unknowns: tuple[str, ...], count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]
     ) -> Problem:
         """Of rows that a model forms, by side and number below `count`, as polynomials in x."""
-
-        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
-            return (form(side, k) for k in items)
-
         return Problem(
-            unknowns, None, count, tuple(range(count)), lambda k, *_: k, sides=sides, settled=settled, in_box=False
-        )
+            unknowns, None, count, tuple(range(count)), lambda k, *_: k, sides=sides, in_box=False,
+            settled=lambda _, items, side: (form(side, k) for k in items),
+        )  # fmt: skip
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
@@ -218,16 +209,14 @@ class Problem:
             groups.setdefault((side, any(self.radii(k))), []).append(n)
         for (side, _), places in groups.items():
             items = [self.constraint(k, x, signs) for _, k, signs in map(table.__getitem__, places)]
-            yield from zip(places, self.settled(x, items, side), strict=True)
+            settled = self.settled or (lambda x, items, side: (item.row(side, signed(len(x))) for item in items))
+            yield from zip(places, settled(x, items, side), strict=True)
 
     def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None = None) -> int | None:
         """The first of these numbers that it is not proved of that the point, a box of width zero, satisfies it: for
         some reading between the end that its signs name and the opposite one, or with a `factor` for all readings."""
-        if self.held is None:
-            good: Iterable[bool] = (self.constraint(k, x, "").held for k, _ in points)
-        else:
-            good = self.held(x, points, factor)
-        return next((k for (k, _), held in zip(points, good, strict=True) if not held), None)
+        held = self.held or (lambda x, k, signs, factor: self.constraint(k, x, signs).held)
+        return next((k for k, signs in points if not held(x, k, signs, factor)), None)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""
