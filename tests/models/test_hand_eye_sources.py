@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cpcal.common.errors import InputError
 from cpcal.models.hand_eye import load_hand_poses, simulate_hand_eye
@@ -215,33 +216,20 @@ def test_points_of_a_chessboard_turn_with_it_and_one_that_looks_the_same_is_left
 # Tables of the hand's poses, as controllers write them.
 
 
-def about(axis, degrees):
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    i, j = [(1, 2), (2, 0), (0, 1)]["xyz".index(axis)]
-    turn = np.eye(3)
-    turn[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
-    return turn
-
-
 def fixed(angles):  # about x, then y, then z of the base
-    return about("z", angles[2]) @ about("y", angles[1]) @ about("x", angles[0])
+    return Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
 
 
 def turned(angles):  # A about z, B about the new y, C about the new x
-    return about("z", angles[0]) @ about("y", angles[1]) @ about("x", angles[2])
+    return Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
 
 
-def vector(turns):  # Rodrigues
-    angle = np.linalg.norm(turns)
-    k = np.cross(np.eye(3), turns / angle)
-    return np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k
+def vector(turns):
+    return Rotation.from_rotvec(turns).as_matrix()
 
 
 def quaternion(q):
-    w, x, y, z = q
-    return (w * w - x * x - y * y - z * z) * np.eye(3) + 2.0 * (
-        np.outer(q[1:], q[1:]) + w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    )
+    return Rotation.from_quat(np.roll(q, -1)).as_matrix()
 
 
 ANGLES = ((-176.5919, 9.8196, 2.0734), (172.8601, 12.2128, 0.3871), (30.5, -45.25, 100.0))
