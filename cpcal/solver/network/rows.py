@@ -10,6 +10,7 @@ import numpy as np
 
 from cpcal.common.values import Floats, Indices
 from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.network import sweeps
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import one_sided_rows
@@ -47,9 +48,8 @@ class Extremes:
 
         For a reading that several elements share, their sum.
         """
-        tape = self.tape
-        slopes = tape.slopes(tape.near(point[None]))[0]
-        grows = np.bincount(tape.reach.leaf, slopes, tape.program.first)[tape.program.given :] > 0.0
+        program = self.tape.program
+        grows = sweeps.total_slopes(program, self.tape.near(point[None])[0])[program.given :] > 0.0
         lo, hi = self._sets.lo, self._sets.hi
         return np.where(grows, lo, hi), np.where(grows, hi, lo)
 

@@ -260,6 +260,32 @@ def row_continuity(p: Program, reach: Reach, operations: Bools, out: Bools) -> N
 
 
 @compiled
+def near_partials(code: int, par: int, z: float, a: float, b: float) -> tuple[float, float]:
+    """About the partial derivatives of an operation with the value z."""
+    if code in (ADD, SUB):
+        return 1.0, 1.0 if code == ADD else -1.0
+    if code == MUL:
+        return b, a
+    one, two = partials(code, par, (z, z), (a, a), (b, b))
+    return 0.5 * one[0] + 0.5 * one[1], 0.5 * two[0] + 0.5 * two[1]
+
+
+@compiled
+def total_slopes(p: Program, x: Floats) -> Floats:
+    """About the derivatives of the sum of all roots by every leaf at one point, whose values `near` has put into x."""
+    g = np.zeros(len(x))
+    for root in p.roots:
+        g[root] += 1.0
+    for k in range(len(p.code) - 1, -1, -1):
+        slope, i, j = g[p.first + k], p.arg[k, 0], p.arg[k, 1]
+        if slope != 0.0:
+            one, two = near_partials(p.code[k], p.par[k], x[p.first + k], x[i], x[j])
+            g[i] += slope * one
+            g[j] += slope * two
+    return g[: p.first]
+
+
+@compiled
 def slopes(p: Program, reach: Reach, slots: Floats, out: Floats) -> None:
     """About the derivatives of every root by its leaves at B points, whose values `near` has put into the slots (B, M).
 
@@ -270,15 +296,8 @@ def slopes(p: Program, reach: Reach, slots: Floats, out: Floats) -> None:
     for row in range(len(slots)):
         x, found = slots[row], out[row]
         for k in range(len(p.code)):
-            c, a, b = p.code[k], x[p.arg[k, 0]], x[p.arg[k, 1]]
-            if c in (ADD, SUB):
-                factors[k, 0], factors[k, 1] = 1.0, 1.0 if c == ADD else -1.0
-            elif c == MUL:
-                factors[k, 0], factors[k, 1] = b, a
-            else:
-                z = x[p.first + k]
-                one, two = partials(c, p.par[k], (z, z), (a, a), (b, b))
-                factors[k, 0], factors[k, 1] = 0.5 * one[0] + 0.5 * one[1], 0.5 * two[0] + 0.5 * two[1]
+            z, a, b = x[p.first + k], x[p.arg[k, 0]], x[p.arg[k, 1]]
+            factors[k, 0], factors[k, 1] = near_partials(p.code[k], p.par[k], z, a, b)
         place = 0
         for r in range(len(p.roots)):
             g[p.roots[r]] = 1.0

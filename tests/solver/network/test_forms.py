@@ -25,6 +25,7 @@ from cpcal.solver.network import (
     sqrt,
 )
 from cpcal.solver.network.rows import Extremes
+from cpcal.solver.network.sweeps import total_slopes
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -113,6 +114,10 @@ def test_derivatives_by_variables_and_readings_equal_differences(name: str) -> N
     enclosed = tape.gradients(tape.derivatives(slots[0]))[tape.reach.entry]
     found = tape.slopes(tape.near(point[None]))[0]
     np.testing.assert_allclose(found, enclosed.mid, rtol=1e-12, atol=1e-12)
+    total = np.bincount(tape.reach.leaf, found, tape.program.first)
+    of_constants = slice(tape.size, tape.program.given)
+    both = [np.delete(each, of_constants) for each in (total_slopes(tape.program, tape.near(point[None])[0]), total)]
+    np.testing.assert_allclose(*both, rtol=1e-12, atol=1e-12)
     expected, given = np.zeros((tape.program.first, tape.count)), tape.program.given
     leaves = np.concatenate([point, tape.middles])
     for k in [*range(tape.size), *range(given, tape.program.first)]:
