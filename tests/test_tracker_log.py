@@ -226,7 +226,7 @@ def test_the_accuracy_that_is_stated_holds_where_nobody_measured(log, elsewhere,
         assert pose.proved
         assert off <= pose.position_bound
         assert (there.rotation * frame.rotation.inv()).magnitude() <= pose.rotation_bound
-        beyond += off > pose.estimated.u_position
+        beyond += off > pose.u_position
     assert beyond <= 0.1 * count  # U is an estimate, which covers about 95 of 100
 
 

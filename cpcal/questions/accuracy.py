@@ -44,10 +44,10 @@ from cpcal.solver.certificate.exact_network import free
 # ------------------------------------------------------------------------------------------------------------------
 # The answer as plain values: what is assumed, what is proved, what is estimated, apart.
 #
-# What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, `Estimated` is neither.
+# What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, estimates are neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/10"
+FORMAT = "cpcal-accuracy/11"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -77,16 +77,6 @@ class AssumedLeg:
     far: Informed[float]
 
 
-@dataclass(frozen=True)
-class Estimated:
-    """Estimates for one pose, mm, which prove nothing. `u_position`: 95 % of poses are off by no more, by the residuals
-    of least squares. `attained`: to first order some parameters that the measurements allow, and errors up to eps, move
-    the platform so far."""
-
-    u_position: float
-    attained: float
-
-
 _AGAIN = "computed again from the claims of the certificates"
 
 
@@ -98,6 +88,9 @@ class PoseAccuracy:
     P + p, R(1, s) R with (p, 2 s) in `lo`, `hi` (6 each), ||p|| <= `position_bound` and the angle at most
     `rotation_bound`; infinite where nothing is proved. `far`: the largest distance of a leg's length here from every
     measured one, as a share of the measured stroke.
+
+    Estimates, mm: 95 % of poses are off by no more than `u_position`, by the residuals of least squares; to first order
+    some parameters that the measurements allow, and errors up to eps, move the platform by `attained`.
     """
 
     name: Informed[str]
@@ -109,7 +102,8 @@ class PoseAccuracy:
     position_bound: Annotated[float, checked(_AGAIN, "proved")]
     rotation_bound: Annotated[float, checked(_AGAIN, "proved")]
     far: Informed[float]
-    estimated: Informed[Estimated]
+    u_position: Informed[float]
+    attained: Informed[float]
 
 
 @dataclass(frozen=True)
@@ -325,7 +319,8 @@ def certify_accuracy(
                     position_bound=most[0],
                     rotation_bound=most[1],
                     far=float(away[0][k].max()),
-                    estimated=Estimated(float(u[k]), float(reached[k])),
+                    u_position=float(u[k]),
+                    attained=float(reached[k]),
                 )
             )
         worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]

@@ -33,7 +33,7 @@ def headline(found: Accuracy) -> str:
         return "Nothing is known of the tool's position: the campaign refutes what is assumed."
     said, over, worst = list[str](), found.workspace, found.worst_pose
     if worst is not None:
-        u = about(max(pose.estimated.u_position for pose in found.poses))
+        u = about(max(pose.u_position for pose in found.poses))
         said.append(f"{at_most(worst.position_bound)} mm proved and {u} expected at {len(found.proved_poses)} poses")
     if over is not None and len(over.left_out) < len(over.cells):
         but = " but the cells left out" * bool(over.left_out)
@@ -106,11 +106,11 @@ def sentences(found: Accuracy) -> list[str]:
     if lost:
         why = "near a singularity, or the set is too wide"
         out.append(f"LEFT OUT: nothing is proved at {len(lost)} poses ({why}): {listed(lost)}.")
-    ratios = [] if worst is None else [(worst.position_bound, worst.estimated.attained, "at the worst pose")]
+    ratios = [] if worst is None else [(worst.position_bound, worst.attained, "at the worst pose")]
     ratios += [] if over is None else [(over.position_bound, over.attained, "in the workspace")]
     times = " and ".join(f"{about(a / b)} {at}" for a, b, at in ratios if b > 0.0 and math.isfinite(a))
     if times:
-        us = [p.estimated.u_position for p in found.poses] + ([] if over is None else [over.u_position])
+        us = [p.u_position for p in found.poses] + ([] if over is None else [over.u_position])
         out.append(
             f"ESTIMATED: 95 % of poses are off by no more than {about(max(us))} mm, if the model is off there as it is "
             f"at the measured ones. Bounds are {times} times what parameters that the measurements allow attain, to "
@@ -220,7 +220,7 @@ def _at_poses(found: Accuracy) -> Iterator[Section]:
     rows = []
     for pose in poses:
         box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
-        estimates = pose.estimated.attained, pose.estimated.u_position
+        estimates = pose.attained, pose.u_position
         bounds = at_most(pose.position_bound), degrees_up(pose.rotation_bound)
         rows.append((pose.name, *bounds, *box, str(round(100 * pose.far)), *map(about, estimates)))
     yield Section(

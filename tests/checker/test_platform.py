@@ -76,7 +76,7 @@ def test_the_truth_is_in_the_box_which_is_hardly_wider_than_without_certificates
         assert (inside[k] <= np.array(one.hi)).all()
         assert position[k] <= one.position_bound <= 1.005 * alone.position[k]
         assert angle[k] <= one.rotation_bound <= 1.005 * alone.rotation[k]
-        assert one.position_bound <= 1.1 * one.estimated.attained  # what is of second order counts for little
+        assert one.position_bound <= 1.1 * one.attained  # what is of second order counts for little
 
 
 def forged(run, tmp_path, change):

@@ -209,10 +209,10 @@ def test_the_truth_of_a_robot_with_three_or_eight_legs_is_in_its_box(robots, nam
     position, angle = distances(true, commanded)
     for k, one in enumerate(found.poses):
         assert one.proved
-        assert position[k] <= one.position_bound <= 1.5 * one.estimated.attained
+        assert position[k] <= one.position_bound <= 1.5 * one.attained
         assert angle[k] <= one.rotation_bound
-        assert 0.0 < one.estimated.attained <= 1.01 * one.position_bound
-        assert 0.0 < one.estimated.u_position < np.inf
+        assert 0.0 < one.attained <= 1.01 * one.position_bound
+        assert 0.0 < one.u_position < np.inf
     save_accuracy(found, tmp_path)
     save_campaign_json(campaign, tmp_path)
     *_, (good, said) = check_accuracy(tmp_path)
