@@ -339,7 +339,7 @@ def _announced(name: str) -> Iterator[None]:
     if shown:
         _tell(f"\rcpcal: compiling, once: kernel {_compiling}, '{name.strip('_').replace('_', ' ')}' ...\x1b[K", end="")
     elif _compiling == 1:
-        _tell("cpcal: compiling its kernels, once; each takes up to some seconds")
+        _tell("cpcal: compiling its kernels, once; each takes a few seconds")
     try:
         yield
     finally:

@@ -83,7 +83,7 @@ def run(modules: Path, capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[
 def test_machine_code_is_kept_and_follows_the_files_that_a_function_calls_into(modules, run, monkeypatch):
     first, second = run(), run()
     assert first[0] == second[0] == 3.0
-    assert first[1] == "cpcal: compiling its kernels, once; each takes up to some seconds\n"
+    assert first[1] == "cpcal: compiling its kernels, once; each takes a few seconds\n"
     assert second[1] == ""
     (modules / "lower.py").write_text(LOWER.format(step="2.0"))
     monkeypatch.setenv("CPCAL_QUIET", "1")
