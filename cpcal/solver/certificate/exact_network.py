@@ -7,11 +7,10 @@ root with a constant factor. Readings, enclosures of constants and other operati
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import partial, reduce
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,8 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, as_expr, folded, positions, sqr
+from cpcal.solver.network.expression import Expr, as_expr, positions, sqr
+from cpcal.solver.network.forms import NotExact, exactly
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import terms
 
@@ -304,34 +304,16 @@ class ExactPolynomials:
             start += math.prod(leaf.shape)
 
     def of(self, root: Expr) -> Objects:
-        return folded(root, self._node, self._known)
-
-    def _node(self, node: Expr, args: list[Objects]) -> Objects:
-        if node.op == "constant":
-            if not bool(np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi))):
-                raise NotStated("a constant is known to an interval only")
-            found = _numbers(node.data.lo)
-        elif node.op == "index":
-            found = args[0].ravel()[node.places]
-        elif node.op == "sum":
-            found = args[0].sum(axis=node.parameter)
-        elif node.op == "sqr":
-            found = args[0] * args[0]
-        elif node.op == "power" and node.parameter >= 0:
-            found = reduce(np.multiply, [args[0]] * node.parameter, _numbers(np.ones(args[0].shape)))
-        elif node.op in _OPERATORS:
-            found = _OPERATORS[node.op](*args)
-        else:
-            raise NotStated(f"{node.op!r} has no exact polynomial form")
-        return np.asarray(found, dtype=object)
+        """Raises NotStated."""
+        try:
+            return np.asarray(exactly(root, self._known, _number))
+        except NotExact as reason:
+            raise NotStated(str(reason)) from None
 
 
-_OPERATORS: dict[str, Any] = {
-    "neg": operator.neg,
-    "add": operator.add,
-    "sub": operator.sub,
-    "mul": operator.mul,
-    "div": operator.truediv,
-}
+def _number(value: float) -> _Poly:
+    return _Poly({(): F(value)})
+
+
 _unknowns: Any = np.frompyfunc(lambda k: _Poly({(int(k),): F(1)}), 1, 1)
-_numbers: Any = np.frompyfunc(lambda v: _Poly({(): F(float(v))}) if math.isfinite(v) else None, 1, 1)
+_numbers: Any = np.frompyfunc(lambda v: _number(v) if math.isfinite(v) else None, 1, 1)

@@ -23,11 +23,6 @@ def _over(terms: int) -> float:
     return float((2 * terms + 64) * np.finfo(np.float64).eps)
 
 
-def occurring_terms(c: IntervalArray) -> Bools:
-    """Which terms of a polynomial's coefficients (1 + J, T, *S) are not zero everywhere."""
-    return np.asarray(nonzero(_shaped(c, (*c.shape[:2], math.prod(c.shape[2:])))).any(axis=0))
-
-
 def combined_terms(x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float) -> IntervalArray:
     """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
     shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
@@ -268,17 +263,3 @@ def combined(x: Arrays, y: Arrays, of_x: Indices, of_y: Indices, sign: float, co
                     other = (a, b) if sign > 0.0 else (-b, -a)
                     lo[s, t, k], hi[s, t, k] = add((lo[s, t, k], hi[s, t, k]), other)
     return lo, hi
-
-
-@compiled
-def nonzero(x: Arrays) -> Bools:
-    """Which slots of which terms of (1 + J, T, E) are not zero everywhere."""
-    slots, terms, count = x[0].shape
-    out = np.zeros((slots, terms), np.bool_)
-    for s in range(slots):
-        for t in range(terms):
-            for k in range(count):
-                if x[0][s, t, k] != 0.0 or x[1][s, t, k] != 0.0:
-                    out[s, t] = True
-                    break
-    return out

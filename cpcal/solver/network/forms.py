@@ -15,10 +15,12 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Iterable
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
+from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
@@ -40,6 +42,10 @@ def evaluate(network: ConstraintNetwork, expr: Operand, box: Box) -> IntervalArr
     return tape.values(tape.forward(box.array[None]))[0].reshape(expr.shape)
 
 
+class NotExact(ModelError):
+    """An expression has no value in exact numbers: it holds other operations, or constants known to an interval."""
+
+
 _EXACT: dict[str, Callable[..., Any]] = {
     "neg": operator.neg,
     "add": operator.add,
@@ -48,7 +54,32 @@ _EXACT: dict[str, Callable[..., Any]] = {
     "div": operator.truediv,
     "sqr": lambda x: x * x,
 }
-_fractions: Any = np.frompyfunc(Fraction, 1, 1)
+
+
+def exactly(root: Expr, known: dict[bytes, Any], number: Callable[[float], Any]) -> Any:
+    """The elements of an expression, an array of objects of any ring: `known` holds those of its variables, and of what
+    was evaluated before; `number` makes one of a float. Raises NotExact."""
+
+    def one(node: Expr, args: list[Any]) -> Any:
+        if node.op == "constant":
+            if not bool(np.all(np.isfinite(node.data.lo) & (node.data.lo == node.data.hi))):
+                raise NotExact("a constant is known to an interval only")
+            found = np.frompyfunc(number, 1, 1)(node.data.lo)
+        elif node.op == "index":
+            found = args[0].ravel()[node.places]
+        elif node.op == "sum":
+            found = args[0].sum(axis=node.parameter)
+        elif node.op == "power":
+            ones = np.frompyfunc(number, 1, 1)(np.ones(node.shape))
+            found = reduce(np.multiply, [args[0]] * abs(node.parameter), ones)
+            found = ones / found if node.parameter < 0 else found
+        elif node.op in _EXACT:
+            found = _EXACT[node.op](*args)
+        else:
+            raise NotExact(f"{node.op!r} has no exact polynomial form")
+        return np.asarray(found, dtype=object)
+
+    return folded(root, one, known)
 
 
 def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Floats) -> bool:
@@ -56,23 +87,12 @@ def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Float
     known, start = dict[bytes, Any](), 0
     for leaf in network.variables:
         count = math.prod(leaf.shape)
-        known[leaf.digest] = np.asarray(_fractions(point[start : start + count])).reshape(leaf.shape)
+        values = np.array([Fraction(v) for v in point[start : start + count].tolist()], dtype=object)
+        known[leaf.digest] = values.reshape(leaf.shape)
         start += count
-
-    def exact(node: Expr, args: list[Any]) -> Any:
-        if node.op == "constant" and (node.data.lo == node.data.hi).all():
-            found = _fractions(node.data.lo)
-        elif node.op == "index":
-            found = args[0].ravel()[node.places]
-        elif node.op == "sum":
-            found = args[0].sum(axis=node.parameter)
-        else:
-            found = args[0] ** node.parameter if node.op == "power" else _EXACT[node.op](*args)
-        return np.asarray(found, dtype=object)
-
     try:
-        return all(bool((folded(root, exact, known) == 0).all()) for root in roots)
-    except (KeyError, ZeroDivisionError):
+        return all(bool((exactly(root, known, Fraction) == 0).all()) for root in roots)
+    except (NotExact, ZeroDivisionError):
         return False
 
 

@@ -28,11 +28,6 @@ Monomials = tuple[Monomial, ...]
 Polynomial = tuple[Monomials, IntervalArray]  # with coefficients (1 + J, T, *B)
 
 
-def constant_term(c: IntervalArray, monomials: Monomials) -> IntervalArray:
-    """The coefficient of 1, which is zero where it is not listed."""
-    return c[:, monomials.index(())] if () in monomials else IntervalArray.point(np.zeros((1, *c.shape[2:])))
-
-
 def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
     """Coefficients of an array of `rank`."""
     missing = rank + 2 - c.ndim
@@ -86,8 +81,9 @@ class PolynomialArray:
 
     @property
     def constant(self) -> IntervalArray:
-        """The coefficient of 1."""
-        return constant_term(self.coefficients, self.monomials)
+        """The coefficient of 1, which is zero where it is not listed."""
+        c = self.coefficients
+        return c[:, self.monomials.index(())] if () in self.monomials else IntervalArray.point(0.0 * c.lo[:1, 0])
 
 
 class Expander:
@@ -168,8 +164,9 @@ class Expander:
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
         monomials, coefficients = self._operation(node, args)
         if node.digest not in self._keep:
+            some = (coefficients.lo != 0.0) | (coefficients.hi != 0.0)
             constant = np.array([m == () for m in monomials], np.bool_)
-            self._keep[node.digest] = coef.occurring_terms(coefficients) | constant
+            self._keep[node.digest] = some.any(axis=(0, *range(2, some.ndim))) | constant
         keep = self._keep[node.digest]
         if not keep.all():
             monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)

@@ -40,8 +40,10 @@ class Extremes:
 
     @property
     def exclusive(self) -> bool:
-        """Whether no component of a reading enters two elements."""
-        return exclusive(self.tape)
+        """Whether no component of a reading enters two elements: else one value of it must serve both."""
+        reach = self.tape.reach.leaf
+        readings = reach[reach >= self.tape.program.given]
+        return len(np.unique(readings)) == len(readings)
 
     def at(self, point: Floats) -> tuple[Floats, Floats]:
         """Values of all readings that make the elements smallest, and largest, at a point (n,).
@@ -80,12 +82,6 @@ class Extremes:
         smallest, center, largest = (self.tape.near(point[None], readings) for readings in (low, None, high))
         bend = 0.5 * np.abs(smallest + largest - 2.0 * center)[0, self.tape.program.roots]
         return float(np.max(bend, where=np.isfinite(bend), initial=0.0))
-
-
-def exclusive(tape: Tape) -> bool:
-    """Whether no component of a reading enters two elements of the roots: else one value of it must serve both."""
-    readings = tape.reach.leaf[tape.reach.leaf >= tape.program.given]
-    return len(np.unique(readings)) == len(readings)
 
 
 class Rows:

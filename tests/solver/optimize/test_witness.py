@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.solver.interval import Box
-from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
-from cpcal.solver.network.rows import exclusive
+from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqrt
+from cpcal.solver.network.rows import Extremes
 from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
 
 
@@ -212,8 +212,9 @@ def test_owners_of_readings() -> None:
         (x * 2, [], True),
     ]
     for root, element, alone in cases:
-        tape = Tape(net, [root])
-        assert exclusive(tape) == alone
+        extremes = Extremes(net, root)
+        tape = extremes.tape
+        assert extremes.exclusive == alone
         if alone and element:
             found = np.full(tape.program.first, -1)
             found[tape.reach.leaf] = tape.reach.row
