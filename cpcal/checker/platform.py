@@ -115,7 +115,7 @@ def pose_bounds(
     """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn, and 0 where `held`, that the legs allow; None where
     nothing is proved."""
     asked = [F(0) if i in held else reach if i < 3 else half_turn for i in range(6)]
-    rows, center = [_Row(pose, leg, spend, held) for leg in legs], [F(0)] * 6
+    rows, center = [_Row(pose, leg, spend) for leg in legs], [F(0)] * 6
     for step in range(_CENTERINGS + 1):
         forms = [_About(row, center) for row in rows]
         lines = _left_inverse([[form.slopes[i] for i in range(6) if asked[i]] for form in forms])
@@ -146,9 +146,9 @@ class _Row:
     """The equation of a leg, times |q|^2: a polynomial in (p, s) is (1 + s.s) times what lies in `value`, but for terms
     with what x is off the middle of its set, which `beside` bounds."""
 
-    def __init__(self, pose: Commanded, leg: Leg, spend: Spend, held: Sequence[int] = ()) -> None:
+    def __init__(self, pose: Commanded, leg: Leg, spend: Spend) -> None:
         spend(_ROW_WORK)
-        n, believed, self._held = pose.norm, pose.length(leg.controller), held
+        n, believed = pose.norm, pose.length(leg.controller)
         middle = applied(transposed(leg.directions), [(a + b) / 2 for a, b in leg.along])
         off = [max(b - x, x - a) for x, a, b in zip(middle, leg.lo, leg.hi, strict=True)]
         self._norm, self._arm = n, applied(pose.turn, middle[3:6])
@@ -180,8 +180,7 @@ class _Row:
         """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`, in what
         (p, s) is off a centre."""
         n, r, h = self._norm, self._arm, (self.value[0] + self.value[1]) / 2
-        unknowns = [Form({} if i in self._held else {(i,): F(1)}) + c for i, c in enumerate(center)]
-        p, s = unknowns[:3], unknowns[3:]
+        p, s = plus(forms(range(3)), center[:3]), plus(forms(range(3, 6)), center[3:])
         once, v = cross(s, r), plus([n * w for w in self._place], r)
         swung = inner(plus(self._place, p), plus(once, cross(s, once)))
         found: Form = (inner(s, s) + 1) * (inner(p, p) * n + inner(p, v) * 2 - h) + swung * 4 + h

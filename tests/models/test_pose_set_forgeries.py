@@ -96,6 +96,7 @@ SPOILED = "so many wrong dots could spoil all of its certificates"
 EDITS: dict[str, tuple[Edit, str]] = {
     "pixels a tenth beside": (all_dots_moved, PROVES),
     "another camera": (scaled(*CAMERA, "numbers", 0, **HARDLY), PROVES),
+    "another scale": (put(INPUTS, "target", "scale", to=(4e-4).hex()), "prove a wider box"),
     "a narrower box": (scaled("position_radius", by=0.99), "prove a wider box"),
     "a wider box": (scaled("rotation_radius", by=1.01), "states a wider box"),
     "refuted": (refuted, "a pose is not excluded"),

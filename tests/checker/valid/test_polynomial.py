@@ -13,6 +13,7 @@ from cpcal.checker.readers import Refused
 from cpcal.checker.rule import SIDES, Box, Problem, Unknowns
 from cpcal.solver.certificate.exact_network import Stated, free
 from cpcal.solver.certificate.float_rows import failing, holding
+from tests.checker.valid.exact_legs import value
 
 UNKNOWNS = 4
 Given = dict[tuple[int, ...], F]
@@ -44,16 +45,6 @@ def direct(p: Given, x: list[F]) -> F:
             term *= x[i]
         total += term
     return total
-
-
-def value(p: Polynomial, u: list[F]) -> F:
-    total = F(0)
-    for monomial, c in p.terms.items():
-        term = F(c)
-        for i, v in enumerate(u):
-            term *= v ** (monomial >> FIELD * (READINGS + i) & (1 << FIELD) - 1)
-        total += term
-    return total * F(2) ** p.exponent
 
 
 def unit(rng: random.Random) -> list[F]:
