@@ -133,9 +133,9 @@ def campaign_sha256(campaign: Campaign) -> str:
     return str(kept["_sha256"])
 
 
-def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str], name: str = NAME) -> Path:
+def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str]) -> Path:
     """Write it into a folder, all or nothing; its path. Raises InputError, also where the checker could not read it."""
-    content, path = campaign_json(campaign), Path(folder) / name
+    content, path = campaign_json(campaign), Path(folder) / NAME
     if len(content) > _LARGEST:
         what = f"takes {len(content):,} bytes as {NAME}, more than {_LARGEST:,}"
         raise unusable("campaign", what, "certify parts of it, or without certificates")
@@ -143,14 +143,13 @@ def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str], name:
     return path
 
 
-def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> Path:
-    """The campaign's file in the folder of a certificate; written where it is not there yet, beside another's."""
-    folder, content = Path(certificate).parent, campaign_json(campaign)
-    name = NAME
-    if (folder / NAME).exists() and (folder / NAME).read_bytes() != content:
-        name = f"{campaign_sha256(campaign)[:12]}.{NAME}"
-    path = folder / name
-    return path if path.exists() else save_campaign_json(campaign, folder, name)
+def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> None:
+    """Keep the campaign's file in the folder of a certificate. Raises InputError where another campaign's is there."""
+    path = Path(certificate).parent / NAME
+    if not path.exists():
+        save_campaign_json(campaign, path.parent)
+    elif path.read_bytes() != campaign_json(campaign):
+        raise unusable(str(path), "is of another campaign", "choose another folder for the certificate")
 
 
 def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:

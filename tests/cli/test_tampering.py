@@ -75,19 +75,6 @@ def text(name: str, change: Callable[[str], str]) -> Tamper:
     return tamper
 
 
-def line(name: str, number: int, change: Callable[[Any], object]) -> Tamper:
-    """A line of a certificate, changed in place."""
-
-    def edit(old: str) -> str:
-        lines = old.splitlines()
-        value = json.loads(lines[number])
-        change(value)
-        lines[number] = json.dumps(value, separators=(",", ":"))
-        return "\n".join(lines) + "\n"
-
-    return text(name, edit)
-
-
 def swapped(run: Path) -> None:
     first, second = (run / f"leg{k}.cert.jsonl" for k in (1, 2))
     first.rename(run / "aside")
@@ -156,14 +143,9 @@ TAMPERED: dict[str, Tamper] = {
     ),
     "a certificate is gone": lambda run: (run / FIRST).unlink(),
     "all certificates are gone": emptied,
-    "a certificate is cut short": text(FIRST, lambda old: old[: len(old) // 2]),
-    "a certificate lacks its last step": text(FIRST, lambda old: "\n".join(old.splitlines()[:-1]) + "\n"),
     "a certificate more": lambda run: shutil.copy(run / FIRST, run / "leg9.cert.jsonl") and None,
     "a certificate is a link to nowhere": linked,
     "certificates trade places": swapped,
-    "a certificate claims more": line(FIRST, 1, lambda claims: claims["epsilon"].update(lo=claims["cap"])),
-    "a certificate's box is smaller": line(FIRST, 0, lambda head: head["hi"].__setitem__(0, head["lo"][0])),
-    "a certificate of another campaign by its header": line(FIRST, 0, lambda head: head.update(campaign="0" * 64)),
     "campaign.json: cut short": text("campaign.json", lambda old: old[:-20]),
 }  # fmt: skip
 
