@@ -58,11 +58,8 @@ FORMULAS: dict[str, Pair] = {
     "sinh": (lambda x, y: cpcal.sinh(x), lambda x, y: np.sinh(x)),
     "cosh": (lambda x, y: cpcal.cosh(x), lambda x, y: np.cosh(x)),
     "tanh": (lambda x, y: cpcal.tanh(y), lambda x, y: np.tanh(y)),
-    "pow": (lambda x, y: x**1.5, lambda x, y: x ** x.dtype.type(1.5)),
-    "pow of both": (
-        lambda x, y: x ** y[0],
-        lambda x, y: np.where((x > 0) | ((x == 0) & (y[0] > 0)), x ** y[0], np.nan),
-    ),
+    "pow": (lambda x, y: x**1.5, lambda x, y: np.where(x > 0, x ** x.dtype.type(1.5), np.nan)),
+    "pow of both": (lambda x, y: x ** y[0], lambda x, y: np.where(x > 0, x ** y[0], np.nan)),
     "atan2": (lambda x, y: cpcal.atan2(x, y), lambda x, y: np.arctan2(x, y)),
     "hypot": (lambda x, y: np.hypot(x, y), lambda x, y: np.hypot(x, y)),
     "concatenate": (
