@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Annotated
@@ -196,8 +196,7 @@ class HandEyeResult:
     where that is above 0 (`lower`); `point` explains every one but those of the images `left_out` to within `eps_hi`
     (exact arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel
     row with a weight in the last steps of `lower`. Each image of `blamed` is wrong if right ones fit to `eps`; the
-    others of `left_out` may be right. `ranges` are sought where no image may be wrong. Raises ValueError for numbers
-    that are not finite.
+    others of `left_out` may be right. `ranges` are sought where no image may be wrong.
 
     `tolerance`: px, that was asked for; `eps`: what ranges and verdicts speak of. `gap`: relative, that was asked for.
     Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and F of `ClassicalAnswer.covariance`)
@@ -235,9 +234,6 @@ class HandEyeResult:
     timed: Informed[bool]
     seconds: Informed[float]
 
-    def __post_init__(self) -> None:
-        _check_finite(self, "")
-
     @property
     def complete(self) -> bool:
         """Whether the bracket is as narrow as asked."""
@@ -262,18 +258,6 @@ def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -
 def load_hand_eye_result(folder: str | os.PathLike[str]) -> HandEyeResult:
     """Read `handeye.json` from the folder. Raises InputError."""
     return load(HandEyeResult, Path(folder) / HAND_EYE_NAME, HAND_EYE_FORMAT, remedy="run cpcal handeye certify again")
-
-
-def _check_finite(value: object, where: str) -> None:
-    """Raises ValueError for a dataclass or tuple with a float in it that is not finite."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{where} is {value}")
-    if isinstance(value, tuple):
-        for part in value:
-            _check_finite(part, where)
-    elif is_dataclass(value):
-        for part in fields(value):
-            _check_finite(getattr(value, part.name), f"{where}.{part.name}".removeprefix("."))
 
 
 # ------------------------------------------------------------------------------------------------------------------

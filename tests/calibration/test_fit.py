@@ -123,15 +123,6 @@ def test_model_error_is_told_from_noise_in_the_sentence():
     assert "not known" in fit(campaign).sentence
 
 
-def test_the_noise_ratio_of_nine_measurements_is_about_one():
-    # of 24 legs with two degrees of freedom each, so that a divisor N, not N - 7, would give 2 / 9
-    squares = []
-    for seed in range(4):
-        campaign = simulate(seed=seed, extremal=False, random_poses=9)
-        squares.append(fit(campaign, noise=Noise.of(campaign)).noise_ratio ** 2)
-    assert 0.55 < np.mean(squares) < 1.6
-
-
 def test_too_few_poses_are_said_and_leave_parameters_undetermined():
     few = simulate(seed=1, extremal=False, random_poses=5)
     found = fit(few, noise=Noise.of(few))
