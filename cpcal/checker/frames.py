@@ -39,10 +39,6 @@ from .rule import Box, Problem
 AXES = range(3)
 R_X, T_X, R_F, T_F, E_, F_ = range(9), range(9, 12), range(12, 21), range(21, 24), range(24, 27), range(27, 30)
 SIZE = 30  # unknowns of frames; those of an image follow: its board's turn (9) and place (3), and 6 of its reading
-FRAMES = tuple(
-    [f"{frame}.{name}" for frame in "XF" for name in (*(f"R{a}{b}" for a in "123" for b in "123"), "tx", "ty", "tz")]
-    + [f"{name}.{axis}" for name in "ef" for axis in "xyz"]
-)
 EQUATIONS = 21  # of a rotation
 SIDES = ("u+", "u-", "v+", "v-", "turn+", "turn-", "tie+", "tie-", "link+", "link-", "pose+", "pose-")
 STAGES = ("image", "links", "frames")
@@ -163,12 +159,10 @@ class Rows:
         ]
         self._poses: dict[int, list[Form]] = {}
         self._links: dict[int, list[tuple[Form, F]]] = {}
-        names = [*(f"R{a}{b}" for a in "123" for b in "123"), "tx", "ty", "tz", "wx", "wy", "wz", "dx", "dy", "dz"]
         alone, own = stage == "image", [] if stage == "frames" else images
-        each = 18 if self.wide and not alone else 12
-        before = () if alone else FRAMES
-        self.first = {k: len(before) + each * n for n, k in enumerate(own)}
-        self.unknowns = (*before, *([*names[:12]] if alone else (f"{k}.{name}" for k in own for name in names[:each])))
+        first, each = 0 if alone else SIZE, 18 if self.wide and not alone else 12
+        self.first = {k: first + each * n for n, k in enumerate(own)}
+        self.size = first + each * len(own)
         self.count = max(len(study.image), (EQUATIONS + 12) * (2 + len(study.images)))  # numbers of rows are below
         seen, parts = frozenset(images), [*(() if alone else (0, 1)), *(2 + k for k in own)]
         self.tags = [(side, n) for n, image in enumerate(study.image) if image in seen for side in SIDES[:4]]
@@ -278,7 +272,7 @@ class Rows:
 
     def problem(self, spend: Spend) -> Problem:
         """For the kernel: its rows are polynomials in x."""
-        return Problem.of_rows(self.unknowns, self.count, SIDES, lambda side, k: polynomial(self.row(side, k), spend))
+        return Problem.of_rows(self.size, self.count, SIDES, lambda side, k: polynomial(self.row(side, k), spend))
 
     @property
     def root(self) -> Box:

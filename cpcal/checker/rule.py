@@ -189,13 +189,11 @@ class Problem:
     tag: Callable[[str, int], int | None] = _untagged  # of a row
 
     @staticmethod
-    def of_rows(
-        unknowns: tuple[str, ...], count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]
-    ) -> Problem:
-        """Of rows that a model forms, by side and number below `count`, as polynomials in x."""
+    def of_rows(unknowns: int, count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]) -> Problem:
+        """Of rows that a model forms, by side and number below `count`, as polynomials in so many unknowns."""
         return Problem(
-            unknowns, None, count, tuple(range(count)), lambda k, *_: k, sides=sides, in_box=False,
-            settled=lambda _, items, side: (form(side, k) for k in items),
+            tuple(map(str, range(unknowns))), None, count, tuple(range(count)), lambda k, *_: k, sides=sides,
+            in_box=False, settled=lambda _, items, side: (form(side, k) for k in items),
         )  # fmt: skip
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:

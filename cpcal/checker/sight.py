@@ -174,9 +174,8 @@ class Rows:
         held = matrix_product(matrix(self._ends[:9]), self._turn)
         self._held = [[v.within(-1, 1) for v in row] for row in held]  # the target's rotation before the camera
         self._seen: dict[int, _Seen] = {}
-        self._t = forms(range(12, 12 + sight.cameras.size))
-        names = *(f"D{a}{b}" for a in "123" for b in "123"), "Px", "Py", "Pz"
-        self.unknowns = *names, *(f"t{j + 1}" for j in range(sight.cameras.size))
+        self.size = 12 + sight.cameras.size
+        self._t = forms(range(12, self.size))
         self.count = max(EQUATIONS, len(sight.dots))
         ball = [(SIDES[7], 0)] if sight.cameras.size else []
         self.tags = [*((s, k) for k in dots for s in SIDES[:5]), *product(SIDES[5:7], range(EQUATIONS)), *ball]
@@ -265,7 +264,7 @@ class Rows:
                 spend(_DOT_WORK + _CAMERA_WORK * self.sight.cameras.size)
             return polynomial(self.row(side, k), spend)
 
-        return Problem.of_rows(self.unknowns, self.count, SIDES, form)
+        return Problem.of_rows(self.size, self.count, SIDES, form)
 
     def fails(self, k: int) -> bool:
         """Whether a dot is outside of its box of pixels for every pose of the box."""

@@ -88,7 +88,7 @@ def unknowns(rows, truth, readings, a_of, hand, board):
             s = [v / 2 for v in readings[k][3:]]
             scale = 1 + sum(v * v for v in s)
             at += [2 * v / scale for v in s] + list(readings[k][:3])
-    assert len(at) == len(rows.unknowns)
+    assert len(at) == rows.size
     return at
 
 

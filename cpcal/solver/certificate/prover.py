@@ -307,7 +307,7 @@ class System:
         self.problem, self.asked, self.turns, self.derived = rows.problem(free), asked, list(turns), derived
         self.tags, self.wrong = list(rows.tags), wrong
         self.owner = [owner(*tag) for tag in self.tags]
-        size = len(rows.unknowns)
+        size = rows.size
         table = [rows.row(*tag) for tag in self.tags]
         products = sorted({m for terms in table for m in terms if len(m) > 1})
         place = {m: k for k, m in enumerate([(), *((i,) for i in range(size)), *products])}
