@@ -83,7 +83,9 @@ class PolynomialArray:
     def constant(self) -> IntervalArray:
         """The coefficient of 1, which is zero where it is not listed."""
         c = self.coefficients
-        return c[:, self.monomials.index(())] if () in self.monomials else IntervalArray.point(0.0 * c.lo[:1, 0])
+        return (
+            c[:, self.monomials.index(())] if () in self.monomials else IntervalArray.point(np.zeros((1, *c.shape[2:])))
+        )
 
 
 class Expander:
@@ -206,7 +208,7 @@ class Expander:
             full = x.coefficients.broadcast_to((*x.coefficients.shape[:2], *x.shape))
             if op == "sum":
                 return x.monomials, coef.total_over(full, node.parameter + 1)
-            return x.monomials, full.reshape((*full.shape[:2], -1))[:, :, node.places]
+            return x.monomials, full.reshape((*full.shape[:2], math.prod(full.shape[2:])))[:, :, node.places]
         one, *other = [(arg.monomials, _aligned(arg.coefficients, node.ndim)) for arg in args]
         if op in ("add", "sub"):
             monomials, of_x, of_y = _union(one[0], other[0][0])

@@ -194,6 +194,26 @@ def test_monomials_come_with_their_divisors_and_one_first() -> None:
     assert list(monomials) == sorted(set(monomials), key=lambda m: (len(m), m))
 
 
+ZEROS: dict[str, Callable[[cpcal.Expr], cpcal.Expr]] = {
+    "squared": lambda x: (0.0 * x[0]) ** 2 + x[1],
+    "product of matrices": lambda x: (np.zeros(2) @ x) ** 2 + x[0],
+    "difference": lambda x: (x[0] - x[0]) ** 2 + x[1],
+    "function": lambda x: cpcal.exp(0.0 * x[0]) + x[1],
+    "sum": lambda x: (x[0] * np.zeros(2)).sum() * x[1] + x[0],
+}
+
+
+@pytest.mark.parametrize("name", ZEROS)
+def test_what_is_zero_everywhere_has_no_monomials_and_a_value(name: str) -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, domain=(0.0, 1.0))
+    net.add(ZEROS[name](x) <= 1.0)
+    system = polynomial_form(net)
+    assert not system.leftover
+    assert system.monomials[0] == ()
+    assert len(system.monomials) == 2
+
+
 def test_measurements_share_monomials() -> None:
     net = ConstraintNetwork()
     a, b = net.variable("a", 3, (-1, 1)), net.variable("b", 3, (-1, 1))
