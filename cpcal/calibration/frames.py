@@ -26,7 +26,7 @@ import numpy.typing as npt
 from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_scale
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import listed
-from cpcal.common.numbers import about
+from cpcal.common.numbers import about, nearest
 from cpcal.common.values import Bools, Floats
 from cpcal.files import Log, Settings
 from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
@@ -314,9 +314,10 @@ def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[
         ("tracker_in_base", base, "Tracker in base"),
         ("target_in_mobile", mobile, "Target in mobile"),
     ):
-        turn = np.degrees(rotation_vector(np.array(frame.quaternion))).tolist()
-        place, angles = (", ".join(f"{value:.6g}" for value in part) for part in (frame.position, turn))
-        at = f"({place}) mm; rotation vector ({angles}) degrees"
+        unit = max(frame.sigma[:3]), math.degrees(max(frame.sigma[3:]))
+        turn = np.degrees(rotation_vector(np.array(frame.quaternion)))
+        parts = zip((frame.position, turn.tolist()), unit, ("mm", "degrees"), strict=True)
+        at = "; rotation vector ".join(f"({', '.join(_known(v, u) for v in part)}) {w}" for part, u, w in parts)
         yield key, f"{name}: {at}. {frame.sentence('There')}"
         yield f"{key}_pose", json.dumps({"position": frame.position, "quaternion": frame.quaternion})
     spread = ", ".join(about(robust_scale(leg), 2) for leg in fit.residuals.T)
@@ -324,6 +325,11 @@ def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[
     if left_out:
         names = listed(left_out, _TOLD)
         yield "left_out", f"Left out of the frames, as far off the others, and kept in the campaign: {names}."
+
+
+def _known(value: float, sigma: float) -> str:
+    """With the digits that its standard deviation leaves it."""
+    return nearest(value, min(9, max(0, -math.floor(math.log10(sigma)))) if sigma > 0.0 else 9)
 
 
 def in_base_frame(campaign: Campaign) -> Campaign:
