@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
+from cpcal.common.least_squares import least_squares as minimised
 from cpcal.common.values import Floats, fill, frozen_array
 from cpcal.robot import Campaign, rotation_matrix
-from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 _SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
 

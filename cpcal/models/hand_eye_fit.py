@@ -15,6 +15,7 @@ import numpy as np
 from cpcal.calibration import calibrate_frames
 from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
+from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
@@ -26,7 +27,6 @@ from cpcal.robot import (
     rotation_matrix,
 )
 from cpcal.solver.linear import Dense, LinearStatus
-from cpcal.solver.optimize.least_squares import Blocks, Fit, least_squares
 
 # ------------------------------------------------------------------------------------------------------------------
 # Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.

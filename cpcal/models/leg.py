@@ -23,6 +23,7 @@ from cpcal.calibration.fit import LegEquations, least_squares
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
+from cpcal.common.least_squares import least_squares as minimised
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
@@ -37,7 +38,6 @@ from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.network.tape import Tape
-from cpcal.solver.optimize.least_squares import least_squares as minimised
 
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 

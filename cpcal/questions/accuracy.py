@@ -171,6 +171,11 @@ class Accuracy:
     seconds: Informed[float]
 
     @property
+    def held_coordinates(self) -> tuple[str, ...]:
+        """Names of `held`."""
+        return tuple(COORDINATES[k] for k in self.held)
+
+    @property
     def refuted(self) -> tuple[int, ...]:
         """Legs for which the campaign refutes what is assumed: nothing else is said then."""
         return tuple(leg.leg for leg in self.legs if not leg.lo)

@@ -31,6 +31,7 @@ from cpcal.common.numbers import (
     short,
     stated,
 )
+from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
@@ -58,7 +59,6 @@ from cpcal.report.words import (
 )
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
-from cpcal.solver.interval import Box
 
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 _DECIMALS, _MORE = 4, 9  # of parameters in mm, of others, such as shares
@@ -294,13 +294,13 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
 
 def parameters_section(campaign: Campaign, result: Result, leg: LegResult) -> Section:
     """A row a parameter: what to load, and its range; where none was computed, the enclosure of the optimum."""
-    _, box, held = _range(result, leg)
+    _, bounds, held = _range(result, leg)
     best, said = leg.recommended, list[Words]()
     title = f"Leg {leg.leg}" if best is None else f"Leg {leg.leg}: {recommendation(result, leg)}"
     if best is not None and math.isfinite(best.largest):
         known = claimed_by(best.certificate, at_most(best.largest), "recommended.largest", leg, best.largest)
         said = ["Off by ", known, " mm at most for all readings. "]
-    if best is not None and box is not None and not bool(((box.lo <= best.point) & (best.point <= box.hi)).all()):
+    if best is not None and bounds is not None and not ((bounds[0] <= best.point) & (best.point <= bounds[1])).all():
         held = (*held, " Values to load that lie outside fail that at some measurement, whatever its readings are.")
     table = _table(campaign, result, leg, ("parameter", "load", "at least", "at most"), ("", "main"))
     return Section(title, [(*said, *held)], tables=[table])
@@ -315,7 +315,7 @@ def _table(
     fit: Fitted | None = None,
 ) -> Table:
     """A row a parameter, of what is known of it what `head` names."""
-    (of, box, _), best, point = _range(result, leg), leg.recommended, leg.bracket.point
+    (of, bounds, _), best, point = _range(result, leg), leg.recommended, leg.bracket.point
     nominal = [*campaign.robot.parameters[leg.leg - 1].tolist(), *(0.0 for _ in result.model.extra)]
     rows = []
     for k, name in enumerate(result.model.parameters):
@@ -329,8 +329,8 @@ def _table(
             row["load"] = claimed_by(best.certificate, load, "recommended", leg, best.point[k], name)
         if point is not None:
             row["witness"] = claim(nearest(point[k], decimals), "point", leg, point[k], name)
-        if box is not None:
-            lo, hi = float(box.lo[k]), float(box.hi[k])
+        if bounds is not None:
+            lo, hi = (float(end[k]) for end in bounds)
             row["at least"] = claim(rounded_down(lo, decimals), f"{of}.lo", leg, lo, name)
             row["at most"] = claim(rounded_up(hi, decimals), f"{of}.hi", leg, hi, name)
             row["width"] = claim(gap_text(lo, hi), f"{of}.width", leg, "", name)
@@ -338,21 +338,22 @@ def _table(
     return Table(head, rows, columns)
 
 
-def _range(result: Result, leg: LegResult) -> tuple[str, Box | None, tuple[Words, ...]]:
-    """Which bounds of the parameters are proved, and under which condition, in words."""
+def _range(result: Result, leg: LegResult) -> tuple[str, tuple[Floats, Floats] | None, tuple[Words, ...]]:
+    """Which bounds of the parameters are proved, lower and upper ones, and under which condition, in words."""
     enclosure, eps = leg.bracket.enclosure, result.options.eps
     if leg.ranges is not None:
         at = leg.ranges.eps  # rounded down, where it was not given: what holds to within eps, holds to within less
         text = stated(at) if at in (eps, result.options.tolerance) else at_least(at)
         within = claim(text, "ranges.eps", leg, at)
         open_ = " (no certificate holds it)" * (leg.ranges.certificate is None)
-        return "ranges", leg.ranges.box, ("Ranges if the model holds to within ", within, f" mm{open_}.")
+        held = ("Ranges if the model holds to within ", within, f" mm{open_}.")
+        return "ranges", (leg.ranges.box.lo, leg.ranges.box.hi), held
     if enclosure.is_empty:
         return "", None, ("No parameters in the box satisfy the equations, so there is nothing to enclose.",)
     where = "eps_hi" if eps is None else f"eps = {stated(eps)} mm"
     return (
         "enclosure",
-        enclosure,
+        (enclosure.lo, enclosure.hi),
         (f"No ranges were computed: the best parameters, if the model holds to within {where}.",),
     )
 

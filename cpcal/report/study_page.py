@@ -21,7 +21,6 @@ from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
 from cpcal.robot import Campaign, Robot
-from cpcal.solver.contract import Verdict
 
 # ------------------------------------------------------------------------------------------------------------------
 # Figures that the paper prints in its tables, for comparison in kind: mm and degrees.
@@ -294,8 +293,10 @@ def solutions(fits: CertifiedFits) -> list[str]:
     """Whether each fit is a solution, within the stated reading uncertainty: a sentence each."""
     said = []
     for name, points in fits.both:
-        legs = {word: [str(fit.leg) for fit in points if fit.verified.verdict is word] for word in Verdict}
-        words = [f"{word.value} for leg {', '.join(some)}" for word, some in legs.items() if some]
+        legs: dict[str, list[str]] = {}
+        for fit in points:
+            legs.setdefault(fit.verified.verdict.value, []).append(str(fit.leg))
+        words = [f"{word} for leg {', '.join(some)}" for word, some in sorted(legs.items())]
         said.append(f"Is {name} a solution, within the stated reading uncertainty? {'; '.join(words).capitalize()}.")
     return said
 

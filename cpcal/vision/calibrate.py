@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import CpcalError, InputError, printable
+from cpcal.common.least_squares import Blocks, least_squares
 from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.optimize.least_squares import Blocks, least_squares
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cpcal.common.least_squares import Blocks, least_squares
 from cpcal.common.values import Floats
-from cpcal.solver.optimize.least_squares import Blocks, least_squares
 
 RNG = np.random.default_rng(5)
 VIEWS, ROWS = 7, 5
