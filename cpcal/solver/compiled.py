@@ -151,7 +151,7 @@ def _keep(dispatcher: Any, function: Callable[..., Any], link: Callable[[], None
 
     def compile_in_turn(signature: Any) -> Any:
         # numba's own lock first: a thread that has the file's must not wait for one that waits for the file
-        with global_compiler_lock, cache.turn, _linking(function.__qualname__, dispatcher.targetctx):
+        with global_compiler_lock, cache.turn:
             return compile_it(signature)
 
     dispatcher._cache, dispatcher.compile = cache, compile_in_turn
@@ -204,7 +204,7 @@ def _machine_code(function: Callable[..., Any], link: Callable[[], None]) -> Any
 
     class MachineCode(caching._Cache):  # type: ignore[misc]
         def __init__(self) -> None:
-            self.turn = ExitStack()  # the lock, while it is held
+            self.turn = ExitStack()  # what a compilation holds: the lock, the line that tells of it, how it links
 
         @property
         def cache_path(self) -> str:
@@ -226,6 +226,7 @@ def _machine_code(function: Callable[..., Any], link: Callable[[], None]) -> Any
                 raise TimeUp(late)
             if found is None:
                 self.turn.enter_context(_announced(function.__name__))
+                self.turn.enter_context(_linking(function.__qualname__, context))
                 link()
             return found
 
