@@ -87,12 +87,12 @@ def calibrate(
     """
     if not 0.0 < factor < float("inf"):
         raise unusable("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")
-    stated = {name: value for name, value in asdict(options).items() if value is not None}
-    inputs = Inputs(**stated)
+    given = {name: value for name, value in asdict(options).items() if value is not None}
+    inputs = Inputs(**given)
     check_writable(folder)
     found = calibrate_study(load_study(study), factor=factor)
     record = found.record
-    if stated:
+    if given:
         record = replace(record, budget=budget(found.x_c_sigma, found.campaign, found.drawing, inputs))
     warned(found.campaign)
     write_calibration(found, record, folder)
