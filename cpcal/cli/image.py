@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.cli.certify import show
+from cpcal.cli.detections_page import numbers, rejected, write_detections_page
 from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output, refuse
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import together, unusable
@@ -19,7 +20,6 @@ from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import csv_table
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
-from cpcal.report.detections_page import numbers, rejected, write_detections_page
 from cpcal.robot import Robot, Study
 from cpcal.robot.campaign import SIMULATION
 from cpcal.simulate import simulate_study

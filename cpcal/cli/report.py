@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import typer
 
@@ -26,13 +26,14 @@ from cpcal.cli.verify import checked_certificates, refusals
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.files import load_campaign, load_campaign_json
-from cpcal.files.run_folder import ACCURACY, HANDEYE, REPORT_NAME
+from cpcal.files.run_folder import ACCURACY, HANDEYE
+from cpcal.files.settings import toml_text
 from cpcal.files.tables import load_poses
 from cpcal.questions import Result, load_result
 from cpcal.questions.hand_eye import load_hand_eye_result
 from cpcal.questions.points import fits_of
-from cpcal.report.export import HAND_EYE_FORMS, WRITERS, exported, frames_of_run
-from cpcal.report.run_page import render
+from cpcal.report.export import HAND_EYE_FORMS, exported, frames_of_run
+from cpcal.report.run_page import REPORT_NAME, render
 from cpcal.report.study_page import StudyFound, render_study
 from cpcal.robot import Campaign
 from cpcal.simulate import true_robot
@@ -116,7 +117,7 @@ def export(
     run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
     """
     hand_eye = (run / HANDEYE.head).exists()
-    known: Mapping[str, Any] = HAND_EYE_FORMS if hand_eye else WRITERS
+    known = list(HAND_EYE_FORMS) if hand_eye else ["toml", "json"]
     if format not in known:
         raise unusable("option --format", f"is {format}", f"of this run write one of {', '.join(known)}")
     if hand_eye:
@@ -125,7 +126,12 @@ def export(
     else:
         campaign, result = _checked_run(run)
         moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
-        text = WRITERS[format](exported(campaign, result, moved))
+        data = exported(campaign, result, moved)
+        text = (
+            toml_text(data)
+            if format == "toml"
+            else json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        )
     if file is None:
         typer.echo(text, nl=False)
     else:

@@ -43,11 +43,11 @@ from cpcal.common.errors import unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
-from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.points import certify_fits
 from cpcal.questions.question import question_of
+from cpcal.report.run_page import REPORT_NAME
 from cpcal.report.section import Section
 from cpcal.report.study_page import COMPARED, PAPERS_WAY, calibration, render_study, solutions, summary
 from cpcal.robot import Campaign

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
-REPORT_NAME = "report.html"
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
 _STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),|file,verdict,'  # the study that a hand-eye run keeps; pose sets
@@ -44,7 +43,7 @@ class FolderKind:
         return sorted(found, key=lambda name: (name != self.head, name))
 
 
-RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
+RUN = FolderKind("result.json", (r"report\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("campaign.json")  # certificates alone
 HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))

@@ -15,12 +15,11 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
-from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.questions.question import chosen_model
-from cpcal.questions.result import VerifiedPoint
+from cpcal.questions.result import VerifiedPoint, check_campaign
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.float_rows import at_point, failing, holding
 from cpcal.solver.certificate.prover import claims
@@ -137,8 +136,7 @@ def certify_fits(
     They are fits of the plain model. Raises InputError when the record is of another campaign, or the folder cannot be
     written.
     """
-    if record.campaign_sha256 != campaign_sha256(campaign):
-        raise unusable("calibration record", "is of another campaign", "calibrate again")
+    check_campaign(campaign, {"calibration record": record.campaign_sha256}, "calibrate again")
     found: dict[str, list[VerifiedFit]] = {"x_c": [], "x_c_sigma": []}
     with answers_into(folder, FITTED, campaign) as draft:
         for name, fits in found.items():

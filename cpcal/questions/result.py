@@ -532,6 +532,14 @@ class Result:
             raise ValueError(f"a leg has not the parameters {', '.join(self.model.parameters)}")
 
 
+def check_campaign(campaign: Campaign, parts: Mapping[str, str], remedy: str) -> None:
+    """Raises InputError where a part, such as a result, names the SHA-256 of another campaign."""
+    own = campaign_sha256(campaign)
+    for name, sha256 in parts.items():
+        if sha256 != own:
+            raise unusable(name, f"is of another campaign (sha256 {printable(sha256)}, not {own})", remedy)
+
+
 def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:
     """Write `result.json` into the folder `run` (made if missing), and the `campaign` beside it, as campaign.json.
 

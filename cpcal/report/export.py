@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +13,6 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
-from cpcal.files.settings import toml_text
 from cpcal.questions import LegResult, Result, model_of, recommendation, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.run_page import command
@@ -139,13 +137,6 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
 
 def _known(**fields: Any) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if value is not None}
-
-
-def as_json(data: Mapping[str, Any]) -> str:
-    return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-WRITERS = {"toml": toml_text, "json": as_json}
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.errors import printable, unusable
+from cpcal.common.errors import unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import (
     about,
@@ -32,10 +32,9 @@ from cpcal.common.numbers import (
     stated,
 )
 from cpcal.common.values import Floats
-from cpcal.files import campaign_sha256
-from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PLAIN, LegModel, model_residuals, reading_moves
 from cpcal.questions import INFORMATION, LegResult, Result, contractors_sentences, model_of, recommendation, verdict_of
+from cpcal.questions.result import check_campaign
 from cpcal.report.figures import MOST_POINTS, errors_svg, residuals_svg
 from cpcal.report.section import Drawing, Mark, Page, Proof, Section, Table, Words, origin, verdict
 from cpcal.report.words import (
@@ -60,6 +59,7 @@ from cpcal.report.words import (
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 
+REPORT_NAME = "report.html"
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 _DECIMALS, _MORE = 4, 9  # of parameters in mm, of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
@@ -106,11 +106,10 @@ def render(
 
     Raises InputError when the result is of another campaign, or garbled.
     """
-    sha256, absent = campaign_sha256(campaign), [leg.leg for leg in result.legs if leg.leg > campaign.legs]
-    if result.campaign.sha256 != sha256:
-        what = f"is of another campaign (sha256 {printable(str(result.campaign.sha256))}, not {sha256})"
-        raise unusable("result", what, "give the campaign that was certified, or certify this one")
-    if absent:
+    check_campaign(
+        campaign, {"result": result.campaign.sha256}, "give the campaign that was certified, or certify this one"
+    )
+    if absent := [leg.leg for leg in result.legs if leg.leg > campaign.legs]:
         what, remedy = f"names a leg that is not there: {absent[0]}", f"certify again: legs are 1 to {campaign.legs}"
         raise unusable("result", what, remedy)
     kicker = "certified calibration" + ", some measurements may be wrong" * bool(result.options.outliers)

@@ -14,9 +14,9 @@ from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
-from cpcal.files import campaign_sha256
 from cpcal.questions import Result
 from cpcal.questions.points import CertifiedFits
+from cpcal.questions.result import check_campaign
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
@@ -204,14 +204,13 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
 
     Raises InputError for parts of different campaigns.
     """
-    expected, remedy = campaign_sha256(found.campaign), "give the parts of one study"
-    for name, sha256 in (
-        ("calibration record", found.record.campaign_sha256),
-        ("certified fits", found.fits.campaign_sha256),
-        ("result of the timeout method", found.timeout.campaign.sha256),
-    ):
-        if sha256 != expected:
-            raise unusable(name, "is of another campaign", remedy)
+    remedy = "give the parts of one study"
+    parts = {
+        "calibration record": found.record.campaign_sha256,
+        "certified fits": found.fits.campaign_sha256,
+        "result of the timeout method": found.timeout.campaign.sha256,
+    }
+    check_campaign(found.campaign, parts, remedy)
     for name, fits in found.fits.both:
         if any(fit.point != tuple(getattr(found.record, name).values[fit.leg - 1]) for fit in fits):
             raise unusable("certified fits", f"{name} is not the calibration record's", remedy)

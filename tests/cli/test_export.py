@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.files.settings import toml_text
 from cpcal.questions import recommendation
-from cpcal.report.export import DrawingFrames, as_json, exported, frames_of_run
+from cpcal.report.export import DrawingFrames, exported, frames_of_run
 from cpcal.robot import rotation_matrix
 from tests.cli.command import refused, run
 from tests.remembered import verify_once
@@ -33,10 +32,13 @@ def checked_once(monkeypatch):
     verify_once(monkeypatch)  # no process begins
 
 
-def test_both_formats_say_the_same_also_beyond_the_basic_plane(data):
+def test_both_formats_say_the_same_also_beyond_the_basic_plane(data, folder, tmp_path, monkeypatch):
     text = "\U0001f916 \U00020000 \u00e9 \u4e2d \" \\ 'x'"
     named = {**data, "robot": text, "provenance": {**data["provenance"], text: text}}
-    assert json.loads(as_json(named)) == tomllib.loads(toml_text(named)) == named
+    monkeypatch.setattr("cpcal.cli.report.exported", lambda *_: named)
+    for name, read in (("toml", tomllib.loads), ("json", json.loads)):
+        assert run("export", folder / "run", "-f", name, "-o", tmp_path / name).exit_code == 0
+        assert read((tmp_path / name).read_text(encoding="utf-8")) == named
 
 
 def test_a_format_that_does_not_go_with_the_run_is_refused(folder, tmp_path):

@@ -15,10 +15,9 @@ import cpcal
 from cpcal.cli.certify import show_result
 from cpcal.cli.verbs import Talk
 from cpcal.files import campaign_sha256
-from cpcal.files.run_folder import REPORT_NAME
 from cpcal.models import PARAMETERS, PLAIN, reading_moves
 from cpcal.report import QUANTIFIER, write_report
-from cpcal.report.run_page import render
+from cpcal.report.run_page import REPORT_NAME, render
 from tests.report.made import made_leg, made_result
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
