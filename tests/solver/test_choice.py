@@ -152,20 +152,6 @@ def test_a_contender_without_progress_sits_out_and_comes_back() -> None:
     assert 1 < stuck.nodes < steady.nodes / 2
 
 
-def test_a_contender_begins_in_its_round() -> None:
-    net = circle_and_line()
-    made = [
-        Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-9))), 1, back=k)
-        for k, n in enumerate("ab")
-    ]
-    race, seen = Race(made), []
-    for _ in race:
-        seen.append((race.rounds, made[1].nodes > 0))
-        assert race.leader.search is not None
-    assert {begun for rounds, begun in seen if rounds == 0} == {False}
-    assert made[1].nodes
-
-
 def test_turns_are_shorter_where_a_node_takes_longer() -> None:
     few, many = (choice_to_solve(made(n, n)).methods[0].slice for n in (4, 60))
     assert many < few / 10

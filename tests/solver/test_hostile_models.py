@@ -254,10 +254,3 @@ def test_a_division_by_a_negative_power_keeps_its_solutions():
     best = net.minimize(x)
     assert best.verdict is Verdict.PROVED
     assert best.lo <= 2.5 <= best.hi
-
-
-def test_variables_without_bounds_are_named() -> None:
-    net = cpcal.Network()
-    x, y = net.variable("x"), net.variable("y", domain=(0, 1))
-    with pytest.raises(ModelError, match="has none for x: give one"):
-        net.minimize((x - 3) ** 2 + y)

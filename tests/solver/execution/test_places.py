@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -41,11 +40,6 @@ def certified(campaign, run, **place):
 @pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.nightly)])
 def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers):
     assert certified(campaign, tmp_path, workers=workers) == here
-
-
-def test_any_executor_gives_the_same_certificates(campaign, here, tmp_path):
-    with ThreadPoolExecutor(2) as threads:
-        assert certified(campaign, tmp_path, executor=threads) == here
 
 
 def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):

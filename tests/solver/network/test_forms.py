@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.common.errors import ModelError
 from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import (
@@ -176,12 +175,3 @@ def test_affine_rows_with_exact_coefficients_are_evaluated_exactly() -> None:
     assert CentredForm(net, net.reading([1.0], 0.5) * x[0] / 2.0).affine
     for curved in (x[0] * x[1], sqr(x[0]), 1 / x[0], abs(x[0]), x[0] ** 3):
         assert not CentredForm(net, curved).affine
-
-
-def test_refuses_boxes_and_expressions_of_other_variables() -> None:
-    net = ConstraintNetwork()
-    x = net.variable("x", 2, (0, 1))
-    with pytest.raises(ModelError, match=r"a box of a is no box of .*x\[0\], x\[1\]"):
-        evaluate(net, x, Box(["a"], [0.0], [1.0]))
-    with pytest.raises(ModelError, match="'x' belongs to another network"):
-        evaluate(net, ConstraintNetwork().variable("x", 2) + x, net.domain)

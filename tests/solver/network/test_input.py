@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import cpcal
-from contractors import HC4
 from cpcal.common.errors import CpcalError, ModelError, PluginError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.model import Network
@@ -109,12 +108,6 @@ def test_readings_whose_shapes_do_not_fit_are_refused() -> None:
     refused(lambda: Network.reading(np.zeros(3), np.zeros(2)), "shapes of centres")
 
 
-def test_a_list_of_expressions_is_no_array() -> None:
-    _, x = model(shape=2)
-    refused(lambda: x + [x[0], 1.0], "an array of expressions is numpy.stack")
-    refused(lambda: x + np.array([x[0], x[1]], dtype=object), "an array of expressions is numpy.stack")
-
-
 # Shapes, domains, names ------------------------------------------------------------------------------------
 
 
@@ -178,12 +171,6 @@ def test_bounds_of_one_number_or_none_are_accepted() -> None:
 def test_a_constraint_that_is_built_by_hand_is_checked_too() -> None:
     _, x = model()
     refused(lambda: Constraint(x, as_expr(2.0), as_expr(1.0)), "no number")
-
-
-def test_no_value_of_an_enclosed_constant_is_lost() -> None:
-    net, x = model((Fraction(1, 10), Fraction(1, 10)))
-    net.add(x == Decimal("0.1"))
-    assert not net.contract().box.is_empty
 
 
 def test_numpys_integers_are_sizes() -> None:
@@ -265,8 +252,8 @@ ASKED: list[tuple[dict[str, Any], str]] = [
     *(({"contractors": names}, "at least one") for names in ([], ())),
     *(({"contractors": [name]}, "no contractor") for name in (True, None, 5, "nothing")),
     ({"strategy": 5}, "strategy=5"),
-    ({"strategy": "nothing"}, "no strategy"),
-    ({"order": "nothing"}, "no order"),
+    ({"strategy": "nothing"}, r"no strategy .*'nothing'.*largest, smear-relative.*cpcal\.strategies"),
+    ({"order": "nothing"}, "no order.*depth, breadth"),
 ]
 
 
@@ -295,14 +282,6 @@ def test_a_network_without_variables_answers_nothing() -> None:
     for ask in (net.solve, net.contract, lambda: net.minimize(x)):
         refused(ask, "'bare' has no variables")  # type: ignore[arg-type]
     assert other.names == ("x",)
-
-
-def test_a_long_sum_is_solved() -> None:
-    net, x = model((-2, 2))
-    net.add(sum((k * x for k in range(1, 1500)), as_expr(0.0)) == 0)
-    assert (0.0,) in net.contract(contractors=["hc4"]).box
-    assert (0.0,) in HC4(net).contract(net.domain).box
-    assert cpcal.evaluate(net, net.constraints[0].body, net.domain).shape == ()
 
 
 def test_a_box_of_other_variables_is_refused() -> None:

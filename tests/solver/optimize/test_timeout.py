@@ -37,24 +37,6 @@ def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
     return [next(found) for _ in answers]
 
 
-def test_infeasible_goes_up_and_found_comes_down() -> None:
-    trials = play("iif")
-    assert [t.eps for t in trials] == [0.5, 0.75, 0.875]
-    assert [(t.lo, t.hi) for t in trials] == [(0.5, 1.0), (0.75, 1.0), (0.75, 0.875)]
-
-
-def test_a_timeout_goes_down_and_leaves_the_bracket() -> None:
-    trials = play("tti")
-    assert [t.eps for t in trials] == [0.5, 0.25, 0.125]
-    assert [(t.lo, t.hi) for t in trials] == [(0.0, 1.0), (0.0, 1.0), (0.125, 1.0)]
-
-
-def test_too_close_doubles_the_delay_and_goes_back_to_the_average() -> None:
-    trials = play("ttttt")
-    assert [t.eps for t in trials] == [0.5, 0.25, 0.125, 0.0625, 0.5]
-    assert [t.delay for t in trials] == [1.0, 1.0, 1.0, 1.0, 2.0]
-
-
 @pytest.mark.parametrize("width", [0.1, 0.5, 10.0])
 def test_a_box_that_is_kept_may_hold_the_planted_point_and_is_not_infeasible(width: float) -> None:
     """(x - 0.3)^2 + (y - 0.3)^2 <= eps up to 1e-6: middles of coarse boxes are points of a larger eps only."""
@@ -73,6 +55,21 @@ def test_a_box_that_is_kept_may_hold_the_planted_point_and_is_not_infeasible(wid
     assert fine.witness.value <= 1e-6
     apart = domain.replace("x[0]", lo=0.5)
     assert ask(apart, Contracting([("hc4", HC4(net))]), coarse, prover, 60.0).answer is TimeoutAnswer.INFEASIBLE
+
+
+@pytest.mark.parametrize(
+    ("answers", "asked", "brackets", "delays"),
+    [
+        ("iif", [0.5, 0.75, 0.875], [(0.5, 1.0), (0.75, 1.0), (0.75, 0.875)], [1.0] * 3),
+        ("tti", [0.5, 0.25, 0.125], [(0.0, 1.0), (0.0, 1.0), (0.125, 1.0)], [1.0] * 3),
+        ("ttttt", [0.5, 0.25, 0.125, 0.0625, 0.5], [(0.0, 1.0)] * 5, [1.0] * 4 + [2.0]),  # back to the average
+    ],
+)
+def test_infeasible_goes_up_found_and_timeout_down_and_too_close_doubles_the_delay(answers, asked, brackets, delays):
+    trials = play(answers)
+    assert [t.eps for t in trials] == asked
+    assert [(t.lo, t.hi) for t in trials] == brackets
+    assert [t.delay for t in trials] == delays
 
 
 def test_it_ends_when_the_bracket_is_closed() -> None:

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqrt
-from cpcal.solver.network.rows import Extremes
 from cpcal.solver.optimize.witness import Witness, WitnessProver, verify_point
 
 
@@ -196,35 +194,3 @@ def test_bodies_of_any_shape() -> None:
     found = prove(net, [0.0, 0.0, 0.0, 0.0])
     assert found is not None
     assert found.value == pytest.approx(np.linalg.norm([0.9, 1.9, 2.9]) - 3, rel=1e-9)
-
-
-def test_owners_of_readings() -> None:
-    net = ConstraintNetwork()
-    x, r = net.variable("x", 3), net.reading(np.arange(6.0).reshape(2, 3), 0.1)
-    cases: list[tuple[Expr, list[int], bool]] = [
-        (r - x, [0, 1, 2, 3, 4, 5], True),
-        (norm(r - x), [0, 0, 0, 1, 1, 1], True),
-        (r[::-1, 0] * x[0], [1, -1, -1, 0, -1, -1], True),
-        (r @ x, [0, 0, 0, 1, 1, 1], True),
-        (r.sum(0), [0, 1, 2, 0, 1, 2], True),
-        (r[:, None, :] + x[:, None], [], False),
-        (r[0] + r.sum(0), [0, 1, 2, 0, 1, 2], True),
-        (x * 2, [], True),
-    ]
-    for root, element, alone in cases:
-        extremes = Extremes(net, root)
-        tape = extremes.tape
-        assert extremes.exclusive == alone
-        if alone and element:
-            found = np.full(tape.program.first, -1)
-            found[tape.reach.leaf] = tape.reach.row
-            assert found[tape.program.given :].tolist() == element
-
-
-def test_prover_changes_nothing() -> None:
-    net, x, eps = with_eps()
-    net.add((x[0] - 1).within((-eps, eps)))
-    point = np.array([3.0, 0.0])
-    WitnessProver(net, 1).prove(point)
-    assert point.tolist() == [3.0, 0.0]
-    assert net.domain == Box(("x[0]", "eps"), [-10.0, 0.0], [10.0, 10.0])

@@ -23,7 +23,6 @@ from cpcal.solver.search import (
     EventKind,
     LargestFirst,
     Node,
-    Paving,
     Piece,
     Search,
     Smear,
@@ -255,21 +254,3 @@ def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
         told.append((first, pending, rest, [piece.box for piece in search.kept]))
     assert told[0] == told[1] == told[2]
     assert len(told[0][3]) == 2
-
-
-def solution_boxes(paving: Paving) -> list[Box]:
-    return [solution.box for solution in paving.solutions]
-
-
-def test_solve_ends_cleanly_on_ctrl_c() -> None:
-    seen = []
-
-    def interrupt(event: object) -> None:
-        seen.append(event)
-        if len(seen) == 2:
-            raise KeyboardInterrupt
-
-    paving = two_roots().solve(width=1e-9, contractors=("hc4",), progress=interrupt)
-    assert not paving.complete
-    for point in ((4, 3), (-3, -4)):
-        assert any(point in box for box in solution_boxes(paving))

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, norm, sqr
+from cpcal import Interval, Limits, Network, Verdict, norm, sqr
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.search import ORDERS, STRATEGIES, LargestFirst, Paving, clusters, difference, volume
+from cpcal.solver.search import ORDERS, STRATEGIES, Paving, clusters, difference, volume
 
 
 def annulus() -> Network:
@@ -167,15 +167,6 @@ def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: s
     assert not (outside & member).any()
     assert (inside | outside | boundary).all()
     assert inside.any()
-
-
-def test_unknown_names_are_errors_that_list_the_known_ones() -> None:
-    net = annulus()
-    with pytest.raises(PluginError, match=r"'nose'.*largest, smear-relative.*cpcal\.strategies"):
-        net.solve(strategy="nose")
-    with pytest.raises(ModelError, match="depth, breadth"):
-        net.solve(order="nose")
-    assert net.solve(width=1.0, strategy=LargestFirst(1.0)).complete
 
 
 def test_derivatives_at_many_points_are_those_at_each() -> None:
