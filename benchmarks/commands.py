@@ -17,9 +17,7 @@ from benchmarks.runs import ANSWERED, KINDS, MINIMISE, REFERENCE, SKIPPED, Entry
 from cpcal.common.numbers import bracket_text
 from cpcal.solver import plugins
 
-PAPER = ("refute-0.5", "refute-0.9", "minimise-0.001", MINIMISE)
 OURS = ("lifted", "hc4,lifted")
-ABLATION = ("hc4", "krawczyk", "hc4,krawczyk", "hc4,beaumont", "hc4,krawczyk,beaumont", *OURS)
 SIZES = (64, 704, 7744)
 
 
@@ -38,7 +36,7 @@ def leg(number: int = 1, error: float = 1, count: int = 64, delta: float = 100, 
     return f"leg{number}-e{error:g}-n{count}-d{delta:g}{'-u' if uncertain else ''}"
 
 
-_PEERS = (*OURS, "gurobi", "scip", "codac", "least-squares")
+_PEERS = (*OURS, "gurobi", "scip", "least-squares")
 _LEGS = [leg(k, count=n, uncertain=uncertain) for uncertain, n, k in product((False, True), SIZES, (1, 5))]
 _KINDS = [leg(delta=d) for d in (1, 10, 100, 1000)] + [leg(error=0), leg(error=10), leg(5, error=10), leg(count=704)]
 SUITES = {
@@ -51,12 +49,6 @@ SUITES = {
             *((leg(), task, OURS) for task in ("refute-0.5", "refute-0.9")),
             *((leg(), task, ("lifted",)) for task in ("certify-1e-06", "prove-1e-06")),
         ),
-    ),
-    "ablation": Suite(
-        "what each contractor adds, from boxes of three sizes",
-        60.0,
-        1,
-        tuple((leg(delta=delta), task, ABLATION) for delta, task in product((1, 10, 100), PAPER)),
     ),
     "peers": Suite(
         "everything that can be asked",

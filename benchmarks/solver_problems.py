@@ -1,12 +1,10 @@
 """Classic systems and optimisation problems (`benchmarks/problems`) by `solve()` and `minimize()` without options.
 
     python -m benchmarks.solver_problems [--limit 60] [--page] [NAME ...]
-    python -m benchmarks.solver_problems --contractors [--limit 5] [NAME ...]
 
 Each line: proved solutions beside the literature's count, or the proved bracket beside the literature's optimum, nodes,
 seconds of wall and of processor time. `--limit` is processor time: other work on the machine changes nothing. `--page`
-renews the rows of these problems in benchmarks/pages/problems.md and .json. `--contractors` prints the table of
-docs/solve.md.
+renews the rows of these problems in benchmarks/pages/problems.md and .json.
 """
 
 from __future__ import annotations
@@ -30,14 +28,6 @@ from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
 
 HERE = Path(__file__).parent
 PROBLEMS, PAGES = HERE / "problems", HERE / "pages"
-_COMBINATIONS = (
-    (("hc4", "newton"), "smear-relative"),
-    (("hc4", "newton"), "largest"),
-    (("hc4", "cid", "newton"), "smear-relative"),
-    (("hc4", "newton", "beaumont"), "smear-relative"),
-    (("hc4", "newton", "lifted"), "smear-relative"),
-    (("lifted", "newton"), "largest"),
-)
 _CLOSE, _PRINTED = 2e-6, 5e-7  # relative: the literature prints seven digits; and half a unit of its sixth decimal
 
 
@@ -128,22 +118,6 @@ def page(rows: list[ProblemRow], limit: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def by_contractors(names: list[str], limit: float) -> Iterator[str]:
-    """The lines of a table: each combination alone on each system, proved solutions and nodes, or how far it got."""
-    yield "| system | " + " | ".join(f"`{', '.join(c)}` by {by}" for c, by in _COMBINATIONS) + " |"
-    yield "| --- " * (1 + len(_COMBINATIONS)) + "|"
-    for name in names:
-        network, known = load_problem(PROBLEMS / f"{name}.bch").network, literature()[name]["solutions"]
-        cells = []
-        for contractors, strategy in _COMBINATIONS:
-            with processor_limit(limit):
-                paving = network.solve(contractors=contractors, strategy=strategy)
-            proved = sum(s.verdict is Verdict.PROVED for s in paving.solutions)
-            whole = paving.complete and proved == known == len(paving.solutions)
-            cells.append(f"{proved} of {known} ({paving.nodes:,})" if whole else f"{proved}, not finished")
-        yield f"| {name} | {' | '.join(cells)} |"
-
-
 def _renew(row: ProblemRow, limit: float) -> None:
     """The page with this row, beside those of earlier runs."""
     PAGES.mkdir(exist_ok=True)
@@ -159,18 +133,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*")
     parser.add_argument("--limit", type=float, default=60.0, metavar="SECONDS")
-    parser.add_argument("--contractors", action="store_true")
     parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
     load = cpcal.Network("warm")
     x = load.variable("x", 2, (-2, 2))
     load.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == x[1]])
     load.solve()  # compiles and loads
-    if given.contractors:
-        systems = [name for name, known in literature().items() if "solutions" in known]
-        for line in by_contractors(given.names or systems, given.limit):
-            print(line, flush=True)
-        return
     rows = []
     for name in given.names or sorted(literature()):
         row = run(name, given.limit)

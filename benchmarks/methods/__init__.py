@@ -13,7 +13,6 @@ from benchmarks.runs import MethodAnswer, Task, Unsupported
 PEERS = {
     "scip": "benchmarks.methods.peers:Scip",
     "gurobi": "benchmarks.methods.peers:Gurobi",
-    "codac": "benchmarks.methods.peers:Codac",
     "least-squares": "benchmarks.methods.peers:LeastSquares",
 }
 Work = Callable[[], MethodAnswer]

@@ -1,4 +1,4 @@
-"""Peers: Gurobi and SCIP (spatial branch and bound), codac (contractors), least squares.
+"""Peers: Gurobi and SCIP (spatial branch and bound), least squares.
 
 Gurobi and SCIP get the best formulation found for them: squared, expanded, products shared. With q = a.a - l*l and one
 column for each product a_i b_j and b_i b_j, every measurement is linear,
@@ -6,15 +6,11 @@ column for each product a_i b_j and b_i b_j, every measurement is linear,
     E = q + b'R'R b - 2 a'R b + 2 P'R b - 2 P.a - 2 L l + P.P - L^2
     E - 2 L eps - 2 l eps - eps^2 <= 0 <= E + 2 L eps + 2 l eps - eps^2,          L + l >= eps.
 
-The coefficients are rounded to doubles, so that no answer is certified for the exact data; codac's, with rotation
-matrices rounded to doubles, are rigorous for the rounded data. The search around codac's contractors is ours.
+The coefficients are rounded to doubles, so that no answer is certified for the exact data.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
-import time
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -27,7 +23,6 @@ from benchmarks.methods import TaskQuestion, Work
 from benchmarks.problems import Leg
 from benchmarks.runs import MethodAnswer, Unsupported
 from cpcal.common.values import Floats
-from cpcal.models import model_residuals
 from cpcal.robot import rotation_matrix
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
@@ -175,96 +170,6 @@ class Scip(_Peer):
             return MethodAnswer(status in ("optimal", "gaplimit"), figures, status)
 
         return work
-
-
-class Codac(_Peer):
-    """CtcInverse (its centred form included) for every equation; a best-first search that is written here."""
-
-    guarantee, package = "rigorous, rounded data", "codac"
-
-    def work(self, leg: Leg, question: TaskQuestion) -> Work:
-        _ = leg.middle
-        return lambda: (_minimise if question.eps is None else _refute)(leg, question)
-
-
-def _functions(leg: Leg, sign: float) -> list[Any]:
-    """g for each measurement, plus `sign` times the last component where sign is not 0."""
-    import codac
-
-    campaign = leg.campaign
-    x = codac.VectorVar(8 if sign else 7)
-    made = []
-    length = campaign.length[:, leg.leg - 1].tolist()
-    rotations = rotation_matrix(campaign.quaternion).tolist()
-    for p, r, measured in zip(campaign.position.tolist(), rotations, length, strict=True):
-        v = [p[i] + r[i][0] * x[3] + r[i][1] * x[4] + r[i][2] * x[5] - x[i] for i in range(3)]
-        g = codac.sqrt(codac.sqr(v[0]) + codac.sqr(v[1]) + codac.sqr(v[2])) - x[6] - measured
-        made.append(codac.AnalyticFunction([x], g + sign * x[7] if sign else g))
-    return made
-
-
-def _contract(contractors: list[Any], box: Any) -> None:
-    """Each in turn while the volume of the box shrinks by a fifth, ten times at most."""
-    for _ in range(10):
-        before = box.volume()
-        for contractor in contractors:
-            contractor.contract(box)
-            if box.is_empty():
-                return
-        if not box.volume() < 0.8 * before:
-            return
-
-
-def _start(leg: Leg, eps: tuple[float, float] | None) -> Any:
-    import codac
-
-    bounds = np.stack([leg.box.lo, leg.box.hi], axis=1).tolist()
-    return codac.IntervalVector(bounds + ([list(eps)] if eps else []))
-
-
-def _minimise(leg: Leg, question: TaskQuestion) -> MethodAnswer:
-    """Best first by the lower bound of eps; midpoints are tried, the first of them the least-squares fit."""
-    import codac
-
-    deadline, serial = time.monotonic() + question.limit, itertools.count()
-    negative, positive = codac.Interval(-codac.oo, 0.0), codac.Interval(0.0, codac.oo)
-    contractors = [codac.CtcInverse(f, negative) for f in _functions(leg, -1.0)]
-    contractors += [codac.CtcInverse(f, positive) for f in _functions(leg, 1.0)]
-    best = float(np.abs(model_residuals(leg.campaign, leg.leg, leg.middle)).max())
-    queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, (0.0, leg.longest)))]
-    nodes = 0
-    while queue and time.monotonic() < deadline and queue[0][0] < best * (1.0 - question.task.value):
-        box = heapq.heappop(queue)[2]
-        nodes += 1
-        box[7] = box[7] & codac.Interval(0.0, best)
-        _contract(contractors, box)
-        if box.is_empty():
-            continue
-        middle = np.asarray(box.mid()).ravel()[:7]
-        best = min(best, float(np.abs(model_residuals(leg.campaign, leg.leg, middle)).max()))
-        for half in box.bisect(int(np.argmax(np.asarray(box.diam()).ravel()[:7]))):
-            heapq.heappush(queue, (float(half[7].lb()), next(serial), half))
-    lo = min([best] + [entry[0] for entry in queue[:1]])
-    return MethodAnswer(lo >= best * (1.0 - question.task.value), {"lo": lo, "hi": best, "nodes": nodes}, "own search")
-
-
-def _refute(leg: Leg, question: TaskQuestion) -> MethodAnswer:
-    """Widest box first; refuted when none is left."""
-    import codac
-
-    deadline, serial, eps = time.monotonic() + question.limit, itertools.count(), question.eps
-    assert eps is not None
-    contractors = [codac.CtcInverse(f, codac.Interval(-eps, eps)) for f in _functions(leg, 0.0)]
-    queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, None))]
-    nodes = 0
-    while queue and time.monotonic() < deadline:
-        box = heapq.heappop(queue)[2]
-        nodes += 1
-        _contract(contractors, box)
-        if not box.is_empty():
-            for half in box.bisect(box.max_diam_index()):
-                heapq.heappush(queue, (-float(half.max_diam()), next(serial), half))
-    return MethodAnswer(not queue, {"nodes": nodes}, f"{len(queue)} boxes left")
 
 
 class LeastSquares:

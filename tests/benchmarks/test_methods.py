@@ -77,14 +77,6 @@ def test_solvers_agree_where_they_are_installed(name: str) -> None:
     assert not ask(name, "refute-0.9", 1.1 * BEST, 5.0).answered
 
 
-@pytest.mark.peers
-def test_codac_finds_a_point_and_refutes_a_small_box_where_it_is_installed() -> None:
-    if method("codac").missing():
-        pytest.skip("codac is not installed")
-    assert ask("codac", MINIMISE, limit=0.5).figures["hi"] > BEST
-    assert not ask("codac", "refute-0.5", 0.5 * BEST, 0.2).answered
-
-
 @pytest.mark.parametrize("name", PEERS)
 def test_every_peer_says_what_it_is_worth(name: str) -> None:
     assert method(name).guarantee

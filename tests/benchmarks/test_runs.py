@@ -206,7 +206,7 @@ def test_commands_make_pages_compare_and_list(tmp_path: Path) -> None:
     save(results(replace(RUNS[0], figures={"nodes": 2, "programs": 60})), other)
     assert runner.invoke(app, ["compare", str(path), str(other)]).exit_code == 1
     said = runner.invoke(app, ["list"]).output
-    assert all(word in said for word in ("quick", "ablation", "minimise", "gurobi", "hc4"))
+    assert all(word in said for word in ("quick", "spine", "minimise", "gurobi", "hc4"))
 
 
 def test_a_part_of_a_suite() -> None:
