@@ -7,7 +7,6 @@ import math
 import pytest
 
 from contractors import HC4, Lifted
-from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contraction, Repeat, Then, Union, elements, gives_weights
 from cpcal.solver.interval import Box
@@ -73,15 +72,3 @@ def test_repeat_stops_on_empty_and_refuses_a_senseless_ratio(network: Constraint
     for ratio in (0.0, -1.0, 1.5):
         with pytest.raises(ValueError, match="ratio"):
             Repeat(HC4(network), ratio)
-
-
-def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match=r"hc4.*lifted.*cpcal\.contractors"):
-        plugins.build(network, ["hc5"])
-    with pytest.raises(PluginError, match="at least one"):
-        plugins.build(network, [])
-
-
-def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match="no contractor: give its name"):
-        plugins.build(network, ["hc4", 5])  # type: ignore[list-item]

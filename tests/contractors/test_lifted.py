@@ -165,16 +165,3 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         one, other = reused.contract(box).box, Lifted(net).contract(box).box
         np.testing.assert_array_equal(one.lo, other.lo)
         np.testing.assert_array_equal(one.hi, other.hi)
-
-
-def test_product_rows_are_the_hull_of_one_product_and_one_square() -> None:
-    rows = product_rows(all_monomials(2, 2), np.ones(5, dtype=bool))
-    # columns u, v, uu, uv, vv: at u = v = 1 all products are 1, so rows that allow other values are missing ones
-    for w in (
-        [1, 1, 1, 0.9, 1],
-        [1, 1, 1, 1.1, 1],
-        [1, 1, 0.9, 1, 1],
-        [0.5, 0, 1.1, 0, 0],
-        [0.5, 0, 0.2, 0, 0],
-    ):
-        assert (rows.matrix @ np.array(w) > rows.rhs + 1e-9).any()

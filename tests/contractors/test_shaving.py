@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from contractors import HC4, Cid, Newton
 from contractors.shaving import cid, cuts
@@ -59,20 +57,6 @@ def test_unbounded_and_single_boxes_are_no_obstacle(make: type[Newton]) -> None:
     net.add(x <= -5)
     huge = Box(net.names, [-8e307, 1.0], [8e307, 1.0])
     assert make(net).contract(huge).box.is_empty or make is Newton
-
-
-@settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_no_solution_of_a_random_system_is_lost(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 4))
-    solution = rng.integers(-8, 9, n) / 4.0
-    a, b = rng.integers(-4, 5, (2, n, n)) / 2.0
-    net = ConstraintNetwork()
-    x = net.variable("x", n, (-10, 10))
-    net.add(a @ x + b @ (x * x) == a @ solution + b @ solution**2)
-    for contractor in (cid(net), Newton(net)):
-        assert solution in contractor.contract(net.domain).box
 
 
 def test_cuts_cover_and_batches_agree_with_single_boxes(monkeypatch: pytest.MonkeyPatch) -> None:

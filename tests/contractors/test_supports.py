@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Lifted
+from contractors import Lifted
 from contractors.lifted import Directions, over_box
 from cpcal.calibration import least_squares
 from cpcal.models import leg_box, leg_network, model_residuals
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
@@ -116,11 +115,6 @@ def test_directions_of_any_size_lose_nothing(power: int) -> None:
             for c, lo, hi in zip(d, box.lo, box.hi, strict=True)
         )
         assert highest <= Fraction(bound)
-
-
-def test_lifted_offers_them_and_hc4_does_not() -> None:
-    assert isinstance(Lifted(strip()), SupportFunction)
-    assert not isinstance(HC4(strip()), SupportFunction)
 
 
 @settings(max_examples=5, deadline=None)

@@ -210,23 +210,6 @@ def test_center_and_delta_define_the_box(bent: Campaign, exact: LegResult) -> No
     assert point.bracket.lo == pytest.approx(point.bracket.hi, rel=2e-6)
 
 
-def test_a_time_limit_gives_a_valid_open_bracket(bent: Campaign, certified: LegResult) -> None:
-    found = only(bent, time_limit=1e-9)
-    assert found.bracket.lo <= certified.bracket.hi
-    assert found.bracket.hi >= certified.bracket.lo
-    assert found.bracket.verdict is Verdict.UNKNOWN
-
-
-def test_ctrl_c_keeps_what_is_proved(bent: Campaign) -> None:
-    def interrupt(leg: int, bracket: object) -> None:
-        if leg == 2:
-            raise KeyboardInterrupt
-
-    result = certify(without_sets(bent), legs=[1, 2, 3], progress=interrupt)
-    assert result.interrupted
-    assert [found.leg for found in result.legs] == [1, 2]
-
-
 def test_bad_options_are_reported_together(bent: Campaign) -> None:
     with pytest.raises(InputError) as error:
         certify(bent, legs=[0, 1, 1], delta=-1.0, center="mean", gap=1.0, time_limit=0.0, eps=float("nan"))

@@ -6,7 +6,6 @@ import math
 import re
 from html.parser import HTMLParser
 
-import numpy as np
 import pytest
 from rich.console import Console
 from tinyhtml5.parser import HTMLParser as Html5
@@ -15,7 +14,7 @@ import cpcal
 from cpcal.cli.certify import show_result
 from cpcal.cli.verbs import Talk
 from cpcal.files import campaign_sha256
-from cpcal.models import PARAMETERS, PLAIN, reading_moves
+from cpcal.models import PARAMETERS, PLAIN
 from cpcal.report import QUANTIFIER, write_report
 from cpcal.report.run_page import REPORT_NAME, render
 from tests.report.made import made_leg, made_result
@@ -173,28 +172,6 @@ def test_one_exact_measurement_and_no_residual_at_all():
     page = render(single, result_of(single, leg))
     harmless(page)
     assert "taken as exact" in page
-
-
-def test_room_of_the_readings_agrees_with_corners_of_their_sets(campaign):
-    leg = 3
-    x = campaign.robot.parameters[leg - 1]
-    room = reading_moves(campaign, leg, x).sum(axis=1)
-    largest = np.zeros(len(campaign))
-    centre = _residual(campaign, x, leg, np.zeros(6))
-    for corner in np.ndindex(*(2,) * 6):
-        signs = 2.0 * np.array(corner) - 1.0
-        moved = np.abs(_residual(campaign, x, leg, signs) - centre) + campaign.length_radius[:, leg - 1]
-        largest = np.maximum(largest, moved)
-    np.testing.assert_allclose(room, largest, rtol=2e-3)
-
-
-def _residual(campaign, x, leg, signs):
-    from cpcal.robot import quaternion_product, rotation_matrix, small_rotation
-
-    turn = small_rotation(signs[3:] * campaign.rotation_radius)
-    arm = rotation_matrix(quaternion_product(turn, campaign.quaternion)) @ x[3:6]
-    position = campaign.position + signs[:3] * campaign.position_radius
-    return np.linalg.norm(position + arm - x[:3], axis=1) - campaign.length[:, leg - 1] - x[6]
 
 
 def test_a_tolerance_makes_the_page_say_pass_or_fail(campaign):

@@ -127,17 +127,6 @@ def test_dots_of_something_else_are_refused() -> None:
         reason(predicted_centers(other, DELTALAB_CAMERA, pose))
 
 
-def test_self_maps_lay_dots_onto_dots() -> None:
-    maps = self_maps(DELTALAB_TARGET)
-    dots = DELTALAB_TARGET.dots
-    for k in range(len(maps.matrix)):
-        moved = mapped(maps.matrix[k], dots)
-        onto = maps.image[k] >= 0
-        assert np.abs(moved[onto] - dots[maps.image[k][onto]]).max() < 0.25 * DELTALAB_TARGET.radius
-    assert (maps.image >= 0).sum(axis=1).max() == 127  # the reflection in the first row: all but the second
-    assert (maps.image[~maps.mirrored] >= 0).sum(axis=1).max() == 122  # turns: all but eleven of the rows' thirteen
-
-
 def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
     """The worst false and missing dots there are: each takes the target a step towards itself turned by 90 degrees."""
     maps, dots = self_maps(DELTALAB_TARGET), DELTALAB_TARGET.dots

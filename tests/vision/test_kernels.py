@@ -10,9 +10,8 @@ from benchmarks.vision_scenes import facing_poses, one
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots.segmentation import ellipses, noise_level
-from cpcal.vision.identify import View, pairs
 from cpcal.vision.pose import Pixels, fit, fit_pose
-from cpcal.vision.projection import centers_by_pose, determinants, eigenvalues, inverses, median, placed_centers
+from cpcal.vision.projection import centers_by_pose, placed_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
@@ -79,35 +78,3 @@ def test_the_noise_level_is_that_of_the_pixels(kind, top):
     for noise in (0.0, 2.0, 8.0):
         image = np.clip(np.rint(100.0 + noise * rng.standard_normal((600, 800))), 0, top).astype(kind)
         assert noise_level(image) == pytest.approx(np.hypot(noise, np.sqrt(1 / 12)), rel=0.05)
-
-
-def test_pairs_are_each_others_nearest():
-    rng = np.random.default_rng(4)
-    points, places = rng.random((60, 2)), rng.random((50, 2))
-    places[3] = np.nan
-    found = np.full(50, -1)
-    nearest, numbers = pairs(View(points, 1.0, 0.0, DELTALAB_CAMERA), places, 0.1)
-    found[numbers] = nearest
-    square = ((places[:, None] - points) ** 2).sum(axis=2)
-    square[3] = np.inf
-    for i in range(50):
-        k = int(square[i].argmin())
-        mutual = square[i, k] <= 0.01 and square[:, k].argmin() == i
-        assert found[i] == (k if mutual else -1)
-
-
-def test_symmetric_matrices_as_lapack_has_them() -> None:
-    half = np.random.default_rng(1).normal(size=(500, 2, 2))
-    matrices = half @ half.transpose(0, 2, 1) + 0.01 * np.eye(2)
-    largest = np.linalg.eigvalsh(matrices)[:, 1:]
-    assert np.abs((eigenvalues(matrices) - np.linalg.eigvalsh(matrices)) / largest).max() < 1e-14
-    np.testing.assert_allclose(determinants(matrices), np.linalg.det(matrices), rtol=1e-11)
-    np.testing.assert_allclose(inverses(matrices) @ matrices, np.broadcast_to(np.eye(2), (500, 2, 2)), atol=1e-9)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 10, 133])
-def test_the_median_is_numpys(count: int) -> None:
-    values = np.random.default_rng(count).normal(size=count)
-    assert median(values) == np.median(values)
-    values[count // 2] = np.nan
-    assert np.isnan(median(values))

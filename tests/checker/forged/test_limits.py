@@ -22,10 +22,6 @@ from tests.checker.valid.exact_legs import in_fractions, parts
 UP, DOWN = math.inf, -math.inf
 
 
-def moved(text: str, towards: float) -> str:
-    return math.nextafter(float.fromhex(text), towards).hex()
-
-
 def last_shown(shown: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
     """Neighbours, the first of which is not shown and the second is."""
     while math.nextafter(low, UP) < high:
@@ -47,19 +43,6 @@ def with_eps(proof: Any, eps: float) -> list[dict[str, Any]]:
         x = at_point([float.fromhex(v) for v in point["at"]])
         point["readings"] = stretchings(proof.problem, x, proof.problem.chosen)
     return lines[: proof.head + 1]
-
-
-@pytest.mark.parametrize("name", ["exact_proof", "uncertain_proof", "network_proof"])
-def test_bounds_one_ulp_beyond_the_proof(name: str, request: pytest.FixtureRequest, verdict: Any) -> None:
-    """The bound that is written is the last float64 that is proved; the next one is refused."""
-    proof = request.getfixturevalue(name)
-    for n in range(3):
-        lines = proof.copy()
-        entry = lines[-1]["bounds"][n]
-        entry[2] = moved(entry[2], UP if entry[1] == "lo" else DOWN)
-        with pytest.raises(Refused, match="prove less") as caught:
-            verdict(lines, proof.folder)
-        assert caught.value.line == len(lines)
 
 
 def test_eps_one_ulp_below_the_least_that_the_point_shows(verdict: Any, exact_proof: Any) -> None:

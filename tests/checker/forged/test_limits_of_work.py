@@ -113,13 +113,6 @@ def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.Mo
     assert caught.value.line == network_proof.head
 
 
-def test_claims_about_no_measurements(verdict: Any, exact_proof: Any) -> None:
-    lines = exact_proof.copy()
-    lines[0]["only"] = []
-    with pytest.raises(Refused, match="no measurements"):
-        verdict(lines, exact_proof.folder)
-
-
 def test_too_many_unknowns(verdict: Any, tmp_path: Path) -> None:
     """So that open boxes stay small."""
     many = 1001
