@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cpcal.checker import Accepted, ExactCampaign, LegCertificates, check
+from cpcal.checker import Accepted, LegCertificates, check
 from cpcal.cli import verify
 from cpcal.solver.execution.executors import executor_for
 
@@ -41,23 +38,3 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LegCertificates, "proved", proved)
     monkeypatch.setattr(verify, "check", once)
     monkeypatch.setattr(verify, "executor_for", lambda count: executor_for(1))
-
-
-def remembered(check: Callable[..., Accepted]) -> Callable[..., Accepted]:
-    """`cpcal.checker.check` for many runs that share certificates; what it refuses it judges each time.
-
-    The campaign is given, or the certificate states its constraints itself: no other file is looked for.
-    """
-    known: dict[object, Accepted] = {}
-
-    @wraps(check)
-    def judged(certificate: Path, campaign: ExactCampaign | None = None, **options: Any) -> Accepted:
-        of = None if campaign is None else campaign.sha256
-        key = sha256(certificate.read_bytes()).hexdigest(), of, tuple(sorted(options.items()))
-        if key not in known:
-            found = check(certificate, campaign, **options)
-            assert found.campaign == of
-            known[key] = found
-        return known[key]
-
-    return judged

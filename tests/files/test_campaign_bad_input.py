@@ -124,13 +124,6 @@ def test_missing_files_and_folders(tmp_path):
             load_campaign(tmp_path / folder)
 
 
-def test_binary_rubbish(tmp_path):
-    rubbish = bytes(range(256)) * 4000
-    found = refused(tmp_path, toml=rubbish, table=rubbish)
-    assert {row[0] for row in found} == {"campaign.toml", "measurements.csv"}
-    assert "not UTF-8" in found[0][2]
-
-
 @pytest.mark.parametrize(
     "toml",
     [

@@ -1,7 +1,6 @@
 """Documents from outside: whatever the bytes, a document or one clear refusal."""
 
 import contextlib
-import json
 import os
 
 import pytest
@@ -46,12 +45,6 @@ def refusal(tmp_path, content):
 )
 def test_what_is_no_sensible_json(tmp_path, content, what):
     assert what in refusal(tmp_path, content)
-
-
-def test_an_object_is_read_as_it_was_written(tmp_path):
-    data = {"a": [1, -0.5, 1e300, None, True], "b": {"\u00e9\n": "\U0001f600"}}
-    (tmp_path / "x").write_text(json.dumps(data))
-    assert json_object(tmp_path / "x", "", "") == data
 
 
 @given(st.binary(max_size=60) | st.text(alphabet='{}[]",:\\ud8f0123456789eE+-.NIatrufln ', max_size=60))

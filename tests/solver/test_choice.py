@@ -8,8 +8,8 @@ import pytest
 import cpcal
 from contractors import HC4
 from cpcal.common.errors import ModelError
-from cpcal.solver.contract import Contraction, Limits, Verdict
-from cpcal.solver.model import choice_to_minimize, choice_to_solve, default_width
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.model import choice_to_minimize, choice_to_solve
 from cpcal.solver.network.polynomial import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
 
@@ -111,13 +111,6 @@ def test_curves_and_surfaces_are_paved_without_options(unknowns: int, width: flo
         assert any((box.lo - 1e-12 <= point).all() and (point <= box.hi + 1e-12).all() for box in paving.boundary)
 
 
-def test_a_surface_is_cut_into_as_many_boxes_as_a_curve() -> None:
-    for unknowns, width in ((2, 0.008), (3, 0.1)):
-        net = made(unknowns)
-        ball = net.domain.with_bounds(-np.ones(unknowns), np.ones(unknowns))
-        assert default_width(net, lambda box=ball: box)[0] == width  # type: ignore[misc]
-
-
 def test_the_chosen_width_follows_what_is_left_of_the_domain() -> None:
     net = cpcal.Network()
     x, y = net.variable("x", domain=(-1e6, 1e6)), net.variable("y", domain=(-1e6, 1e6))
@@ -134,22 +127,6 @@ def test_a_width_that_is_asked_for_holds() -> None:
     single = circle_and_line().solve()
     assert "was chosen" not in single.method  # single points: 1e-6
     assert max(s.box.width.max() for s in single.solutions) <= 1e-6
-
-
-def test_a_contender_without_progress_sits_out_and_comes_back() -> None:
-    net = circle_and_line()
-
-    class Nothing(HC4):
-        def contract(self, box, deadline=0.0):  # type: ignore[no-untyped-def]
-            return Contraction(box, ())
-
-    stuck = Contender("stuck", lambda: Search([net.domain], Divide(Nothing(net), LargestFirst(1e-9))), 1)
-    steady = Contender("steady", lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-9))), 1)
-    race, turns = Race([stuck, steady]), []
-    for _ in race:
-        turns.append((stuck.nodes, steady.nodes))
-    assert race.leader is steady
-    assert 1 < stuck.nodes < steady.nodes / 2
 
 
 def test_turns_are_shorter_where_a_node_takes_longer() -> None:
@@ -205,11 +182,3 @@ def test_a_time_limit_holds_while_rows_are_expanded() -> None:
     assert {constraint for constraint, _ in forms.leftover} == set(range(6))
     assert {reason for _, reason in forms.leftover} == {"the time limit came first"}
     assert net.solve(limits=Limits(seconds=0.0)).nodes <= 1
-
-
-def test_a_contender_gives_up_after_its_turns_but_not_the_last_one() -> None:
-    net = circle_and_line()
-    made = [Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-4))), 1, 2) for n in "ab"]
-    race = Race(made)
-    list(race)
-    assert race.leader.ended

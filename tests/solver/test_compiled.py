@@ -242,11 +242,3 @@ def test_what_a_compiled_function_calls_can_be_called_from_python_too(modules, c
     (modules / "foreign.py").write_text(FOREIGN)
     out, err = begun(modules, f"from foreign import *\nprint({calls})").communicate(timeout=100)
     assert sorted(out.split()) == ["2.0", "3.0", "4.0"], err
-
-
-def test_the_plain_function_is_the_compiled_one():
-    @compiled.compiled
-    def half(x: float) -> float:
-        return x / 2.0
-
-    assert half(3.0) == compiled.plain(half)(3.0) == 1.5

@@ -90,53 +90,35 @@ def campaign():
     return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12)
 
 
-def stopped_after(campaign, looks, folder=None, **options):
-    """A certify that is asked to stop when it looks for the so-maniest time."""
-    left = iter(range(looks))
-    question = replace(question_of(campaign, delta=0.5, legs=[1, 2], **options), certificates=folder)
-    source = lambda: None if next(left, None) is not None else Reason.INTERRUPTED  # noqa: E731
-    with heard(), also_asked_by(source):
-        return answered(question)
-
-
-def looks_of(campaign, **options):
-    """How often a certify looks."""
+def stopped_after(campaign, looks, folder):
+    """A certify that is asked to stop when it looks for the so-maniest time, and how often it looked."""
     count = 0
 
     def source():
         nonlocal count
         count += 1
+        return Reason.INTERRUPTED if count > looks else None
 
-    question = question_of(campaign, delta=0.5, legs=[1, 2], **options)
-    with also_asked_by(source):
-        whole = answered(question)
-    return count, whole
+    folder.mkdir()
+    save_campaign_json(campaign, folder)
+    with heard(), also_asked_by(source):
+        return answered(replace(question_of(campaign, delta=0.5, legs=[1, 2]), certificates=folder)), count
 
 
-def test_whenever_it_is_asked_a_leg_that_is_answered_stays(campaign):
-    count, whole = looks_of(campaign)
-    numbers = set()
-    for looks in range(0, count, max(count // 3, 1)):
-        part = stopped_after(campaign, looks)
+def test_whenever_it_is_asked_a_leg_that_is_answered_stays_and_has_its_certificate(campaign, tmp_path):
+    (whole, count), numbers = stopped_after(campaign, 10**9, tmp_path / "whole"), set()
+    for looks in range(0, count, max(count // 4, 1)):
+        run = tmp_path / str(looks)
+        part, _ = stopped_after(campaign, looks, run)
         assert part.interrupted or len(part.legs) == 2
         numbers.add(len(part.legs))
         for leg, complete in zip(part.legs, whole.legs, strict=False):
             assert leg.bracket.lo <= complete.bracket.lo
             assert leg.bracket.hi >= complete.bracket.hi
-    assert numbers == {0, 1, 2}
-
-
-def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
-    count, _ = looks_of(campaign)
-    for looks in range(2, count, max(count // 4, 1)):
-        run = tmp_path / str(looks)
-        run.mkdir()
-        save_campaign_json(campaign, run)
-        part = stopped_after(campaign, looks, run)
-        for leg in part.legs:
             assert leg.certified == (run / f"leg{leg.leg}.cert.jsonl").exists()
             if leg.certified:
                 assert check(run / leg.bracket.certificate).claims.eps_lo == F(leg.bracket.lo)
+    assert numbers == {0, 1, 2}
 
 
 def test_what_a_leg_needed_is_free_when_it_is_answered(campaign, tmp_path):

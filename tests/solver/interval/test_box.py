@@ -99,10 +99,7 @@ def test_misuse_is_a_model_error(make: Callable[[], object], reason: str) -> Non
 def test_one_empty_component_makes_the_box_empty() -> None:
     empty = Box.empty(NAMES)
     assert empty.is_empty
-    assert np.isnan(empty.lo).all()
-    assert np.isnan(empty.hi).all()
-    assert np.isnan(empty.mid).all()
-    assert np.isnan(empty.width).all()
+    assert np.isnan([empty.lo, empty.hi, empty.mid, empty.width]).all()
     assert empty["x"].is_empty
     nan = math.nan
     for same in (
@@ -118,8 +115,7 @@ def test_one_empty_component_makes_the_box_empty() -> None:
     ):
         assert same == empty
         assert hash(same) == hash(empty)
-        assert np.isnan(same.lo).all()
-        assert np.isnan(same.hi).all()
+        assert np.isnan([same.lo, same.hi]).all()
     assert empty != Box.empty(["x"])
 
 

@@ -15,7 +15,7 @@ import cpcal
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Equalities
-from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 from cpcal.solver.network.expression import as_expr
@@ -161,18 +161,3 @@ def test_what_a_callback_adds_is_no_part_of_the_answer() -> None:
     paving = net.solve(progress=lambda event: net.add(x == 0.75))
     assert [(0.5,) in solution.box for solution in paving.solutions] == [True]
     assert paving.solutions[0].verdict.value == "proved"
-
-
-def test_a_thick_constant_keeps_its_identity() -> None:
-    constant = as_expr(Interval(0, 1))
-    net = Network()
-    x, y = net.variable("x", domain=(0, 0.2)), net.variable("y", domain=(0.8, 1))
-    net.add([x == constant, y == pickle.loads(pickle.dumps(constant))])
-    assert constant.digest == pickle.loads(pickle.dumps(constant)).digest != as_expr(Interval(0, 1)).digest
-
-
-def test_networks_without_a_name_are_told_apart_too() -> None:
-    a, b = Network(), Network()
-    assert a.name != b.name
-    with pytest.raises(ModelError, match=f"{a.name!r}, not to {b.name!r}"):
-        b.add(a.variable("x") == 1)

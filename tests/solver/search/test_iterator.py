@@ -18,12 +18,9 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search import (
     ORDERS,
-    Decision,
     Divide,
     EventKind,
     LargestFirst,
-    Node,
-    Piece,
     Search,
     Smear,
     bisect,
@@ -35,13 +32,6 @@ def ring() -> ConstraintNetwork:
     x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-3, 5))
     net.add((x**2 + y**2).within((4.0, 4.1)))
     return net
-
-
-class Nothing:
-    """Contracts nothing."""
-
-    def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
-        return Contraction(box)
 
 
 POINTS = [(2 * np.cos(a) * 1.01, 2 * np.sin(a) * 1.01) for a in np.linspace(0, 6.28, 40)]
@@ -122,43 +112,6 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
     assert covered([node.box for node in search.pending])
     rest = [event.contraction.box for event in search if event.kind is EventKind.KEPT]
     assert covered(rest)
-
-
-def test_urgent_first_then_in_order_of_age() -> None:
-    boxes = [Box.from_dict({"x": (k, k + 1)}) for k in (3, 1, 2, 1)]
-    search = Search(boxes, Divide(Nothing(), LargestFirst(10.0)), lambda node: float(node.box.lo[0]))
-    assert [node.serial for node in search.pending] == [1, 3, 2, 0]
-    assert [event.node.serial for event in search] == [1, 3, 2, 0]
-
-
-def test_what_a_decision_depends_on_travels_in_the_node() -> None:
-    """A process without memory: each node knows how often it may still be halved, and from which side it came."""
-
-    def process(node: Node) -> Decision:
-        left, path = node.state
-        if left == 0:
-            return Decision(EventKind.KEPT, Contraction(node.box), (Piece(node.box, path),))
-        halves = bisect(node.box, 0)
-        pieces = tuple(Piece(half, (left - 1, path + side)) for half, side in zip(halves, "lr", strict=True))
-        return Decision(EventKind.SPLIT, Contraction(node.box), pieces)
-
-    search = Search([Piece(Box.from_dict({"x": (0, 8)}), (2, ""))], process)
-    events = list(search)
-    assert len({event.node.serial for event in events}) == len(events) == 7
-    assert {piece.state: float(piece.box.lo[0]) for piece in search.kept} == {"ll": 0, "lr": 2, "rl": 4, "rr": 6}
-    assert [event.node.depth for event in events if event.kind is EventKind.KEPT] == [2, 2, 2, 2]
-
-
-def test_a_box_that_shrinks_comes_back_as_one_node_of_the_same_depth() -> None:
-    net = ConstraintNetwork()
-    x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))
-    net.add([2 * y == x, x == y])
-    search = Search([net.domain], Divide(HC4(net), LargestFirst(1.0), again=0.9))
-    events = list(search)
-    assert {event.kind for event in events} == {EventKind.CONTRACTED, EventKind.KEPT}
-    assert all(len(event.children) == (event.kind is EventKind.CONTRACTED) for event in events)
-    assert {event.node.depth for event in events} == {0}
-    assert search.kept[0].box.width.max() < 1.0
 
 
 # strategies -------------------------------------------------------------------------------------------------
