@@ -115,7 +115,7 @@ def test_inequalities_hold_for_all_solutions_of_the_interval_rows(decomposition:
 # nonlinear networks -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LINEAR)
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 10**6))
 def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) -> None:
@@ -127,9 +127,10 @@ def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) 
     x = truth.parameters[leg - 1]
     center = x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-3, 2))
     net = leg_network(campaign, leg, leg_box(center, delta), eps=(0.0, 10.0))
-    found = KINDS[kind](net, objective="eps").contract(net.domain)
-    for eps in (0.0, 10.0):
-        assert np.append(x, eps) in found.box
+    box = net.domain
+    for _ in range(2):
+        box = LINEAR[kind](net, objective="eps").contract(box).box
+        assert all(np.append(x, eps) in box for eps in (0.0, 10.0))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import struct
-import zlib
 
 import numpy as np
 import pytest
@@ -37,15 +35,6 @@ def test_jpeg_and_transparency(tmp_path):
     assert read_image(written(tmp_path / "b.png", four)).shape == (48, 64, 3)
 
 
-def chunk(kind, data):
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-def _png_that_claims(width, height):
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
-
-
 def test_what_is_no_image_has_a_reason(tmp_path):
     good = written(tmp_path / "good.png", GREY).read_bytes()
     photo = written(tmp_path / "good.jpg", GREY).read_bytes()
@@ -55,16 +44,12 @@ def test_what_is_no_image_has_a_reason(tmp_path):
         "cut.png": (good[: len(good) // 2], "truncated"),
         "cut.jpg": (photo[: len(photo) // 2], "truncated"),
         "head.png": (good[:20], "read"),
-        "huge.png": (_png_that_claims(60_000, 60_000), "pixels"),
-        "hollow.png": (_png_that_claims(64, 48), "."),
         "float.tiff": (None, "float32"),
     }
     written(tmp_path / "float.tiff", GREY.astype(np.float32))
     for name, (content, reason) in bad.items():
         if content is not None:
             (tmp_path / name).write_bytes(content)
-        if name == "hollow.png":  # OpenCV may give a black image or none
-            continue
         with pytest.raises(UnreadableImageError, match=reason) as caught:
             read_image(tmp_path / name)
         assert str(tmp_path) not in str(caught.value)
