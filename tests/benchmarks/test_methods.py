@@ -77,11 +77,6 @@ def test_solvers_agree_where_they_are_installed(name: str) -> None:
     assert not ask(name, "refute-0.9", 1.1 * BEST, 5.0).answered
 
 
-@pytest.mark.parametrize("name", PEERS)
-def test_every_peer_says_what_it_is_worth(name: str) -> None:
-    assert method(name).guarantee
-
-
 @pytest.mark.peers
 @pytest.mark.parametrize("name", PEERS)
 def test_every_peer_refuses_uncertain_readings(name: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks import runs
-from benchmarks.commands import SUITES, app, compared, contradictions, page_of, selected
+from benchmarks.commands import SUITES, app, compared, contradictions
 from benchmarks.problems import problem
 from benchmarks.runs import (
     ANSWERED,
@@ -65,25 +64,20 @@ def test_whatever_happens_is_a_result(method: str, status: str, note: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("method", "status", "note"), [("Good", ANSWERED, ""), ("Crashing", FAILED, "segmentation fault")]
+    ("method", "options", "status", "note"),
+    [
+        ("Good", {}, ANSWERED, ""),
+        ("Crashing", {}, FAILED, "segmentation fault"),
+        ("Overrunning", {}, TIMEOUT, "killed"),
+        ("Good", {"setup": 0.01}, FAILED, "set-up"),  # never ready: no timeout of the task
+    ],
 )
-def test_a_process_tells_its_run_or_how_it_ended(method: str, status: str, note: str) -> None:
-    run = perform(job(method))
+def test_a_process_tells_its_run_or_how_it_ended(
+    method: str, options: dict[str, float], status: str, note: str
+) -> None:
+    run = perform(job(method, 0.2 if status == TIMEOUT else 60.0), **options)
     assert run.status == status
     assert note in run.note
-
-
-def test_a_limit_holds_for_who_ignores_it() -> None:
-    began = time.monotonic()
-    run = perform(job("Overrunning", limit=0.2))
-    assert (run.status, run.seconds) == (TIMEOUT, 0.2)
-    assert time.monotonic() - began < 100.0
-
-
-def test_a_process_that_is_never_ready_is_no_timeout_of_the_task() -> None:
-    run = perform(job("Good"), setup=0.01)
-    assert run.status == FAILED
-    assert "set-up" in run.note
 
 
 @pytest.fixture
@@ -125,24 +119,6 @@ def test_what_contradicts_a_proof_is_called_wrong() -> None:
     assert contradictions([claims]) == [claims]  # nothing is proved of this problem
 
 
-def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:
-    for suite in SUITES.values():
-        for name, task, methods in suite.entries:
-            assert Task.named(task).value > 0.0
-            assert methods
-            if name.startswith("leg"):
-                assert problem(name).measurements >= 64
-
-
-def test_names_that_mean_nothing_are_refused() -> None:
-    with pytest.raises(ValueError, match="no problem is called"):
-        problem("leg7-e1-n64-d1")
-    with pytest.raises(ValueError, match="multiple of 64"):
-        problem("leg1-e1-n65-d1")
-    with pytest.raises(ValueError, match="no task is called"):
-        Task.named("guess-1")
-
-
 def test_a_family_of_problems_is_found_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     metadata = tmp_path / "shapes-1.0.dist-info"
     metadata.mkdir()
@@ -172,13 +148,6 @@ def test_what_is_saved_is_loaded_and_other_files_are_refused(tmp_path: Path) -> 
         load(path)
 
 
-def test_medians_and_failures() -> None:
-    medians = results().medians()
-    lifted = medians["p", MINIMISE, "lifted"]
-    assert (lifted.seconds, lifted.cpu) == pytest.approx((0.2, 0.15))
-    assert medians["p", MINIMISE, "peer"].status == FAILED
-
-
 def test_a_comparison_flags_nodes_statuses_and_what_is_missing_and_not_programs() -> None:
     moved = replace(RUNS[0], cpu=0.4, figures={**RUNS[0].figures, "nodes": 3.0})
     text, passed = compared(results(RUNS[0], *RUNS[4:]), results(moved, replace(RUNS[-1], status=ANSWERED), RUNS[4]))
@@ -194,12 +163,33 @@ def test_a_comparison_flags_nodes_statuses_and_what_is_missing_and_not_programs(
     assert "programs 60 became 61" in text
 
 
-def test_commands_make_pages_compare_and_list(tmp_path: Path) -> None:
+def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
+    facts = machine()
+    assert {"processor", "python", "cpcal", "numpy"} <= facts.keys()
+    assert not any("/" in value for value in facts.values())
+
+
+def test_every_suite_speaks_of_problems_and_tasks_that_there_are() -> None:
+    for suite in SUITES.values():
+        for name, task, methods in suite.entries:
+            assert Task.named(task).value > 0.0
+            assert methods
+            if name.startswith("leg"):
+                assert problem(name).measurements >= 64
+    for name in ("leg7-e1-n64-d1", "leg1-e1-n65-d1"):
+        with pytest.raises(ValueError, match=r"no problem is called|multiple of 64"):
+            problem(name)
+
+
+@pytest.mark.usefixtures("here")
+def test_a_part_of_a_suite_is_run_written_compared_and_made_a_page(tmp_path: Path) -> None:
     path, other, runner = tmp_path / "r.json", tmp_path / "s.json", CliRunner()
+    good = ["-m", "tests.benchmarks.fakes:Good", "-p", EASY, "-o", str(path), "--repeat", "1"]
+    assert runner.invoke(app, ["run", "spine", "-t", "certify-1e-06", *good]).exit_code == 0
+    assert [run.task for run in load(path).runs] == ["certify-1e-06"]
     save(results(), path)
     assert runner.invoke(app, ["page", str(path)]).exit_code == 0
     text = path.with_suffix(".md").read_text()
-    assert text == page_of(results())
     assert "licence \\| too small" in text
     assert "`other` was not asked: not installed" in text
     assert runner.invoke(app, ["compare", str(path), str(path)]).exit_code == 0
@@ -207,25 +197,3 @@ def test_commands_make_pages_compare_and_list(tmp_path: Path) -> None:
     assert runner.invoke(app, ["compare", str(path), str(other)]).exit_code == 1
     said = runner.invoke(app, ["list"]).output
     assert all(word in said for word in ("quick", "spine", "minimise", "gurobi", "hc4"))
-
-
-def test_a_part_of_a_suite() -> None:
-    entries = (("p", "a-1", ("x", "y")), ("q", "a-1", ("x",)), ("q", "b-1", ("x",)))
-    assert selected(entries, None, ["q"], None) == [("q", "a-1", ("x",)), ("q", "b-1", ("x",))]
-    assert selected(entries, ["z"], ["p"], None) == [("p", "a-1", ("z",))]
-    assert selected(entries, ["z"], ["r"], ["b-1"]) == [("r", "b-1", ("z",))]
-
-
-def test_the_machine_is_described_without_names_of_hosts_and_folders() -> None:
-    facts = machine()
-    assert {"processor", "python", "cpcal", "numpy"} <= facts.keys()
-    assert not any("/" in value for value in facts.values())
-
-
-@pytest.mark.usefixtures("here")
-def test_a_suite_is_run_and_written(tmp_path: Path) -> None:
-    path, runner = tmp_path / "r.json", CliRunner()
-    good = ["-m", "tests.benchmarks.fakes:Good", "-p", EASY, "-o", str(path), "--repeat", "1"]
-    assert runner.invoke(app, ["run", "spine", "-t", "certify-1e-06", *good]).exit_code == 0
-    assert [run.task for run in load(path).runs] == ["certify-1e-06"]
-    assert runner.invoke(app, ["run", "nosuch"]).exit_code == 2
