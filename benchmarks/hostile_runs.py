@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from itertools import combinations_with_replacement, islice, repeat
+from itertools import chain, combinations_with_replacement, islice, repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,22 +98,21 @@ def written(lines: Iterable[Line], path: Path) -> None:
             out.write(text)
 
 
-def certificate(case: Callable[[], Any]) -> Callable[[], Any]:
-    """A case that is one certificate."""
-    CASES[case.__name__] = lambda folder: written(case(), folder / "hostile.cert.jsonl")
-    return case
-
-
 SMALL = (header(1, 1, lo="-" + ONE), constraint([[[0], ONE]]), CLAIMS)
+WIDE = (header(1000, 1), constraint([[[0], ONE]]), CLAIMS)  # of a thousand unknowns
 
 
-@certificate
-def a_root_of_4000_terms_squared() -> list[Line]:
-    wide = [[m, ONE] for m in monomials(1000, 1, 1000)] + [[m, ONE] for m in monomials(100, 2, 3000)]
-    return [header(1000, 1), constraint([[[], ONE]], root=True, at_most=wide), CLAIMS, exclusion()]
+def with_body(unknowns: int, body: list[Any], *more: Line, **options: Any) -> Iterator[Line]:
+    """A certificate of one constraint, and its steps: an exclusion, if none are given."""
+    yield from (header(unknowns, 1, **options), constraint(body), CLAIMS, *(more or (exclusion(),)))
 
 
-@certificate
+def splits(start: tuple[Line, ...], unknowns: int) -> Iterator[Line]:
+    yield from start
+    for n in range(19_900):
+        yield {"split": 2 * n, "unknown": n % unknowns, "at": ZERO, "into": [2 * n + 1, 2 * n + 2]}
+
+
 def squares_of_a_thousand_unknowns() -> Iterator[Line]:
     """Each monomial takes 6,000 bits."""
     yield header(1000, 40)
@@ -125,105 +124,66 @@ def squares_of_a_thousand_unknowns() -> Iterator[Line]:
         yield bounds(1, weights([[k, 1] for k in range(4)]), some)
 
 
-@certificate
-def monomials_of_degree_8() -> list[Line]:
-    body = [[m, ONE] for m in monomials(30, 8, 80_000)]
-    return [header(30, 1), constraint(body), CLAIMS, exclusion()]
-
-
-@certificate
 def many_constraints_of_degree_8() -> list[Line]:
     bodies = [constraint([[m, ONE] for m in monomials(20, 8, 40)]) for _ in range(2000)]
     rows, all_of_them = [["upper", k] for k in range(2000)], weights([[k, 1] for k in range(2000)])
     return [header(20, 2000), *bodies, CLAIMS, exclusion(rows=rows, weights=all_of_them)]
 
 
-@certificate
-def powers_of_long_numbers() -> list[Line]:
-    body = [[m, LONG + "p+1100"] for m in monomials(6, 8, 1000)]
-    return [header(6, 1, lo=f"-{LONG}p+1100", hi=LONG + "p+1100"), constraint(body), CLAIMS, exclusion()]
+def a_root_of_4000_terms_squared() -> list[Line]:
+    wide = [[m, ONE] for m in monomials(1000, 1, 1000)] + [[m, ONE] for m in monomials(100, 2, 3000)]
+    return [header(1000, 1), constraint([[[], ONE]], root=True, at_most=wide), CLAIMS, exclusion()]
 
 
-@certificate
-def products_of_long_numbers() -> Iterator[Line]:
-    yield from (
-        header(8, 1, lo=f"-{LONG}p-500", hi=LONG + "p+0"),
-        constraint([[m, LONG + "p+0"] for m in monomials(8, 4, 300)]),
-    )
-    yield CLAIMS
-    yield from repeat(bounds(1, weights()), 3000)
-
-
-@certificate
-def numbers_far_apart() -> list[Line]:
-    body = [[m, "0x1p+1100" if n % 2 else "0x1p-1100"] for n, m in enumerate(monomials(6, 8, 1000))]
-    return [header(6, 1, lo="0x1p-1100", hi="0x1p+1100"), constraint(body), CLAIMS, exclusion()]
-
-
-@certificate
-def splits_of_a_thousand_unknowns() -> Iterator[Line]:
-    yield from (header(1000, 1), constraint([[[0], ONE]]), CLAIMS)
-    for n in range(19_900):
-        yield {"split": 2 * n, "unknown": n % 1000, "at": ZERO, "into": [2 * n + 1, 2 * n + 2]}
-
-
-@certificate
-def splits_of_one_unknown() -> Iterator[Line]:
-    yield from SMALL
-    for n in range(19_900):
-        yield {"split": 2 * n, "unknown": 0, "at": ZERO, "into": [2 * n + 1, 2 * n + 2]}
-
-
-@certificate
-def a_hundred_thousand_steps() -> Iterator[Line]:
-    yield from (header(1000, 1), constraint([[[0], ONE]]), CLAIMS)
-    yield from repeat(bounds(0, weights()), 100_000)
-
-
-@certificate
-def bounds_by_the_thousand() -> Iterator[Line]:
-    yield from SMALL
-    yield from repeat(bounds(30_000, weights()), STEPS)
-
-
-@certificate
-def bounds_of_long_numbers() -> Iterator[Line]:
-    yield from (header(2, 1, lo=f"-{LONG}p-500", hi=LONG + "p-900"), constraint([[[0], ONE]]), CLAIMS)
-    yield from repeat(bounds(9_000, weights(tangents=[[1, LONG + "p-800", 1]])), STEPS)
-
-
-@certificate
-def rows_that_no_bound_needs() -> Iterator[Line]:
-    yield from SMALL
-    yield from repeat(bounds(0, weights(), [["upper", 0]] * 300_000), STEPS)
-
-
-@certificate
-def products_by_the_thousand() -> Iterator[Line]:
-    yield from (header(1000, 1), constraint([[[0], ONE]]), CLAIMS)
-    yield from repeat(bounds(1, weights(products=[[i, j, 1, -1, 1] for i in range(1000) for j in range(100)])), STEPS)
-
-
-@certificate
-def tangents_by_the_thousand() -> Iterator[Line]:
-    yield from (header(1000, 1), constraint([[[0], ONE]]), CLAIMS)
-    yield from repeat(bounds(1, weights(tangents=[[999, ONE, 1]] * 200_000)), STEPS)
-
-
-@certificate
-def sums_that_grow_from_step_to_step() -> Iterator[Line]:
-    """Each term of a row of 20,000 was once charged a quarter unit, and each step's rows were kept."""
-    body = [[m, ONE] for m in monomials(200, 2, 20_000)]
-    yield from (header(200, 1, lo="-" + ONE), constraint(body), CLAIMS)
-    yield from repeat(bounds(1, weights()), 3000)
-
-
-@certificate
 def a_point_of_many_constraints() -> Iterator[Line]:
     yield header(2, 100_000, lo="-" + ONE)
     yield from repeat(constraint([[[0], ONE]]), 100_000)
     point = {"at": [ZERO, ZERO], "holds": "all", "readings": None, "factor": None, "fails": []}
     yield CLAIMS | {"infeasible": False, "point": point}
+
+
+CERTIFICATES: dict[str, Callable[[], Iterable[Line]]] = {
+    **{
+        case.__name__: case
+        for case in (
+            a_root_of_4000_terms_squared, squares_of_a_thousand_unknowns, many_constraints_of_degree_8,
+            a_point_of_many_constraints,
+        )
+    },
+    "monomials_of_degree_8": lambda: with_body(30, [[m, ONE] for m in monomials(30, 8, 80_000)]),
+    "powers_of_long_numbers": lambda: with_body(
+        6, [[m, LONG + "p+1100"] for m in monomials(6, 8, 1000)], lo=f"-{LONG}p+1100", hi=LONG + "p+1100"),
+    "products_of_long_numbers": lambda: with_body(
+        8, [[m, LONG + "p+0"] for m in monomials(8, 4, 300)], *repeat(bounds(1, weights()), 3000),
+        lo=f"-{LONG}p-500", hi=LONG + "p+0"),
+    "numbers_far_apart": lambda: with_body(
+        6, [[m, f"0x1p{'+' if n % 2 else '-'}1100"] for n, m in enumerate(monomials(6, 8, 1000))],
+        lo="0x1p-1100", hi="0x1p+1100"),
+    "splits_of_a_thousand_unknowns": lambda: splits(WIDE, 1000),
+    "splits_of_one_unknown": lambda: splits(SMALL, 1),
+    "a_hundred_thousand_steps": lambda: chain(WIDE, repeat(bounds(0, weights()), 100_000)),
+    "bounds_by_the_thousand": lambda: chain(SMALL, repeat(bounds(30_000, weights()), STEPS)),
+    "bounds_of_long_numbers": lambda: with_body(
+        2, [[[0], ONE]], *repeat(bounds(9_000, weights(tangents=[[1, LONG + "p-800", 1]])), STEPS),
+        lo=f"-{LONG}p-500", hi=LONG + "p-900"),
+    "rows_that_no_bound_needs": lambda: chain(
+        SMALL, repeat(bounds(0, weights(), [["upper", 0]] * 300_000), STEPS)),
+    "products_by_the_thousand": lambda: chain(WIDE, repeat(bounds(1, weights(
+        products=[[i, j, 1, -1, 1] for i in range(1000) for j in range(100)])), STEPS)),
+    "tangents_by_the_thousand": lambda: chain(
+        WIDE, repeat(bounds(1, weights(tangents=[[999, ONE, 1]] * 200_000)), STEPS)),
+    # each term of a row of 20,000 was once charged a quarter unit, and each step's rows were kept
+    "sums_that_grow_from_step_to_step": lambda: with_body(
+        200, [[m, ONE] for m in monomials(200, 2, 20_000)], *repeat(bounds(1, weights()), 3000), lo="-" + ONE),
+}  # fmt: skip
+
+
+def alone(name: str) -> Callable[[Path], None]:
+    """A case that is one certificate."""
+    return lambda folder: written(CERTIFICATES[name](), folder / "hostile.cert.jsonl")
+
+
+CASES |= {name: alone(name) for name in CERTIFICATES}
 
 
 # runs ---------------------------------------------------------------------------------------------------------------
