@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.models import PARAMETERS
-from cpcal.report import errors_svg, residuals_drawing
+from cpcal.report import errors_svg
 from cpcal.report.figures import FARTHEST, INK, MOST_POINTS, Plot, evenly, tick_labels, worst_of_neighbours
 from tests.report.made import made_leg, made_result
 
@@ -41,11 +41,6 @@ def test_ticks_lie_in_the_range_evenly_and_not_too_many(lo, width, most):
     assert np.allclose(steps, steps[:1], rtol=1e-6)
 
 
-@given(st.integers(1, 10**6), st.integers(2, 9))
-def test_whole_ticks_are_integers(count, most):
-    assert all(t == round(t) for t in evenly(0.0, count + 1.0, most, whole=True))
-
-
 def test_labels_say_the_numbers_with_few_digits():
     assert tick_labels([-0.5, 0.0, 0.5]) == ["−0.5", "0.0", "0.5"]
     assert tick_labels([0.0, 0.25]) == ["0.00", "0.25"]
@@ -61,15 +56,6 @@ def test_the_corners_of_the_data_are_those_of_the_frame_and_words_are_no_markup(
     plot.line(INK, [(-1.0, 0.0), (1.0, 2.0)])
     assert ">&lt;b&gt;&amp;</text>" in plot.svg("x")
     assert f'd="M{left:g} {bottom:g}L{right:g} {top:g}"' in plot.svg("x")
-
-
-def test_marks_off_the_frame_and_those_that_are_no_numbers_are_not_drawn():
-    plot = Plot((200.0, 100.0), (0.0, 1.0), (0.0, 1.0), ("x", "y"))
-    before = len(plot.elements)
-    plot.marks([(1.1, 0.5), (0.5, -0.1), (math.nan, 0.5), (0.5, math.inf)], "x", INK, 5.0)
-    assert len(plot.elements) == before
-    plot.marks([(1.0, 0.0), (1.1, 0.5)], "dot", INK, 5.0)
-    assert plot.elements[-1].count("M") == 1
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -112,13 +98,6 @@ def test_a_figure_is_a_document_of_its_own_in_colours_that_a_viewer_knows(tmp_pa
     assert text.startswith('<svg xmlns="http://www.w3.org/2000/svg" ')
     assert "var(--" not in text
     assert "#17693a" in text
-
-
-def test_residuals_of_the_proved_point_are_drawn_where_there_is_one():
-    found = residuals_drawing(CAMPAIGN, leg())
-    assert found is not None
-    assert found._repr_html_().count(f"<title>{len(CAMPAIGN)} ") == 1
-    assert residuals_drawing(CAMPAIGN, leg(point=None)) is None
 
 
 def test_of_many_measurements_the_worst_of_each_run_of_neighbours_are_drawn_and_the_support():

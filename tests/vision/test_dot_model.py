@@ -49,15 +49,6 @@ def test_so_it_is_behind_other_lenses(model: str, distortion: list[float]) -> No
         assert np.abs(predicted_centers(DELTALAB_TARGET, camera, one(poses, k)) - wanted).max() < 2e-5
 
 
-def test_without_distortion_it_is_exact() -> None:
-    rng = np.random.default_rng(1)
-    straight = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.zeros(5))
-    poses = facing_poses(rng, 1)
-    pose = one(poses, 0)
-    wanted = conic_centers(contours(DELTALAB_TARGET, straight, pose))
-    assert np.abs(predicted_centers(DELTALAB_TARGET, straight, pose) - wanted).max() < 1e-9
-
-
 @pytest.mark.parametrize("distortion", [DELTALAB_CAMERA.distortion, np.array([-0.25, 0.11, 2e-3, -3e-3, 0.05])])
 def test_the_derivatives_by_the_pose_are_good_to_a_thousandth(distortion: Floats) -> None:
     camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, distortion)

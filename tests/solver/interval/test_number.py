@@ -86,21 +86,7 @@ def test_points_are_floats_and_sets_around_numbers_hold_them() -> None:
     assert IntervalArray.point([[1, 2.5]]).lo.tolist() == [[1.0, 2.5]]
 
 
-NO_NUMBERS = [
-    "0.1",
-    b"1",
-    True,
-    np.True_,
-    1 + 0j,
-    np.complex128(1),
-    None,
-    [1],
-    {1, 2},
-    {1: 2},
-    object(),
-    np.array([1.0, 2.0]),
-    np.datetime64("2020-01-01"),
-]
+NO_NUMBERS = ["0.1", b"1", True, np.True_, 1 + 0j, None, [1], {1: 2}, np.array([1.0, 2.0]), np.datetime64("2020-01-01")]
 NO_ARRAYS = [
     "0.1",
     ["0.1", 1.0],

@@ -101,17 +101,6 @@ def test_where_a_library_has_switched_small_numbers_off_no_bound_is_computed(
         net.solve()
 
 
-def test_intersect_hull_and_subset_of_arrays() -> None:
-    x = IntervalArray(np.array([0.0, 0.0, np.nan]), np.array([1.0, 1.0, np.nan]))
-    y = IntervalArray(np.array([0.5, 2.0, 0.0]), np.array([3.0, 3.0, 1.0]))
-    np.testing.assert_array_equal(x.intersect(y).lo, [0.5, np.nan, np.nan])
-    np.testing.assert_array_equal(x.intersect(y).hi, [1.0, np.nan, np.nan])
-    np.testing.assert_array_equal(x.hull(y).lo, [0.0, 0.0, 0.0])
-    np.testing.assert_array_equal(x.hull(y).hi, [3.0, 3.0, 1.0])
-    np.testing.assert_array_equal(x.subset(y), [False, False, True])
-    np.testing.assert_array_equal(x.intersect(y).subset(x), [True, True, True])
-
-
 @pytest.mark.skipif(not MODES, reason="the numbers of the modes are those of other processors")
 def test_a_plug_in_that_changes_it_ends_the_search(rounding: ctypes.CDLL) -> None:
     class Switching:
