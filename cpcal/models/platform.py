@@ -320,7 +320,7 @@ class Equations:
 
     def _in_legs(self, gradients: IntervalArray) -> tuple[Floats, Floats]:
         """(K, n, ..., n): coefficients of y in what has these gradients (K, n, ..., 6) in z = C y, and how far off."""
-        inverse = self.inverse.reshape((len(self.inverse), *[1] * (gradients.ndim - 3), *self.inverse.shape[1:]))
+        inverse = self.inverse.reshape((len(self.inverse), *[1] * (len(gradients.shape) - 3), *self.inverse.shape[1:]))
         middle = gradients.mid
         off = np.maximum(gradients.hi - middle, middle - gradients.lo) + _LOST * gradients.mag
         return middle @ inverse, (off @ np.abs(inverse)) * _ROUNDED

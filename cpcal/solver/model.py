@@ -44,9 +44,9 @@ from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
 from cpcal.solver.execution.stopping import heard
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
-from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval import Box
 from cpcal.solver.interval.numbers import float_bounds
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, PolynomialForms, evaluate
 from cpcal.solver.network.expression import as_expr, topological
 from cpcal.solver.network.forms import with_products
 from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
@@ -299,7 +299,7 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         largest = max(sizes, default=0)
         if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False
-    system = polynomial_form(network, deadline=deadline)
+    system = PolynomialForms(network, deadline).on()
     return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS
 
 
@@ -361,7 +361,7 @@ def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
     scale = 1 << max(int(c).bit_length() for c in polynomial.coeffs())
     total = as_expr(0.0)
     for exponents, coefficient in polynomial.to_dict().items():
-        term = as_expr(IntervalArray(*float_bounds(Fraction(int(coefficient), scale))))
+        term = as_expr(Fraction(int(coefficient), scale))
         for k, power in enumerate(exponents):
             term = term * unknowns[k] ** int(power) if power else term
         total = total + term

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.interval import Box
-from cpcal.solver.network import ConstraintNetwork, polynomial_form, sqrt
+from cpcal.solver.network import ConstraintNetwork, PolynomialForms, sqrt
 from cpcal.solver.network.rows import DecisiveReadings
 from cpcal.solver.testing import Case, cases
 
 
 def rows_hold(net: ConstraintNetwork, box: Box, point: list[float]) -> list[bool]:
     """For every row of the linear programs, in exact arithmetic, whether the point's monomials satisfy it."""
-    system = polynomial_form(net, DecisiveReadings(net).on(box))
+    system = PolynomialForms(net).on(DecisiveReadings(net).on(box))
     relaxation = Relaxation(Structure(system), box)
     scaled = zip(point, relaxation.center, relaxation.radius, strict=True)
     u = [(Fraction(x) - Fraction(c)) / Fraction(r) if r else Fraction(0) for x, c, r in scaled]
@@ -68,7 +68,7 @@ def test_columns_are_capped_and_the_rows_still_hold() -> None:
         i, j, m = (Fraction(v) for v in (point[k], point[(k + 1) % 5], point[(k + 2) % 5]))
         value = i - Fraction(1, 2) * i**3 * j**4 * m**4 + j**5 * m**6
         net.add(row <= float(np.nextafter(float(value), np.inf)))
-    structure = Structure(polynomial_form(net))
+    structure = Structure(PolynomialForms(net).on())
     assert len(structure.system.monomials) > 300
     assert structure.used.sum() <= 150
     assert len(structure.positions) == 5
@@ -84,6 +84,6 @@ def test_rows_with_too_many_products_are_left_over_and_named() -> None:
     for k in range(1, 30):
         product = product * x[k]  # a billion divisors
     net.add([product == 0.5, x.sum() == 1, (x.sum() + 1) ** 12 <= 3])
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert {constraint for constraint, _ in system.leftover} == {0, 2}
     assert set(system.origin[:, 0].tolist()) == {1}

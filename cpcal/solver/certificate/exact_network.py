@@ -25,7 +25,7 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, as_expr, positions, sqr
+from cpcal.solver.network.expression import Expr, as_expr, sqr
 from cpcal.solver.network.forms import NotExact, exactly
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import terms
@@ -297,11 +297,8 @@ class ExactPolynomials:
     """Evaluates expressions to arrays of polynomials; every node once."""
 
     def __init__(self, network: ConstraintNetwork) -> None:
-        self._known: dict[bytes, Objects] = {}
-        start = 0
-        for leaf in network.variables:
-            self._known[leaf.digest] = np.asarray(_unknowns(positions(leaf.shape) + start), dtype=object)
-            start += math.prod(leaf.shape)
+        places = network.places.items()
+        self._known: dict[bytes, Objects] = {leaf: np.asarray(_unknowns(k), dtype=object) for leaf, k in places}
 
     def of(self, root: Expr) -> Objects:
         """Raises NotStated."""

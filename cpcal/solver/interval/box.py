@@ -192,18 +192,14 @@ class Box:
     def __getitem__(self, name: str | Variable) -> Interval | IntervalArray:
         """Of a component by its name; of a variable all components, in its shape."""
         if not isinstance(name, str):
-            return self._of_variable(name)
+            if getattr(name, "op", "") != "variable":
+                raise ModelError(f"a box is asked for a component's name or for a variable, not for {name!r}")
+            if name.shape:
+                where = np.array([self.index(one) for one in component_names(name)]).reshape(name.shape)
+                return IntervalArray(self.lo[where], self.hi[where])
+            name = name.name
         i = self.index(name)
         return Interval.empty() if self.is_empty else Interval(float(self.lo[i]), float(self.hi[i]))
-
-    def _of_variable(self, variable: Variable) -> Interval | IntervalArray:
-        if getattr(variable, "op", "") != "variable":
-            raise ModelError(f"a box is asked for a component's name or for a variable, not for {variable!r}")
-        if not variable.shape:
-            return self[variable.name]
-        names = [f"{variable.name}[{','.join(map(str, k))}]" for k in np.ndindex(variable.shape)]
-        where = np.array([self.index(name) for name in names]).reshape(variable.shape)
-        return IntervalArray(self.lo[where], self.hi[where])
 
     def replace(self, name_or_index: str | int, lo: Number | None = None, hi: Number | None = None) -> Box:
         """A box with another lower or upper bound (or both) of one variable; lo > hi gives the empty box."""
@@ -225,6 +221,8 @@ class Box:
         return Box._raw(self.names, lower, upper)
 
     def _same_names(self, other: Box) -> None:
+        if not isinstance(other, Box):
+            raise TypeError(f"{other!r} is no box")
         if self.names != other.names:
             raise ModelError(f"boxes of different variables: {list(self.names)} and {list(other.names)}")
 
@@ -238,11 +236,7 @@ class Box:
         self._same_names(other)
         return Box._raw(self.names, np.fmin(self.lo, other.lo), np.fmax(self.hi, other.hi))
 
-    def __and__(self, other: Box) -> Box:
-        return self.intersect(other) if isinstance(other, Box) else NotImplemented
-
-    def __or__(self, other: Box) -> Box:
-        return self.hull(other) if isinstance(other, Box) else NotImplemented
+    __and__, __or__ = intersect, hull
 
     def subset(self, other: Box) -> bool:
         """Whether every point of this box is one of other; the empty box lies in all."""
@@ -267,7 +261,7 @@ class Box:
         return hash(self._key())
 
     def _key(self) -> tuple[tuple[str, ...], bytes, bytes]:
-        return (self.names, b"", b"") if self.is_empty else (self.names, self.lo.tobytes(), self.hi.tobytes())
+        return self.names, self.lo.tobytes(), self.hi.tobytes()
 
     def __repr__(self) -> str:
         if self.is_empty:
@@ -285,6 +279,13 @@ class Box:
             return ", ".join(f"{name} in {self[name]}" for name in self.names)
         longest = max(map(len, self.names))
         return "\n".join(f"{name:<{longest}} in {self[name]}" for name in self.names)
+
+
+def component_names(variable: Variable) -> tuple[str, ...]:
+    """`x` for a scalar, `x[0]`, `x[1]` or `x[0,1]` for the components of an array."""
+    if variable.shape == ():
+        return (variable.name,)
+    return tuple(f"{variable.name}[{','.join(map(str, index))}]" for index in np.ndindex(variable.shape))
 
 
 def checked_name(name: object) -> str:

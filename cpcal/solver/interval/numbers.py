@@ -41,15 +41,13 @@ _EXACT_INTEGERS = 2**53  # every integer up to here is a float64
 
 def round_down(value: Number) -> float:
     """The greatest float64 that is at most value. NaN stays NaN; ModelError for what is no real number."""
-    real = _comparable(value)
-    nearest = _nearest(real)
+    real, nearest = _with_nearest(value)
     return math.nextafter(nearest, -math.inf) if nearest > real else nearest
 
 
 def round_up(value: Number) -> float:
     """The least float64 that is at least value. NaN stays NaN; ModelError for what is no real number."""
-    real = _comparable(value)
-    nearest = _nearest(real)
+    real, nearest = _with_nearest(value)
     return math.nextafter(nearest, math.inf) if nearest < real else nearest
 
 
@@ -96,12 +94,13 @@ def _comparable(value: object) -> Any:
     raise ModelError(f"{reprlib.repr(value)} is no real number: give an int, a float, a Fraction or a Decimal")
 
 
-def _nearest(value: Any) -> float:
-    """The float64 nearest to value, infinite beyond their range."""
+def _with_nearest(value: object) -> tuple[Any, float]:
+    """The same number, comparable with floats, and the float64 nearest to it, infinite beyond their range."""
+    real = _comparable(value)
     try:
-        return float(value)
+        return real, float(real)
     except OverflowError:  # an int or a fraction
-        return math.inf if value > 0 else -math.inf
+        return real, math.inf if real > 0 else -math.inf
 
 
 def _as_array(values: object) -> np.ndarray[Any, Any]:
@@ -169,8 +168,7 @@ class IntervalArray:
         operands = (self, self if other is None else other)
         shape = np.broadcast_shapes(*(x.shape for x in operands))
         out = np.zeros(math.prod(shape)), np.zeros(math.prod(shape))
-        # in arrays of their own: loops are compiled for those that may be written
-        a, b = ((x.lo.flatten(), x.hi.flatten()) for x in (x.broadcast_to(shape) for x in operands))
+        a, b = (x.broadcast_to(shape).reshape((-1,)).copied() for x in operands)
         elementwise(code, n, a, b, out)
         return IntervalArray(*out).reshape(shape)
 
@@ -189,11 +187,11 @@ class IntervalArray:
         shape, count = (*self.shape[:-1], y.shape[1]), math.prod(self.shape[:-1])
         lo, hi = np.zeros((2, count, y.shape[1]))
         if self.lo.size:
-            rows = self.reshape((count, self.shape[-1]))
-            products(rows._own(), y._own(), (lo, hi))
+            products(self.reshape((count, self.shape[-1])).copied(), y.copied(), (lo, hi))
         return IntervalArray(lo, hi).reshape(shape)
 
-    def _own(self) -> tuple[Floats, Floats]:
+    def copied(self) -> tuple[Floats, Floats]:
+        """The bounds in arrays of their own: kernels are compiled for arrays that may be written."""
         return np.array(self.lo, np.float64, order="C"), np.array(self.hi, np.float64, order="C")
 
     @classmethod
@@ -223,10 +221,6 @@ class IntervalArray:
     @property
     def shape(self) -> tuple[int, ...]:
         return self.lo.shape
-
-    @property
-    def ndim(self) -> int:
-        return self.lo.ndim
 
     @property
     def empty(self) -> Bools:
@@ -281,14 +275,6 @@ class IntervalArray:
             lo, hi = np.where(empty, np.nan, lo), np.where(empty, np.nan, hi)
         return IntervalArray(lo, hi)
 
-    def hull(self, other: IntervalArray) -> IntervalArray:
-        """Elementwise convex hull of the union; the empty interval is neutral."""
-        return IntervalArray(np.fmin(self.lo, other.lo), np.fmax(self.hi, other.hi))
-
-    def subset(self, other: IntervalArray) -> Bools:
-        """Which elements lie inside those of `other`; the empty interval lies inside all."""
-        return np.asarray(self.empty | ((self.lo >= other.lo) & (self.hi <= other.hi)))
-
     def __getitem__(self, index: Any) -> IntervalArray:
         return IntervalArray(self.lo[index], self.hi[index])
 
@@ -317,8 +303,10 @@ def format_bound(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
-def _operator(kernel: str, swapped: bool = False) -> Callable[[Interval, Interval | Number], Interval]:
-    def operate(self: Interval, other: Interval | Number) -> Interval:
+def _operator(kernel: str, swapped: bool = False) -> Callable[..., Interval]:
+    def operate(self: Interval, other: Interval | Number | None = None) -> Interval:
+        if other is None:
+            return _computed(kernel, self)
         if not isinstance(other, Interval):
             if not isinstance(other, _NUMBERS):
                 return NotImplemented  # type: ignore[no-any-return]  # as Python's operators do
@@ -347,16 +335,13 @@ class Interval:
             raise ModelError(f"[{lower}, {upper}] is not an interval: give numbers lo <= hi, or Interval.empty()")
         if lower == math.inf or upper == -math.inf:
             raise ModelError(f"[{lower}, {upper}] holds no real number: infinity can only be the far end")
-        self._set(lower, upper)
-
-    def _set(self, lo: float, hi: float) -> None:
         # Adding zero turns -0.0 into 0.0, so that equal intervals have equal bits (Box, hash, JSON).
-        fill(self, lo=lo + 0.0, hi=hi + 0.0)
+        fill(self, lo=lower + 0.0, hi=upper + 0.0)
 
     @classmethod
     def _raw(cls, lo: float, hi: float) -> Interval:
         interval = object.__new__(cls)
-        interval._set(lo, hi)
+        fill(interval, lo=lo + 0.0, hi=hi + 0.0)
         return interval
 
     @classmethod
@@ -408,12 +393,6 @@ class Interval:
         """The smallest interval that contains both; `|` for short. The empty interval is neutral."""
         return _computed("hull", self, other)
 
-    def __and__(self, other: Interval) -> Interval:
-        return self.intersect(other) if isinstance(other, Interval) else NotImplemented
-
-    def __or__(self, other: Interval) -> Interval:
-        return self.hull(other) if isinstance(other, Interval) else NotImplemented
-
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Interval):
             return NotImplemented
@@ -428,26 +407,19 @@ class Interval:
     def _array(self) -> IntervalArray:
         return IntervalArray(np.array(self.lo), np.array(self.hi))
 
-    __add__, __radd__ = _operator("add"), _operator("add", swapped=True)
-    __sub__, __rsub__ = _operator("sub"), _operator("sub", swapped=True)
-    __mul__, __rmul__ = _operator("mul"), _operator("mul", swapped=True)
-    # Hull of the quotients by the divisor's nonzero points.
-    __truediv__, __rtruediv__ = _operator("div"), _operator("div", swapped=True)
-
-    def __neg__(self) -> Interval:
-        return Interval._raw(-self.hi, -self.lo)
+    # A quotient is the hull of those by the divisor's nonzero points; the square root is of the part that is >= 0.
+    __add__, __sub__, __mul__, __truediv__, __and__, __or__ = map(
+        _operator, ("add", "sub", "mul", "div", "meet", "hull")
+    )
+    __radd__, __rsub__, __rmul__, __rtruediv__ = (
+        _operator(name, swapped=True) for name in ("add", "sub", "mul", "div")
+    )
+    __neg__, __abs__, sqrt = map(_operator, ("neg", "absolute", "sqrt"))
 
     def __pow__(self, exponent: int) -> Interval:
         if not isinstance(exponent, int | np.integer):
             return NotImplemented
         return _computed("power", self, n=(int(exponent),))
-
-    def __abs__(self) -> Interval:
-        return _computed("absolute", self)
-
-    def sqrt(self) -> Interval:
-        """Square root of the part that is >= 0."""
-        return _computed("sqrt", self)
 
     def __repr__(self) -> str:
         return "Interval.empty()" if self.is_empty else f"Interval({self.lo!r}, {self.hi!r})"

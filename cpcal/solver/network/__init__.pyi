@@ -1,7 +1,7 @@
 from .expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from .forms import CentredForm, evaluate
 from .network import ConstraintNetwork
-from .polynomial import PolynomialSystem, one_sided_rows, polynomial_form
+from .polynomial import PolynomialForms, PolynomialSystem, one_sided_rows
 from .rows import rows_tape
 from .tape import Tape
 
@@ -10,6 +10,7 @@ __all__ = [
     "Constraint",
     "ConstraintNetwork",
     "Expr",
+    "PolynomialForms",
     "PolynomialSystem",
     "Tape",
     "evaluate",
@@ -17,7 +18,6 @@ __all__ = [
     "minimum",
     "norm",
     "one_sided_rows",
-    "polynomial_form",
     "rows_tape",
     "sqr",
     "sqrt",

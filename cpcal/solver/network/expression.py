@@ -12,7 +12,8 @@ import os
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from fractions import Fraction
+from functools import reduce
 from typing import Any, NoReturn, TypeVar, Union
 
 import numpy as np
@@ -94,20 +95,33 @@ def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
     return (node for node in topological(roots) if not node.args)
 
 
-Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
+Operand = Union["Expr", float, int, Fraction, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
 
 SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 _LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 
-def _unary(op: str) -> Callable[[Expr], Expr]:
-    return lambda x: Expr(op, (x,), x.shape)
+def _named(op: str, meaning: str = "") -> Callable[[Operand], Expr]:
+    def function(x: Operand) -> Expr:
+        arg = as_expr(x)
+        return Expr(op, (arg,), arg.shape)
+
+    function.__name__ = function.__qualname__ = op
+    function.__doc__ = meaning
+    return function
 
 
 def _both_ways(op: str) -> tuple[Callable[[Expr, Operand], Expr], Callable[[Expr, Operand], Expr]]:
     """An operator and the reflected one, which has an expression on its right."""
     return lambda x, y: binary(op, x, y), lambda y, x: binary(op, x, y)
+
+
+def _refused(why: str) -> Callable[..., NoReturn]:
+    def refuse(*_: object) -> NoReturn:
+        raise ModelError(why)
+
+    return refuse
 
 
 _NO_PLACES = _frozen(np.zeros(0, np.intp))
@@ -187,7 +201,7 @@ class Expr:
 
     # arithmetic -----------------------------------------------------------------------------------
 
-    __neg__, __abs__ = _unary("neg"), _unary("abs")
+    __neg__, __abs__ = _named("neg"), _named("abs")
     __add__, __radd__ = _both_ways("add")
     __sub__, __rsub__ = _both_ways("sub")
     __mul__, __rmul__ = _both_ways("mul")
@@ -247,13 +261,21 @@ class Expr:
         return (self[k] for k in range(len(self)))
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        return numpy_ufunc(ufunc, method, inputs, options)
+        name = ufunc.__name__
+        if ufunc is np.add and method == "reduce":
+            return total(inputs[0], options.get("axis", 0))
+        if method != "__call__" or options or not (name in _UFUNCS or name in _OPERATORS):
+            known = ", ".join((*_UFUNCS, *_OPERATORS))
+            raise ModelError(f"numpy.{name} is no operation of expressions; there are {known}")
+        return _UFUNCS[name](*inputs) if name in _UFUNCS else _OPERATORS[name](as_expr(inputs[0]), inputs[1])
 
     def __array_function__(self, called: Any, types: Any, args: Any, options: Any) -> Any:
-        return numpy_function(called, args, options)
+        if called not in _FUNCTIONS:
+            known = ", ".join(known.__name__ for known in _FUNCTIONS)
+            raise ModelError(f"numpy.{called.__name__} takes no expressions; there are {known}")
+        return _FUNCTIONS[called](*args, **options)
 
-    def __float__(self) -> NoReturn:
-        raise ModelError("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")
+    __float__ = _refused("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")
 
     # constraints ----------------------------------------------------------------------------------
 
@@ -276,22 +298,22 @@ class Expr:
     def __ge__(self, other: Operand) -> Constraint:
         return (self - other).within((0.0, np.inf))
 
-    def __ne__(self, other: object) -> NoReturn:
-        raise ModelError("`!=` is no constraint here: the set would not be closed")
-
-    def __lt__(self, other: object) -> NoReturn:
-        raise ModelError("`<` and `>` are no constraints here, the set would not be closed: write `<=` or `>=`")
-
-    __gt__ = __lt__
-
-    def __bool__(self) -> bool:
-        raise ModelError("an expression has no truth value; build a constraint and add it to a network")
+    __ne__ = _refused("`!=` is no constraint here: the set would not be closed")
+    __lt__ = __gt__ = _refused("`<` and `>` are no constraints here, the set would not be closed: write `<=` or `>=`")
+    __bool__ = _refused("an expression has no truth value; build a constraint and add it to a network")
 
     def __repr__(self) -> str:
         return f"<Expr {self} of shape {self.shape}>"
 
     def __str__(self) -> str:
-        return text(self)
+        """As mathematics; arrays of numbers by their shape."""
+
+        def written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
+            said, rank = _written(node, args)
+            half = _LONGEST // 2
+            return (f"{said[:half]} ... {said[-half:]}" if len(said) > _LONGEST else said), rank
+
+        return folded(self, written)[0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -336,11 +358,10 @@ class Constraint:
         )
         return ("" if left else f"{self.lower} <= ") + str(self.body) + ("" if right else f" <= {self.upper}")
 
-    def __bool__(self) -> bool:
-        raise ModelError(
-            "a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`, and "
-            "`numpy.stack([x, y])` for `numpy.array([x, y])`, whose elements numpy compares one by one"
-        )
+    __bool__ = _refused(
+        "a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`, and "
+        "`numpy.stack([x, y])` for `numpy.array([x, y])`, whose elements numpy compares one by one"
+    )
 
 
 def as_expr(value: Operand) -> Expr:
@@ -403,18 +424,8 @@ _RANK = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 2, "sqr": 4, "power": 4}
 _TIGHT = 5
 
 
-def text(expr: Expr) -> str:
-    """As mathematics; arrays of numbers by their shape."""
-
-    def written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
-        said, rank = _written(node, args)
-        half = _LONGEST // 2
-        return (f"{said[:half]} ... {said[-half:]}" if len(said) > _LONGEST else said), rank
-
-    return folded(expr, written)[0]
-
-
 def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
+    """And how tightly it binds."""
     rank = _RANK.get(node.op, _TIGHT)
     if not node.args:
         return _leaf(node), _TIGHT
@@ -459,16 +470,6 @@ def _leaf(node: Expr) -> str:
 # Elementary functions of expressions, element by element.
 
 _LARGEST = 2**31  # of a whole exponent
-
-
-def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
-    def function(x: Operand) -> Expr:
-        arg = as_expr(x)
-        return Expr(op, (arg,), arg.shape)
-
-    function.__name__ = function.__qualname__ = op
-    function.__doc__ = meaning
-    return function
 
 
 sqr = _named("sqr", "Square (tighter than `x * x` over intervals).")
@@ -558,10 +559,6 @@ def power(x: Operand, exponent: Operand) -> Expr:
 _Function = Callable[..., Any]
 
 
-def _operated(operate: _Function, x: Operand, y: Operand) -> Any:
-    return operate(as_expr(x), y)
-
-
 _OPERATORS: dict[str, _Function] = {
     "add": operator.add,
     "subtract": operator.sub,
@@ -593,17 +590,7 @@ _UFUNCS: dict[str, _Function] = {
     "negative": lambda x: -as_expr(x),
     "positive": as_expr,
     "reciprocal": lambda x: 1.0 / as_expr(x),
-    **{name: partial(_operated, operate) for name, operate in _OPERATORS.items()},
 }
-
-
-def numpy_ufunc(function: Any, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
-    """What `Expr.__array_ufunc__` returns. ModelError for what has no meaning."""
-    if function is np.add and method == "reduce":
-        return total(inputs[0], options.get("axis", 0))
-    if method != "__call__" or options or function.__name__ not in _UFUNCS:
-        raise ModelError(f"numpy.{function.__name__} is no operation of expressions; there are {', '.join(_UFUNCS)}")
-    return _UFUNCS[function.__name__](*inputs)
 
 
 def total(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
@@ -674,11 +661,3 @@ _FUNCTIONS: dict[Any, _Function] = {
     np.reshape: lambda x, shape: as_expr(x).reshape(shape),
     np.ravel: lambda x: as_expr(x).reshape(-1),
 }
-
-
-def numpy_function(called: Any, args: Sequence[Any], options: dict[str, Any]) -> Any:
-    """What `Expr.__array_function__` returns. ModelError for what has no meaning."""
-    if called not in _FUNCTIONS:
-        known = ", ".join(known.__name__ for known in _FUNCTIONS)
-        raise ModelError(f"numpy.{called.__name__} takes no expressions; there are {known}")
-    return _FUNCTIONS[called](*args, **options)

@@ -10,7 +10,6 @@ Both come from one sweep from each element to its leaves.
 
 from __future__ import annotations
 
-import math
 import operator
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -26,7 +25,7 @@ from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.expression import Constraint, Expr, Operand, as_expr, folded, topological
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import one_sided
-from cpcal.solver.network.tape import ReadingSets, Tape
+from cpcal.solver.network.tape import Tape
 
 
 def evaluate(network: ConstraintNetwork, expr: Operand, box: Box) -> IntervalArray:
@@ -84,12 +83,8 @@ def exactly(root: Expr, known: dict[bytes, Any], number: Callable[[float], Any])
 
 def exactly_zero(network: ConstraintNetwork, roots: Iterable[Expr], point: Floats) -> bool:
     """Whether expressions are 0 at a point (n,), in fractions; False also where they hold roots or functions."""
-    known, start = dict[bytes, Any](), 0
-    for leaf in network.variables:
-        count = math.prod(leaf.shape)
-        values = np.array([Fraction(v) for v in point[start : start + count].tolist()], dtype=object)
-        known[leaf.digest] = values.reshape(leaf.shape)
-        start += count
+    fractions = np.array([Fraction(v) for v in point.tolist()], dtype=object)
+    known: dict[bytes, Any] = {digest: np.asarray(fractions[where]) for digest, where in network.places.items()}
     try:
         return all(bool((exactly(root, known, Fraction) == 0).all()) for root in roots)
     except (NotExact, ZeroDivisionError):
@@ -107,24 +102,21 @@ class CentredForm:
 
     def at(self, point: Floats) -> IntervalArray:
         """Enclosure (K,) of f(c, M) at a point c (n,): its natural form and f(c, m) + B (M - m)."""
-        tape = self._tape
-        slots = self._forward(IntervalArray.point(point))
+        tape, boxes = self._tape, IntervalArray.point(point)[None]
+        slots = tape.forward(boxes)
         natural = tape.values(slots)[0]
         if not tape.readings:
             return natural
-        value = tape.values(self._forward(IntervalArray.point(point), self._centers))[0]
+        value = tape.values(tape.forward(boxes, self._centers))[0]
         moves = tape.leaves() - tape.leaves(self._centers)
         total = tape.moved(tape.derivatives(slots[0]), value, moves)
         return natural.intersect(_or_line(total, tape.continuous_rows(slots[0]) & ~total.empty & ~value.empty))
 
     def jacobian(self, box: Box) -> IntervalArray:
         """Enclosure (K, n) of the derivatives over the box and all readings; the whole line where there is none."""
-        slots = self._forward(box.array)[0]
+        slots = self._tape.forward(box.array[None])[0]
         matrix = self._tape.jacobian(self._tape.derivatives(slots))
         return _or_line(matrix, self._tape.continuous_rows(slots)[:, None] & ~matrix.empty)
-
-    def _forward(self, flat: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:
-        return self._tape.forward(flat[None], readings)
 
 
 def _or_line(x: IntervalArray, known: Bools) -> IntervalArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import operator
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from copy import copy
@@ -22,16 +23,16 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Indices
 from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.interval.box import checked_name
+from cpcal.solver.interval.box import checked_name, component_names
 from cpcal.solver.network.expression import (
     Constraint,
     Expr,
-    Operand,
     Shape,
     as_expr,
     enclosed,
     leaves,
     pair,
+    positions,
     topological,
 )
 
@@ -52,7 +53,7 @@ class ConstraintNetwork:
         self._domains: dict[str, Box] = {}
         self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
-        self._made = Made()
+        self._made: dict[Hashable, Any] = {}  # the last few things that were made of it, by what they depend on
 
     def variable(
         self,
@@ -76,10 +77,7 @@ class ConstraintNetwork:
         self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
 
-    @staticmethod
-    def constant(value: Operand) -> Expr:
-        """An exact number or array, or an enclosure of one (Interval, IntervalArray)."""
-        return as_expr(value)
+    constant = staticmethod(as_expr)
 
     @staticmethod
     def reading(center: npt.ArrayLike, radius: npt.ArrayLike) -> Expr:
@@ -107,15 +105,11 @@ class ConstraintNetwork:
             self.check_owner(*item.parts)
         self._constraints += items
 
-    def owns(self, leaf: Expr) -> bool:
-        """Whether a leaf is a variable of this network (or of the one that this is a copy of)."""
-        own = self._variables.get(leaf.name)
-        return own is not None and leaf.digest == own.digest
-
     def check_owner(self, *roots: Expr) -> None:
-        """Raises ModelError where one of the expressions holds a variable of another network."""
+        """Raises ModelError where one of the expressions holds a variable of another network (copies have the same)."""
         for leaf in leaves(roots):
-            if leaf.op == "variable" and not self.owns(leaf):
+            own = self._variables.get(leaf.name)
+            if leaf.op == "variable" and (own is None or leaf.digest != own.digest):
                 raise ModelError(
                     f"variable {leaf.name!r} belongs to another network, {leaf.owner!r}, not to {self.name!r}: build "
                     f"each expression from the variables of one network (name them: Network(name=...))"
@@ -130,7 +124,7 @@ class ConstraintNetwork:
     def without_constraints(self) -> Self:
         """A new network with the same variables and domains and no constraints yet."""
         other = copy(self)
-        other._constraints, other._made = [], Made()
+        other._constraints, other._made = [], {}
         return other
 
     @property
@@ -149,6 +143,12 @@ class ConstraintNetwork:
     def names(self) -> tuple[str, ...]:
         """Component names of the flattened variables: the names in a `Box`."""
         return tuple(self._owner)
+
+    @property
+    def places(self) -> dict[bytes, Indices]:
+        """Of each variable, by its digest, where its components stand in a box, in its shape."""
+        starts = np.cumsum([0, *(math.prod(leaf.shape) for leaf in self.variables)])
+        return {leaf.digest: positions(leaf.shape) + k for leaf, k in zip(self.variables, starts, strict=False)}
 
     @property
     def domain(self) -> Box:
@@ -197,43 +197,25 @@ class ConstraintNetwork:
         parts = [part.digest for c in self._constraints for part in c.parts]
         box = self.domain
         key = (what, self.names, box.lo.tobytes(), box.hi.tobytes(), *parts)
-        return self._made.of(key, make)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Containers of its own for whoever copies this network: what is added to one is not added to the other."""
-        return {key: copy(value) for key, value in self.__dict__.items()}
-
-    def __repr__(self) -> str:
-        count = sum(int(np.prod(c.body.shape)) for c in self._constraints)
-        return f"<{type(self).__name__}: {len(self.names)} unknowns, {count} constraints>"
-
-
-class Made:
-    """The last few things that were made of a network, by what they depend on. Copies share them, pickles have none."""
-
-    def __init__(self) -> None:
-        self._known: dict[Hashable, Any] = {}
-
-    def of(self, key: Hashable, make: Callable[[], T]) -> T:
-        found: T | None = self._known.get(key)
+        found: T | None = self._made.get(key)
         if found is None:
-            self._known[key] = found = make()
-            for oldest in list(self._known)[:-_KEPT]:
-                self._known.pop(oldest, None)
+            self._made[key] = found = make()
+            for oldest in list(self._made)[:-_KEPT]:
+                self._made.pop(oldest, None)
         return found
 
-    def __copy__(self) -> Made:
-        return self
+    def __copy__(self) -> Self:
+        """With containers of its own: what is added to one is not added to the other. What was made, they share."""
+        other = object.__new__(type(self))
+        other.__dict__ |= {key: value if key == "_made" else copy(value) for key, value in self.__dict__.items()}
+        return other
 
-    def __reduce__(self) -> tuple[type[Made], tuple[()]]:
-        return Made, ()
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_made": {}}
 
-
-def component_names(leaf: Expr) -> tuple[str, ...]:
-    """`x` for a scalar, `x[0]`, `x[1]` or `x[0,1]` for the components of an array."""
-    if leaf.shape == ():
-        return (leaf.name,)
-    return tuple(f"{leaf.name}[{','.join(map(str, index))}]" for index in np.ndindex(leaf.shape))
+    def __repr__(self) -> str:
+        count = sum(math.prod(c.body.shape) for c in self._constraints)
+        return f"<{type(self).__name__}: {len(self.names)} unknowns, {count} constraints>"
 
 
 def _shape(name: str, shape: Any) -> Shape:
@@ -277,34 +259,23 @@ def restricted(network: ConstraintNetwork, keep: Sequence[Indices]) -> Constrain
         if not constraint.body.shape:
             smaller.add(constraint)
         elif rows.size:
-            parts = (constraint.lower, constraint.upper)
-            body = select(constraint.body, rows)
-            smaller.add(Constraint(body, *(_bound(e, constraint.body, rows) for e in parts)))
+            along = (constraint.body.ndim, constraint.body.shape[0])
+            parts = ((part, (part.ndim, *part.shape[:1]) == along) for part in constraint.parts)
+            smaller.add(Constraint(*(select(part, rows) if has_rows else part for part, has_rows in parts)))
     return smaller
-
-
-def _bound(bound: Expr, body: Expr, rows: Indices) -> Expr:
-    along = bound.ndim == body.ndim and bound.shape[0] == body.shape[0]
-    return select(bound, rows) if along else bound
 
 
 def select(root: Expr, rows: Indices) -> Expr:
     """`root[rows]`, with the selection moved down to the leaves as far as it goes."""
-    wanted = _wanted(root)
+    nodes, wanted = topological((root,)), {root.digest}  # whose leading axis is the one that is selected from
+    for node in reversed(nodes):
+        if node.digest in wanted:
+            wanted.update(arg.digest for arg in node.args if passes_down(node, arg))
     done: dict[bytes, Expr] = {}
-    for node in topological((root,)):
+    for node in nodes:
         if node.digest in wanted:
             done[node.digest] = _selected(node, rows, done)
     return done[root.digest]
-
-
-def _wanted(root: Expr) -> set[bytes]:
-    """The nodes whose leading axis is the one that is selected from, found from the root down."""
-    wanted = {root.digest}
-    for node in reversed(topological((root,))):
-        if node.digest in wanted:
-            wanted.update(arg.digest for arg in node.args if passes_down(node, arg))
-    return wanted
 
 
 def passes_down(node: Expr, arg: Expr) -> bool:
@@ -314,14 +285,9 @@ def passes_down(node: Expr, arg: Expr) -> bool:
     if node.op == "sum":
         return node.parameter > 0
     if node.op == "index":
-        return bool((_index_rows(node) == np.arange(node.shape[0])[:, None]).all())
+        row = node.places.reshape((node.shape[0], -1)) // math.prod(arg.shape[1:])  # of the argument
+        return bool((row == np.arange(node.shape[0])[:, None]).all())
     return arg.ndim == node.ndim
-
-
-def _index_rows(node: Expr) -> Indices:
-    """For every element of an "index" node the row of its argument that it comes from, shape (N, -1)."""
-    width = max(int(np.prod(node.args[0].shape[1:])), 1)
-    return np.asarray(node.places.reshape((node.shape[0], -1)) // width)
 
 
 def _selected(node: Expr, rows: Indices, done: dict[bytes, Expr]) -> Expr:
@@ -335,6 +301,6 @@ def _selected(node: Expr, rows: Indices, done: dict[bytes, Expr]) -> Expr:
         return replace(node, args=below, shape=shape)
     chosen = node.places.reshape((node.shape[0], -1))[rows]
     if passes_down(node, node.args[0]):
-        width = max(int(np.prod(node.args[0].shape[1:])), 1)
+        width = math.prod(node.args[0].shape[1:])
         chosen = np.arange(len(rows))[:, None] * width + chosen % width
     return replace(node, args=below, shape=shape, places=chosen.reshape(shape))

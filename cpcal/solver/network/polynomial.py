@@ -30,7 +30,7 @@ Polynomial = tuple[Monomials, IntervalArray]  # with coefficients (1 + J, T, *B)
 
 def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
     """Coefficients of an array of `rank`."""
-    missing = rank + 2 - c.ndim
+    missing = rank + 2 - len(c.shape)
     return c if missing == 0 else c.reshape((*c.shape[:2], *(1,) * missing, *c.shape[2:]))
 
 
@@ -102,11 +102,7 @@ class Expander:
         deadline: float = math.inf,
     ) -> None:
         self._deadline = deadline
-        self._start: dict[bytes, int] = {}
-        start = 0
-        for leaf in network.variables:
-            self._start[leaf.digest] = start
-            start += math.prod(leaf.shape)
+        self._places = network.places
         self._leaves = {node.digest: node for node in topological(roots) if node.op == "reading"}
         self._whole = self._allotted({})
         self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
@@ -157,9 +153,9 @@ class Expander:
         self, node: Expr, args: list[PolynomialArray], readings: Mapping[bytes, IntervalArray]
     ) -> PolynomialArray:
         if node.op == "variable":
-            count, start = math.prod(node.shape), self._start[node.digest]
-            unit = IntervalArray.point(np.eye(count).reshape((1, count, *node.shape)))
-            return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), unit)
+            places = self._places[node.digest].ravel().tolist()
+            unit = IntervalArray.point(np.eye(len(places)).reshape((1, len(places), *node.shape)))
+            return PolynomialArray(node.shape, tuple((k,) for k in places), unit)
         if node.op == "constant":
             return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
@@ -463,15 +459,6 @@ class PolynomialForms:
             except NotPolynomial as reason:
                 leftover.append((part.constraint, str(reason)))
         return _system(self._network, expanded, leftover)
-
-
-def polynomial_form(
-    network: ConstraintNetwork,
-    sets: Sequence[ReadingSets] | None = None,
-    deadline: float = math.inf,
-) -> PolynomialSystem:
-    """`PolynomialForms` for one collection of reading sets."""
-    return PolynomialForms(network, deadline).on(sets)
 
 
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:

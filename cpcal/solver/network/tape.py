@@ -73,7 +73,7 @@ class Tape:
         lo, hi = np.empty((2, boxes.shape[0], first + len(self.program.code)))
         leaves = self.leaves(readings)
         lo[:, self.size : first], hi[:, self.size : first] = leaves.lo, leaves.hi
-        sweeps.forward_all(self.program, _own(boxes), (lo, hi))
+        sweeps.forward_all(self.program, boxes.copied(), (lo, hi))
         return IntervalArray(lo, hi)
 
     def near(self, points: Floats, readings: Floats | None = None) -> Floats:
@@ -111,7 +111,7 @@ class Tape:
 
     def contract(self, boxes: IntervalArray) -> IntervalArray:
         """hc4 for `root <= 0`: what is left of boxes (B, n); NaN where nothing is."""
-        left = _own(boxes)
+        left = boxes.copied()
         sweeps.contract_all(self.program, _both(self._leaves), left)
         return IntervalArray(*left)
 
@@ -180,11 +180,6 @@ class Tape:
 
 def _both(x: IntervalArray) -> Arrays:
     return x.lo, x.hi
-
-
-def _own(boxes: IntervalArray) -> Arrays:
-    """Bounds in new arrays: kernels are compiled for arrays that may be written."""
-    return np.array(boxes.lo, np.float64, order="C"), np.array(boxes.hi, np.float64, order="C")
 
 
 class _Writer:

@@ -11,8 +11,8 @@ import pytest
 from contractors import HC4, Lifted
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.interval.box import component_names
 from cpcal.solver.network import ConstraintNetwork, Tape, norm
-from cpcal.solver.network.network import component_names
 
 
 @pytest.fixture

@@ -17,11 +17,11 @@ from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.network import (
     ConstraintNetwork,
     Expr,
+    PolynomialForms,
     PolynomialSystem,
     maximum,
     minimum,
     norm,
-    polynomial_form,
     sqr,
     sqrt,
 )
@@ -90,7 +90,7 @@ def true_network(seed: int) -> tuple[ConstraintNetwork, Floats]:
 @given(seed=SEEDS)
 def test_no_row_excludes_a_solution(seed: int) -> None:
     net, point = true_network(seed)
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert system.leftover == ()
     assert all(holds(system, point))
 
@@ -105,7 +105,7 @@ def test_no_row_excludes_a_solution_with_the_readings_that_decide(seed: int) -> 
         size = 10.0 ** rng.uniform(-6, 1, 4)
         lo, hi = np.maximum(point - size, [-5, -5, -5, 0]), np.minimum(point + size, [5, 5, 5, 100])
         sets = decisive.on(Box(net.names, lo, hi)) if decisive.any else None
-        assert all(holds(polynomial_form(net, sets), point))
+        assert all(holds(PolynomialForms(net).on(sets), point))
 
 
 @settings(max_examples=20, deadline=None)
@@ -150,7 +150,7 @@ def test_eliminated_kinks_have_the_same_solutions(name: str) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
     net.add(make(x, y) <= 0.3)
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert system.leftover == ()
     for a in np.arange(-4, 4.1, 0.5):
         for b in np.arange(-4, 4.1, 0.5):
@@ -173,7 +173,7 @@ def test_a_guarded_row_alone_would_exclude_solutions() -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (-3, 1))
     net.add(sqrt(x) >= y)
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert system.guarded.tolist() == [True]
     assert holds(system, np.array([0.25, -3.0])) == [True]
     assert holds(system, np.array([0.25, -3.0]), box_guard=False) == [False]
@@ -194,7 +194,7 @@ def test_what_is_zero_everywhere_has_no_monomials_and_a_value(name: str) -> None
     net = cpcal.Network()
     x = net.variable("x", 2, domain=(0.0, 1.0))
     net.add(ZEROS[name](x) <= 1.0)
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert not system.leftover
     assert system.monomials[0] == ()
     assert len(system.monomials) == 2
@@ -205,7 +205,7 @@ def test_measurements_share_monomials() -> None:
     a, b = net.variable("a", 3, (-1, 1)), net.variable("b", 3, (-1, 1))
     rng = np.random.default_rng(0)
     net.add((norm(rng.normal(size=(50, 3)) + rng.normal(size=(50, 3, 3)) @ b - a) - 3).within((-0.1, 0.1)))
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert len(system.monomials) == 1 + 6 + 3 + 9 + 6  # a_i^2, a_i b_j, b_i b_j
     assert (np.bincount(system.origin[:, 1]) == system.origin.shape[0] // 50).all()
 
@@ -228,7 +228,7 @@ def test_what_is_not_polynomial_is_left_over_with_a_reason(name: str) -> None:
     reading = net.reading([1.0, 2.0, 3.0], 0.1)
     net.add(x[2] <= 1.5)
     net.add(LEFT_OVER[name](x, reading) <= 1)
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert [number for number, _ in system.leftover] == [1]
     assert all(reason for _, reason in system.leftover)
     assert system.origin.tolist() == [[0, 0]]
@@ -240,14 +240,14 @@ def test_a_sum_of_many_absolute_values_is_left_over_and_minimised_all_the_same()
     assert net.minimize(abs(x - 1).sum()).hi < 1e-6  # that each has a sign makes 2^12 rows
     y = net.variable("y")
     net.add(sum((abs(x[k]) for k in range(12)), y) <= 1)
-    assert not len(polynomial_form(net).origin)
+    assert not len(PolynomialForms(net).on().origin)
 
 
 def test_constants_that_enclose_a_number_widen_the_rows() -> None:
     net = ConstraintNetwork()
     x = net.variable("x", (), (-5, 5))
     net.add(Interval(1, 2) * x <= Interval(3, 4))
-    system = polynomial_form(net)
+    system = PolynomialForms(net).on()
     assert holds(system, np.array([4.0])) == [True]
     assert holds(system, np.array([4.1])) == [False]
 
