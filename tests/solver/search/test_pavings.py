@@ -129,6 +129,13 @@ def test_a_limit_or_ctrl_c_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
         paving = net.solve(contractors=("hc4",), limits=Limits(nodes=nodes), inner=True)
         assert covers(paving)
     assert covers(net.solve(contractors=("hc4",)))
+
+    def stop(event: object) -> None:
+        raise KeyboardInterrupt
+
+    stopped = net.solve(contractors=("hc4",), progress=stop)
+    assert covers(stopped)
+    assert not stopped.complete
     real, calls = UniquenessProver.prove, itertools.count()
 
     def interrupted(self: UniquenessProver, box: Box) -> Any:
