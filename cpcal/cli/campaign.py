@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 
 from cpcal.calibration.frames import FRAME_NOTES, load_log
-from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse, refuse_options
-from cpcal.common.errors import Problem, Problems, unusable
+from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse_options
+from cpcal.common.errors import Problem, Problems, refuse, unusable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest
 from cpcal.files import (

@@ -324,5 +324,4 @@ def _models_compared(questions: Sequence[Question], runs: Path, resume: bool, pl
             return Status(asked() or Reason.INTERRUPTED)
     if questions[0].options.tolerance is None:
         return Status.ANSWERED
-    legs = {leg.leg for result in found.values() for leg in result.legs}
-    return Status.ANSWERED if all(passing(found, leg) for leg in legs) else Status.UNKNOWN
+    return Status.ANSWERED if all(passing(found).values()) else Status.UNKNOWN

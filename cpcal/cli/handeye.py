@@ -20,9 +20,8 @@ from cpcal.cli.verbs import (
     numbers_of,
     option,
     output,
-    refuse,
 )
-from cpcal.common.errors import unusable
+from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
 from cpcal.files import load_study

@@ -11,9 +11,9 @@ import numpy as np
 
 from cpcal.cli.certify import show
 from cpcal.cli.detections_page import numbers, rejected, write_detections_page
-from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output, refuse
+from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
-from cpcal.common.errors import together, unusable
+from cpcal.common.errors import refuse, together, unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into

@@ -29,13 +29,12 @@ from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
 from cpcal.files.settings import toml_text
 from cpcal.files.tables import load_poses
-from cpcal.questions import Result, load_result
+from cpcal.questions import load_result
 from cpcal.questions.hand_eye import load_hand_eye_result
 from cpcal.questions.points import fits_of
 from cpcal.report.export import HAND_EYE_FORMS, exported, frames_of_run
 from cpcal.report.run_page import REPORT_NAME, render
 from cpcal.report.study_page import StudyFound, render_study
-from cpcal.robot import Campaign
 from cpcal.simulate import true_robot
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -50,24 +49,19 @@ def _accepted(folder: Path) -> None:
         raise typer.Exit(Status.UNKNOWN)
 
 
-def _checked_run(run: Path) -> tuple[Campaign, Result]:
-    """A run's campaign and result. Raises typer.Exit, InputError."""
-    _accepted(run)
-    return load_campaign_json(run), load_result(run)
-
-
-def study_found(folder: Path) -> tuple[bool, StudyFound]:
-    """What the folder of a study holds, and whether the checker accepts all its certificates now. Raises InputError."""
-    refused, campaign = refusals(folder / RUN), load_campaign(folder / CAMPAIGN)
-    count = sum(len([*(folder / part).glob("*.cert.jsonl")]) for part in (FITS, RUN))
-    all_good = f"accepted all {count} certificates (exact arithmetic, no solver)."
-    return not refused, StudyFound(
+def study_found(folder: Path) -> StudyFound:
+    """What the folder of a study holds, all of whose certificates are accepted now. Raises typer.Exit, InputError."""
+    _accepted(folder / RUN)
+    campaign, result = load_campaign(folder / CAMPAIGN), load_result(folder / RUN)
+    accepted = checked_certificates(folder / FITS)
+    count = len(accepted) + len([*(folder / RUN).glob("*.cert.jsonl")])
+    return StudyFound(
         campaign=campaign,
         record=load_record(folder),
-        fits=fits_of(folder / FITS, checked_certificates(folder / FITS)),
-        result=load_result(folder / RUN),
+        fits=fits_of(folder / FITS, campaign, [leg.leg for leg in result.legs], accepted),
+        result=result,
         timeout=load_result(folder / TIMEOUT),
-        checked=f"The checker {'; '.join(refused) or all_good}",
+        checked=f"The checker accepted all {count} certificates (exact arithmetic, no solver).",
         truth=true_robot(campaign),
     )
 
@@ -88,11 +82,11 @@ def report(
     file = run / REPORT_NAME if page is None else page
     if file.is_dir():
         raise unusable(str(file), "is a folder", "name a file, such as report.html")
-    if not (run / RECORD_NAME).is_file():
-        text = render(*_checked_run(run), run=run)
-    else:  # the folder of a study
-        _accepted(run / RUN)
-        text = render_study(study_found(run)[1], run / RUN)
+    if (run / RECORD_NAME).is_file():  # the folder of a study
+        text = render_study(study_found(run), run / RUN)
+    else:
+        _accepted(run)
+        text = render(load_campaign_json(run), load_result(run), run=run)
     write_file(file, text)
     Talk().say(f"Report: {file}")
 
@@ -120,11 +114,11 @@ def export(
     known = list(HAND_EYE_FORMS) if hand_eye else ["toml", "json"]
     if format not in known:
         raise unusable("option --format", f"is {format}", f"of this run write one of {', '.join(known)}")
+    _accepted(run)
     if hand_eye:
-        _accepted(run)
         text = HAND_EYE_FORMS[format](load_hand_eye_result(run))
     else:
-        campaign, result = _checked_run(run)
+        campaign, result = load_campaign_json(run), load_result(run)
         moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
         data = exported(campaign, result, moved)
         text = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line, option, output, refuse
-from cpcal.common.errors import ClashError, CpcalError, printable
+from cpcal.cli.verbs import Status, Talk, Where, argument, check_writable, line, option, output
+from cpcal.common.errors import ClashError, CpcalError, printable, refuse
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
 from cpcal.models import leg_model

@@ -170,15 +170,15 @@ def demo(
     fits = certify_fits(campaign, found.record, folder / FITS, legs=PLAN.legs)
     talk.say(*solutions(fits))
     if talk.verbose:
-        talk.say(*(f"Leg {f.leg}: {f.verified.sentence(name)}" for name, each in fits.both for f in each))
+        talk.say(*(f"Leg {f.leg}: {f.verified.sentence(name)}" for name, each in fits.items() for f in each))
     question = question_of(campaign, legs=PLAN.legs, ranges=True, tolerance=TOLERANCE)
     result = _unless_stopped(lambda: certified_into(folder / RUN, question, talk=talk, resume=resume))
     _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
-    accepted, whole = study_found(folder)
+    whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
     answered = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
-    return Status.ANSWERED if accepted and answered else Status.UNKNOWN
+    return Status.ANSWERED if answered else Status.UNKNOWN
 
 
 def _unless_stopped(certified: Callable[[], Result]) -> Result:

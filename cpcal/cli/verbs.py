@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.text import Text
 from typer.models import OptionInfo
 
-from cpcal.common.errors import InputError, Problem, printable, unusable
+from cpcal.common.errors import InputError, printable, refuse, unusable
 from cpcal.common.files import unwritable
 from cpcal.common.numbers import bracket_text, nearest
 from cpcal.files.run_folder import FolderKind, answers_into
@@ -98,13 +98,6 @@ FIRST_ROW = option(
     "SIDE",
 )
 FORCE = option(False, "Write into a folder that is not empty.")
-
-
-def refuse(*problems: tuple[object, str, str, str]) -> None:
-    """InputError of those that are so: whether it is so, where, what is wrong, and the remedy."""
-    found = [Problem(where, what, remedy) for wrong, where, what, remedy in problems if wrong]
-    if found:
-        raise InputError(found)
 
 
 def refuse_options(given: Iterable[str], because: str, remedy: str = "leave it out") -> None:
@@ -202,11 +195,6 @@ class Talk:
     quiet: bool = option(False, "Print nothing but errors.", "--quiet", "-q")
     verbose: bool = option(False, "Print every table and sentence.", "--verbose", "-v")
 
-    @property
-    def out(self) -> Console:
-        """Where answers go."""
-        return self.console(stderr=False)
-
     def console(self, *, stderr: bool = True) -> Console:
         """Prints text as it is, but for hidden characters. Progress goes to stderr; errors are raised."""
         console = _Terminal(stderr=stderr, quiet=self.quiet, markup=False, emoji=False, highlight=False)
@@ -216,8 +204,9 @@ class Talk:
 
     def say(self, *lines: str | Text, style: str | None = None) -> None:
         """Lines of the answer."""
+        out = self.console(stderr=False)
         for line in lines:
-            self.out.print(line, style=style, soft_wrap=True)
+            out.print(line, style=style, soft_wrap=True)
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[str | Text]], left: Sequence[int] = (0,)) -> None:
         """A table; the columns `left` are text, the others numbers."""
@@ -229,7 +218,7 @@ class Talk:
             table.add_column(name, justify="left" if k in left else "right", overflow="fold")
         for row in rows:
             table.add_row(*row)
-        self.out.print(table)
+        self.console(stderr=False).print(table)
 
     def progress(self) -> Callable[[str], None]:
         """A callback for lines of progress, on a terminal."""
@@ -263,12 +252,21 @@ class Line:
 
     def leg(self, leg: int, bracket: Bracket) -> None:
         """The bracket of the leg at work."""
-        self._tell(lambda _: f"leg {leg}: eps {_state(bracket.lo, bracket.hi, ' mm')}{_work(bracket)}")
+        self.bracketed(bracket, f"leg {leg}: eps ", " mm")
 
-    def bracketed(self, bracket: Bracket, *, largest: bool = False) -> None:
+    def bracketed(self, bracket: Bracket, what: str = "", unit: str = "", *, largest: bool = False) -> None:
         """After every step of a minimisation; `largest`: of what is maximised the negative is minimised."""
         lo, hi = (-bracket.hi, -bracket.lo) if largest else (bracket.lo, bracket.hi)
-        self._tell(lambda _: _state(lo, hi) + _work(bracket))
+
+        def text(_: float) -> str:
+            where = ""
+            if math.isfinite(lo):
+                low, high = bracket_text(lo, hi)
+                where = f"in [{low}, {high}]{unit}, " if lo <= hi < math.inf else f">= {low}{unit}, "
+            done = _boxes(bracket.nodes, bracket.pending, bracket.rate)
+            return f"{what}{where}{nearest(bracket.seconds, 0)} s, {done}"
+
+        self._tell(text)
 
     def searched(self, event: Event) -> None:
         """After every box of a search for all solutions."""
@@ -285,18 +283,6 @@ class Line:
             return f"{what}: {done:,} of {of:,}, {nearest(rate, 2)} a second{left}"
 
         self._tell(text)
-
-
-def _state(lo: float, hi: float, unit: str = "") -> str:
-    """Where the smallest value is, as far as it is known."""
-    if not math.isfinite(lo):
-        return ""
-    low, high = bracket_text(lo, hi)
-    return f"in [{low}, {high}]{unit}, " if lo <= hi < math.inf else f">= {low}{unit}, "
-
-
-def _work(bracket: Bracket) -> str:
-    return f"{nearest(bracket.seconds, 0)} s, {_boxes(bracket.nodes, bracket.pending, bracket.rate)}"
 
 
 def _boxes(nodes: int, pending: int, rate: float) -> str:

@@ -79,6 +79,13 @@ def unusable(where: str, what: str, remedy: str, line: int | None = None) -> Inp
     return InputError([Problem(where, what, remedy, line)])
 
 
+def refuse(*problems: tuple[object, str, str, str]) -> None:
+    """InputError of those that are so: whether it is so, where, what is wrong, and the remedy."""
+    found = [Problem(where, what, remedy) for wrong, where, what, remedy in problems if wrong]
+    if found:
+        raise InputError(found)
+
+
 class ModelError(CpcalError):
     """A constraint network has no meaning (shapes, names, comparisons)."""
 

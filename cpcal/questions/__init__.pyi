@@ -24,7 +24,6 @@ from .result import (
 from .verdict import (
     INFORMATION,
     contractors_sentences,
-    proved_sentence,
     recommendation,
     status_of,
     verdict_of,
@@ -58,7 +57,6 @@ __all__ = [
     "contractors_sentences",
     "load_result",
     "model_of",
-    "proved_sentence",
     "recommendation",
     "save_accuracy",
     "save_result",

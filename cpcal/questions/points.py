@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
+from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
@@ -107,21 +107,8 @@ def verified_rows(
 # A folder of fits holds campaign.json and a certificate for each leg of each fit. It states nothing else: what is known
 # of the fits is what the checker accepts.
 
-_FILE = re.compile(r"(x_c|x_c_sigma)\.leg([1-9][0-9]{0,3})\.cert\.jsonl")
-
-
-@dataclass(frozen=True)
-class CertifiedFits:
-    """Both fits of a campaign, legs in ascending order."""
-
-    campaign_sha256: str
-    x_c: tuple[VerifiedFit, ...]
-    x_c_sigma: tuple[VerifiedFit, ...]
-
-    @property
-    def both(self) -> tuple[tuple[str, tuple[VerifiedFit, ...]], ...]:
-        """With their names."""
-        return (("x_c", self.x_c), ("x_c_sigma", self.x_c_sigma))
+Fits = Mapping[str, Sequence[VerifiedFit]]  # legs in ascending order, of "x_c" and of "x_c_sigma"
+_FITS = ("x_c", "x_c_sigma")
 
 
 def certify_fits(
@@ -130,42 +117,41 @@ def certify_fits(
     folder: str | os.PathLike[str],
     *,
     legs: Sequence[int] | None = None,
-) -> CertifiedFits:
+) -> Fits:
     """Verify both fits of the record by `certify_point` at eps = 0, with certificates in `folder`.
 
     They are fits of the plain model. Raises InputError when the record is of another campaign, or the folder cannot be
     written.
     """
     check_campaign(campaign, {"calibration record": record.campaign_sha256}, "calibrate again")
-    found: dict[str, list[VerifiedFit]] = {"x_c": [], "x_c_sigma": []}
+    found: dict[str, list[VerifiedFit]] = {name: [] for name in _FITS}
     with answers_into(folder, FITTED, campaign) as draft:
         for name, fits in found.items():
             for leg in sorted(legs or range(1, campaign.legs + 1)):
                 path, values = draft / f"{name}.leg{leg}.cert.jsonl", getattr(record, name).values
                 point = certify_point(campaign, leg, values[leg - 1], certificate=path, model=PLAIN.name)
                 fits.append(VerifiedFit(leg, point.point, point.verified))
-    return CertifiedFits(record.campaign_sha256, tuple(found["x_c"]), tuple(found["x_c_sigma"]))
+    return found
 
 
-def fits_of(folder: Path, accepted: Mapping[str, Accepted | str]) -> CertifiedFits:
-    """What the certificates of a folder prove, by their names; a text says why one is refused. Raises InputError."""
-    found: dict[str, dict[int, VerifiedFit]] = {"x_c": {}, "x_c_sigma": {}}
-    sha256 = ""
-    for name, one in accepted.items():
-        what, match = one if isinstance(one, str) else "", _FILE.fullmatch(name)
-        if isinstance(one, Accepted):
-            point, sha256 = one.claims.point, str(one.campaign)
-            if match is None or point is None or (one.leg, one.model) != (int(match[2]), PLAIN.name):
-                what = "it proves nothing of a fit that is called so"
-            elif len(one.chosen) < one.count:
-                what = "it leaves measurements out"
-            else:
-                *at, eps = map(float, point.at)
-                counts = VerifiedPoint(eps, len(point.holds), len(point.fails), one.count)
-                found[match[1]][int(match[2])] = VerifiedFit(int(match[2]), tuple(at), counts)
+def fits_of(folder: Path, campaign: Campaign, legs: Sequence[int], accepted: Mapping[str, Accepted | str]) -> Fits:
+    """What the certificates of a folder prove of these legs; a text says why one is refused. Raises InputError."""
+    found: dict[str, list[VerifiedFit]] = {name: [] for name in _FITS}
+    sha256, expected = campaign_sha256(campaign), [(name, leg) for name in _FITS for leg in sorted(legs)]
+    files = {f"{name}.leg{leg}.cert.jsonl": (name, leg) for name, leg in expected}
+    for file in [*files, *(accepted.keys() - files.keys())]:
+        one, what = accepted.get(file, "it is missing"), ""
+        name, leg = files.get(file, ("", 0))
+        if isinstance(one, str):
+            what = one
+        elif (one.leg, one.model, one.campaign) != (leg, PLAIN.name, sha256) or (point := one.claims.point) is None:
+            what = "it proves nothing of a fit that is called so"
+        elif len(one.chosen) < one.count:
+            what = "it leaves measurements out"
+        else:
+            *at, eps = map(float, point.at)
+            counts = VerifiedPoint(eps, len(point.holds), len(point.fails), one.count)
+            found[name].append(VerifiedFit(leg, tuple(at), counts))
         if what:
-            raise unusable(str(folder / name), f"is refused: {what}", "certify the fits again")
-    if not found["x_c"] or found["x_c"].keys() != found["x_c_sigma"].keys():
-        raise unusable(str(folder), "lacks a certificate of a leg", "certify the fits again")
-    both = {name: tuple(fits[leg] for leg in sorted(fits)) for name, fits in found.items()}
-    return CertifiedFits(sha256, **both)
+            raise unusable(str(folder / file), f"is refused: {what}", "certify the fits again")
+    return found

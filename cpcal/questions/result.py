@@ -6,7 +6,7 @@ import hashlib
 import math
 import operator
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, printable, unusable
+from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.numbers import stated
 from cpcal.files.codec import Informed, checked, informed, load, save
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
@@ -61,10 +61,6 @@ def _names(value: Sequence[Any]) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _widths(value: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): _number(width) for name, width in value.items()}
-
-
 _LENGTH = _number, lambda value: math.isfinite(value) and value >= 0.0
 # sequences become tuples, numbers float64: a result that was read again equals the one that was written
 _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] = {
@@ -76,7 +72,7 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], bool], str, str]] 
     "contractors": (_names, lambda _: True, "", ""),
     "eps": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
     "tolerance": (*_LENGTH, "{} is no tolerance", "give a number of mm, 0 or more"),
-    "half_widths": (_widths, lambda _: True, "", ""),
+    "half_widths": (lambda widths: {str(k): _number(v) for k, v in widths.items()}, lambda _: True, "", ""),
     "outliers": (_whole, lambda count: count >= 0, "{} is no number of measurements", "give 0 or more"),
 }
 for _name, _known in (("center", CENTERS), ("support", SUPPORTS), ("method", METHODS)):
@@ -107,39 +103,30 @@ class Options:
     outliers: Annotated[int, checked("what the proofs bear")] = 0
 
     def __post_init__(self) -> None:
-        problems = [*self._problems_of_one(), *self._problems_of_several()]
-        if problems:
-            raise InputError(problems)
-
-    def _problems_of_one(self) -> Iterator[Problem]:
+        wrong: list[tuple[object, str, str, str]] = []
         for name, (kind, good, what, remedy) in _KINDS.items():
             value = getattr(self, name)
             if value is None:
                 continue
             try:
                 value = kind(value)
+                wrong.append((not good(value), name, what.format(value), remedy))
             except (TypeError, ValueError, OverflowError):
-                yield Problem(name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`")
+                wrong.append((True, name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`"))
                 value = getattr(Options, name, None)
-            else:
-                if not good(value):
-                    yield Problem(name, what.format(value), remedy)
             object.__setattr__(self, name, value)
-
-    def _problems_of_several(self) -> Iterator[Problem]:
-        if self.legs is not None and len(set(self.legs)) < len(self.legs):
-            yield Problem("legs", "a leg is named twice", "name each once")
-        if LARGEST_DELTA < self.delta < math.inf:
-            remedy = f"give {LARGEST_DELTA} mm (a kilometre) at most"
-            yield Problem("delta", f"{self.delta} mm is wider than any robot", remedy)
-        if self.outliers and (self.eps is not None or self.method != "bound"):
-            what = "asks for the smallest eps, by branch and bound"
-            yield Problem("outliers", what, "leave out eps and method")
-        if self.method == "timeout" and self.eps is not None:
-            yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
-        if self.method == "timeout" and self.time_limit is None:
-            remedy = "give a number of seconds a leg, such as 60"
-            yield Problem("time_limit", "is missing, and method timeout may go on for ever", remedy)
+        timeout, beside = self.method == "timeout", self.eps is not None or self.method != "bound"
+        least = "asks for the smallest eps, by branch and bound"
+        forever = "is missing, and method timeout may go on for ever"
+        kilometre = f"give {LARGEST_DELTA} mm (a kilometre) at most"
+        refuse(
+            *wrong,
+            (len(set(self.legs or ())) < len(self.legs or ()), "legs", "a leg is named twice", "name each once"),
+            (LARGEST_DELTA < self.delta < math.inf, "delta", f"{self.delta} mm is wider than any robot", kilometre),
+            (self.outliers and beside, "outliers", least, "leave out eps and method"),
+            (timeout and self.eps is not None, "method", "timeout seeks the smallest eps", "leave eps out"),
+            (timeout and self.time_limit is None, "time_limit", forever, "give a number of seconds a leg, such as 60"),
+        )
 
     def words(self) -> list[str]:
         """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
@@ -340,7 +327,14 @@ class ModelNote:
     @property
     def not_compared(self) -> str:
         """A sentence beside every answer of a model that the checker does not know; empty for one that it does."""
-        return "" if self.is_ours else not_compared(self.name)
+        return (
+            ""
+            if self.is_ours
+            else (
+                f"The checker does not know the model {printable(self.name)}: its certificates state the constraints "
+                "themselves, which were not compared with the campaign."
+            )
+        )
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -348,14 +342,6 @@ class ModelNote:
 
     def unit(self, name: str) -> str:
         return next((p.unit for p in self.extra if p.name == name), "mm")
-
-
-def not_compared(model: str) -> str:
-    """A sentence on the certificates of a model that the checker does not know."""
-    return (
-        f"The checker does not know the model {printable(model)}: its certificates state the constraints themselves, "
-        "which were not compared with the campaign."
-    )
 
 
 def model_of(result: Result, model: LegModel | None = None) -> LegModel:

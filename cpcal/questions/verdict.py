@@ -21,7 +21,7 @@ from typing import Literal
 
 from cpcal.common.numbers import at_least, at_most, gap_text, stated
 from cpcal.models import PARAMETERS
-from cpcal.questions.result import Determination, LegResult, Options, Result, not_compared
+from cpcal.questions.result import Determination, LegResult, Options, Result
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
@@ -43,7 +43,7 @@ class LegVerdict:
     beyond         the one error that was asked about, if it is refuted
     determination  if the measurements leave parameters open; `wide`: ranges of more than half of the box, which do not
                    show that their parameters are determined, whatever the rank is
-    model          a user-defined one, whose constraints nobody compared with the campaign
+    not_compared   a sentence on a user-defined model, whose constraints nobody compared with the campaign
     """
 
     found: Found
@@ -55,11 +55,11 @@ class LegVerdict:
     beyond: float | None = None
     determination: Determination | None = None
     wide: Wide = ()
-    model: str = ""
+    not_compared: str = ""
 
     @property
     def kind(self) -> Found | Literal["uncompared"]:
-        return "uncompared" if self.model and self.found in ("explained", "bounded") else self.found
+        return "uncompared" if self.not_compared and self.found in ("explained", "bounded") else self.found
 
     @property
     def passes(self) -> bool:
@@ -88,19 +88,18 @@ class LegVerdict:
 
     @property
     def sentence(self) -> str:
-        said = self._said()
-        return f"{said} {not_compared(self.model)}" if self.model else said
+        return f"{self._said()} {self.not_compared}".rstrip()
 
     def _said(self) -> str:
         if self.found == "undetermined":
             but = "so many very different parameters may fit" if self.wide else "which is no test of the model"
-            fits = "" if math.isinf(self.hi) else f" Some parameters fit {self.within}, {but}."
+            fits = "" if math.isinf(self.hi) else f" Some parameters fit {_within(self.hi)}, {but}."
             return self.reason + fits
         if self.beyond is not None:
-            asked = f"to within {stated(self.beyond)} mm" if self.beyond else self._within(0.0)
+            asked = f"to within {stated(self.beyond)} mm" if self.beyond else _within(0.0)
             return f"No parameters fit {asked}."
         if self.tolerance is None:
-            fits = "" if math.isinf(self.hi) else f"; some parameters fit {self.within}"
+            fits = "" if math.isinf(self.hi) else f"; some parameters fit {_within(self.hi)}"
             return f"The leg {self.thresholds}{fits}."
         at = f"{stated(self.tolerance)} mm"
         if self.found == "explained":
@@ -111,14 +110,6 @@ class LegVerdict:
         if self.found == "unexplained":
             return f"Fail at {at}: no parameters in the box are right to within it, whatever the readings are."
         return f"Undecided at {at}: it {self.thresholds}."
-
-    @property
-    def within(self) -> str:
-        return self._within(self.hi)
-
-    @staticmethod
-    def _within(error: float) -> str:
-        return f"to within {at_most(error, 7)} mm" if error else "within the stated reading uncertainty"
 
     @property
     def reason(self) -> str:
@@ -135,6 +126,10 @@ class LegVerdict:
         """The parameters that are open, those of the rank first; none where measurements are too few."""
         rank = () if self.determination is None else self.determination.undetermined
         return tuple(dict.fromkeys((*rank, *(name for name, _, _ in self.wide))))
+
+
+def _within(error: float) -> str:
+    return f"to within {at_most(error, 7)} mm" if error else "within the stated reading uncertainty"
 
 
 def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
@@ -168,24 +163,21 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     if found != "undetermined":
         poor, wide = None, ()
     passes_from = math.inf if leg.passes_from is None else leg.passes_from.eps
-    model = "" if result.model.is_ours else result.model.name
-    return LegVerdict(found, lo, hi, at, largest, passes_from, beyond, poor, wide, model)
+    return LegVerdict(found, lo, hi, at, largest, passes_from, beyond, poor, wide, result.model.not_compared)
 
 
 def recommendation(result: Result, leg: LegResult) -> str:
     """What the recommended parameters are, and whether they conform, in a few words."""
     if leg.recommended is None:
         return "none"
-    found, at = verdict_of(result, leg), result.options.tolerance
-    if at is None:
-        return leg.recommended.why
-    if found.found == "unexplained":
-        return f"{leg.recommended.why}; not recommended: fails"
-    if leg.recommended.largest <= at:
-        return f"{leg.recommended.why}; conforms to {stated(at)} mm" + "; undetermined" * (
-            found.found == "undetermined"
-        )
-    return f"{leg.recommended.why}; not shown to conform"
+    found, at, conforms = verdict_of(result, leg).found, result.options.tolerance, ""
+    if at is not None:
+        conforms = "; not shown to conform"
+        if found == "unexplained":
+            conforms = "; not recommended: fails"
+        elif leg.recommended.largest <= at:
+            conforms = f"; conforms to {stated(at)} mm" + "; undetermined" * (found == "undetermined")
+    return leg.recommended.why + conforms
 
 
 def _wide(options: Options, leg: LegResult) -> Wide:
@@ -223,12 +215,7 @@ INFORMATION = (
 
 def status_of(result: Result, leg: LegResult) -> str:
     """What was proved of a leg of a result, in a sentence."""
-    return proved_sentence(result.options, leg)
-
-
-def proved_sentence(options: Options, leg: LegResult) -> str:
-    """What was proved of a leg."""
-    bracket, eps = leg.bracket, stated(options.eps or 0.0)
+    options, bracket, eps = result.options, leg.bracket, stated(result.options.eps or 0.0)
     if options.eps is not None:
         if bracket.verdict is Verdict.PROVED:
             return f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved."

@@ -48,13 +48,10 @@ from cpcal.report.words import (
     center_sentence,
     claim,
     claimed_by,
-    fitted,
     leg_lines,
     leg_sentence,
-    measurement_names,
     notices,
     overall,
-    support_numbers,
 )
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
@@ -141,7 +138,7 @@ def render(
 
 def advice(campaign: Campaign, result: Result, model: LegModel) -> dict[int, Advice]:
     """The cause and the next step of each leg, with its fit."""
-    return {leg.leg: advise(campaign, result, leg, model, fitted(campaign, result, leg, model)) for leg in result.legs}
+    return {leg.leg: advise(campaign, result, leg, model) for leg in result.legs}
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -359,7 +356,8 @@ def _range(result: Result, leg: LegResult) -> tuple[str, tuple[Floats, Floats] |
 
 def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> Section:
     """The witness of eps_hi, other parameters, and what the search did: for experts."""
-    work, names = leg.work, measurement_names(campaign, support_numbers(campaign, leg))
+    work, support = leg.work, np.isin(campaign.measurement_ids, leg.support)
+    names = [name for name, supports in zip(measurement_names(campaign), support, strict=True) if supports]
     said: list[Words] = [
         f"{leg_sentence(result, leg)} The witness reaches eps_hi; it is no recommendation. Width: of the range.",
         f"Searched: {work.nodes:,} boxes, {work.programs:,} linear programs, {about(work.seconds)} s.",
@@ -377,6 +375,11 @@ def _behind(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted) -> 
         tables=[_table(campaign, result, leg, ("parameter", "witness", "fit", "nominal", "width"), fit=fit)],
         folded=True,
     )
+
+
+def measurement_names(campaign: Campaign) -> list[str]:
+    """Measurements counted from 1, each with its id."""
+    return [f"{k} ({name})" for k, name in enumerate(campaign.measurement_ids, 1)]
 
 
 def residuals_drawing(
@@ -405,8 +408,8 @@ def residuals_drawing(
     fits = fit.residuals if other and fit is not None else np.full(count, np.nan)
     said = "Of each run of neighbours the worst measurement is drawn." if count > MOST_POINTS else ""
     label = f"Leg {leg.leg}: residuals over the measurements, and the band that they must be within"
-    names = measurement_names(campaign, range(count))
-    return Drawing([residuals_svg(residual, room, fits, (-band, band), chosen, names, label)], caption=said)
+    figure = residuals_svg(residual, room, fits, (-band, band), chosen, measurement_names(campaign), label)
+    return Drawing([figure], caption=said)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -418,59 +421,40 @@ COMPARISON_PAGE = "compare.html"
 Compared = Mapping[str, Result]  # of one campaign, by the leg model; what was asked is the same in all
 
 
-def _by_leg(found: Compared) -> dict[int, dict[str, LegResult]]:
-    """The legs of all results, each with its models."""
-    out: dict[int, dict[str, LegResult]] = {}
+def passing(found: Compared) -> dict[int, list[str]]:
+    """The models that pass for each leg."""
+    good: dict[int, list[str]] = {leg.leg: [] for result in found.values() for leg in result.legs}
     for model, result in found.items():
         for leg in result.legs:
-            out.setdefault(leg.leg, {})[model] = leg
-    return dict(sorted(out.items()))
-
-
-def _tolerance(found: Compared) -> float | None:
-    return next(iter(found.values())).options.tolerance
-
-
-def passing(found: Compared, leg: int) -> list[str]:
-    """The models that pass for a leg."""
-    return [model for model, one in _by_leg(found)[leg].items() if verdict_of(found[model], one).passes]
-
-
-def comparison_table(found: Compared) -> Table:
-    """A row a leg and model. Bounds are rounded to the side on which they stay proved."""
-    rows: list[Sequence[Words]] = []
-    for number, legs in _by_leg(found).items():
-        for model, leg in legs.items():
-            judged, bracket, ranges = verdict_of(found[model], leg), leg.bracket, []
-            for name in () if bracket.enclosure.is_empty else bracket.enclosure.names[7:]:
-                side = bracket.enclosure[name]
-                ranges.append(f"{name} in [{', '.join(map(short, bracket_text(side.lo, side.hi)))}]")
-            word, file = verdict(judged.word, judged.kind), bracket.certificate or "none"
-            rows.append((f"leg {number}", model, *bracket_text(bracket.lo, bracket.hi), word, file, ", ".join(ranges)))
-    at = _tolerance(found)
-    asked = "verdict" if at is None else f"at {stated(at)} mm"
-    head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", asked, "certificate", "extra parameters")
-    return Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")
+            good[leg.leg] += [model] * verdict_of(result, leg).passes
+    return dict(sorted(good.items()))
 
 
 def comparison_section(found: Compared) -> Section:
-    """A line a leg: what each model reaches, and at a tolerance the first model that passes. The proved bounds are a
-    part of it."""
-    items = []
-    for number, legs in _by_leg(found).items():
+    """A line a leg: what each model reaches, and at a tolerance the first model that passes. The proved bounds, with a
+    row a leg and model, are a part of it; they are rounded to the side on which they stay proved."""
+    items, rows = [], list[Sequence[Words]]()
+    at = next(iter(found.values())).options.tolerance
+    for number, good in passing(found).items():
         each = []
-        for model, leg in legs.items():
-            lo, hi, word = leg.bracket.lo, leg.bracket.hi, verdict_of(found[model], leg).word
-            reached = at_most(hi) if math.isfinite(hi) else f"above {at_least(lo)}"
-            each.append(f"{model} {reached}" + f" {word}" * (_tolerance(found) is not None))
-        line = f"leg {number}: {', '.join(each)}"
-        if _tolerance(found) is not None:
-            good = passing(found, number)
-            line += f"; next: accept {good[0]}" if good else "; next: no model passes"
-        items.append(line)
+        for model, result in found.items():
+            for leg in (leg for leg in result.legs if leg.leg == number):
+                bracket, judged, ranges = leg.bracket, verdict_of(result, leg), []
+                reached = at_most(bracket.hi) if math.isfinite(bracket.hi) else f"above {at_least(bracket.lo)}"
+                each.append(f"{model} {reached}" + f" {judged.word}" * (at is not None))
+                for name in () if bracket.enclosure.is_empty else result.model.parameters[7:]:
+                    side = bracket.enclosure[name]
+                    ranges.append(f"{name} in [{', '.join(map(short, bracket_text(side.lo, side.hi)))}]")
+                ends, word = bracket_text(bracket.lo, bracket.hi), verdict(judged.word, judged.kind)
+                file = bracket.certificate or "none"
+                rows.append((f"leg {number}", model, *ends, word, file, ", ".join(ranges)))
+        step = f"accept {good[0]}" if good else "no model passes"
+        items.append(f"leg {number}: {', '.join(each)}" + f"; next: {step}" * (at is not None))
+    asked = "verdict" if at is None else f"at {stated(at)} mm"
+    head = ("of", "model", "eps_lo [mm]", "eps_hi [mm]", asked, "certificate", "extra parameters")
     bounds = Section(
         sentences=[Mark(f"{QUANTIFIER} {LONGER}", "quantifier")],
-        tables=[comparison_table(found)],
+        tables=[Table(head, rows, ("", "word", "", "", "word", "word", "word"), "compared")],
         notes=[
             "eps_lo is printed rounded down and eps_hi rounded up: no parameters in the box do better than eps_lo, and "
             "some reach eps_hi. Without a certificate both are proved in outward-rounded arithmetic only. Extra "
@@ -485,7 +469,8 @@ def write_comparison(
 ) -> Path:
     """Write `compare.html`, headed by the campaign's title, beside the runs of the models; its path. The same results
     give the same bytes."""
-    first, at = next(iter(found.values())), _tolerance(found)
+    first = next(iter(found.values()))
+    at = first.options.tolerance
     models = Section(
         "The models",
         data={

@@ -15,7 +15,7 @@ from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
 from cpcal.questions import Result
-from cpcal.questions.points import CertifiedFits
+from cpcal.questions.points import Fits
 from cpcal.questions.result import check_campaign
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
@@ -192,7 +192,7 @@ class StudyFound:
 
     campaign: Campaign
     record: CalibrationRecord
-    fits: CertifiedFits
+    fits: Fits
     result: Result
     timeout: Result
     checked: str
@@ -207,11 +207,10 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
     remedy = "give the parts of one study"
     parts = {
         "calibration record": found.record.campaign_sha256,
-        "certified fits": found.fits.campaign_sha256,
         "result of the timeout method": found.timeout.campaign.sha256,
     }
     check_campaign(found.campaign, parts, remedy)
-    for name, fits in found.fits.both:
+    for name, fits in found.fits.items():
         if any(fit.point != tuple(getattr(found.record, name).values[fit.leg - 1]) for fit in fits):
             raise unusable("certified fits", f"{name} is not the calibration record's", remedy)
     return render(found.campaign, found.result, _study(found), run=run)
@@ -288,10 +287,10 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
     yield Section("Figure 5: position errors of the validation poses", said, figures=[drawing])
 
 
-def solutions(fits: CertifiedFits) -> list[str]:
+def solutions(fits: Fits) -> list[str]:
     """Whether each fit is a solution, within the stated reading uncertainty: a sentence each."""
     said = []
-    for name, points in fits.both:
+    for name, points in fits.items():
         legs: dict[str, list[str]] = {}
         for fit in points:
             legs.setdefault(fit.verified.verdict.value, []).append(str(fit.leg))
@@ -303,13 +302,13 @@ def solutions(fits: CertifiedFits) -> list[str]:
 def _certified(found: StudyFound) -> Iterator[Section]:
     delta, fits = stated(found.result.options.delta), found.fits
     rows = []
-    for name, points in fits.both:
+    for name, points in fits.items():
         rows.append((f"{name}: satisfied", *(str(fit.verified.holds) for fit in points)))
         rows.append((f"{name}: refuting", *(str(fit.verified.fails) for fit in points)))
     yield Section(
         "Section 5.1.2: are x_c and x_c_sigma solutions?",
         solutions(fits),
-        tables=[Table(_legs(fit.leg for fit in fits.x_c), rows)],
+        tables=[Table(_legs(fit.leg for fit in fits["x_c"]), rows)],
         notes=[
             f"Of {len(found.campaign):,} measurements at eps = 0: “satisfied” counts those with some reading in their "
             "set at which the leg equation holds exactly, “refuting” those with none. Both are proved, with "

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +16,7 @@ from cpcal.questions import (
     LegResult,
     Result,
     Uncertified,
-    proved_sentence,
+    status_of,
     verdict_of,
 )
 from cpcal.questions.verdict import plain_side
@@ -39,8 +37,7 @@ FRAME = (
 )
 
 
-@dataclass(frozen=True)
-class Overall:
+class Overall(NamedTuple):
     """The verdict on the robot: its `kind` is that of a leg's verdict."""
 
     kind: str
@@ -64,7 +61,7 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     verdict = verdict_of(result, leg)
     said = [verdict.sentence]
     if verdict.found != "undetermined":
-        said.append(proved_sentence(result.options, leg))
+        said.append(status_of(result, leg))
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")
     return " ".join(said)
@@ -147,7 +144,7 @@ def notices(result: Result, legs: int) -> str | None:
     that nothing was asked of; None where there is nothing to say."""
     done, every = {leg.leg for leg in result.legs}, range(1, legs + 1)
     asked = result.options.legs or every
-    said = [] if result.model.is_ours else [result.model.not_compared]
+    said = list(filter(None, [result.model.not_compared]))
     if result.interrupted:
         said.append("Interrupted: what is shown was proved until then.")
         missing = ", ".join(str(leg) for leg in asked if leg not in done)
@@ -236,17 +233,12 @@ def _readings(campaign: Campaign) -> str:
 # first, and the next step. Estimates in floating point: help for a person, no proof.
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
+class Fitted(NamedTuple):
     """Its parameters (n,), residuals (N,) in mm at the centres of the reading sets, and their Jacobian (N, n)."""
 
     x: Floats
     residuals: Floats
     jacobian: Floats
-
-    @property
-    def largest(self) -> float:
-        return float(np.max(np.abs(self.residuals)))
 
 
 def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Fitted:
@@ -268,8 +260,7 @@ _SURELY = 1.5  # times that share: a fit is not gone on with when its linearised
 _NEARLY = 1.3  # times the best: a simpler model is as good
 
 
-@dataclass(frozen=True)
-class Advice:
+class Advice(NamedTuple):
     """The cause and the next step, `short`, and `more`. `wrong`: measurements from 0 that look like misreadings."""
 
     short: str
@@ -278,39 +269,40 @@ class Advice:
     wrong: tuple[int, ...] = ()
 
 
-def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel, found: Fitted) -> Advice:
-    """`model`: the result's; `found`: its fit."""
-    verdict, left_out = verdict_of(result, leg), leg.bracket.left_out
+def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Advice:
+    """`model`: the result's."""
+    verdict, found = verdict_of(result, leg), fitted(campaign, result, leg, model)
+    short, more, wrong = "", "", tuple[int, ...]()
+    uncertain = "because the readings are too uncertain: measure them more precisely"
     if verdict.kind == "uncompared":
-        return Advice(
-            "compare the constraints", found, "No program has compared those of the certificates with the model."
-        )
-    if verdict.kind == "explained":
-        return Advice("", found)
-    if verdict.kind == "undetermined":
-        show = f" Add poses that show {', '.join(verdict.names)}." * bool(verdict.names)
-        return Advice("because poses are too few or too similar: add poses", found, f"{verdict.reason}{show}")
-    if verdict.kind == "undecided" and (leg.reduced is None or leg.reduced.factor > 0.0):
-        if leg.reduced is not None:
-            return Advice("because the readings are too uncertain: measure them more precisely", found)
-        return Advice("because a limit came first: give it a longer --time-limit", found)
-    used = np.isin(campaign.measurement_ids, left_out, invert=True)
-    wrong = misread(found, used)
-    if wrong:
-        again = ", ".join(str(k + 1) for k in wrong)
-        it, plural = ("it", "") if len(wrong) == 1 else ("them", "s")
-        left = _linear_fit(*(np.delete(v, wrong, axis=0) for v in (found.jacobian, found.residuals)))[1]
-        ids = ", ".join(campaign.measurement_ids[k] for k in wrong)
-        more = f"Without {ids} least squares leaves {about(left)} mm at most, not {about(found.largest)} mm."
-        return Advice(f"because of measurement{plural} {again}: measure {it} again", found, more, wrong)
-    if verdict.kind == "bounded":
-        return Advice("", found)
-    other = _another_model(campaign, leg, model, found)
-    if other is None and leg.bracket.lo == 0.0:  # no error of the leg is proved
-        return Advice("because the readings are too uncertain: measure them more precisely", found)
-    return other or Advice(
-        "by many measurements alike: look for play, sag, or joints off axis", found, "No other leg model helps."
-    )
+        short, more = "compare the constraints", "No program has compared those of the certificates with the model."
+    elif verdict.kind == "undetermined":
+        short = "because poses are too few or too similar: add poses"
+        more = verdict.reason + f" Add poses that show {', '.join(verdict.names)}." * bool(verdict.names)
+    elif verdict.kind == "undecided" and leg.reduced is None:
+        short = "because a limit came first: give it a longer --time-limit"
+    elif verdict.kind == "undecided" and leg.reduced is not None and leg.reduced.factor > 0.0:
+        short = uncertain
+    elif verdict.kind != "explained":
+        largest = float(np.max(np.abs(found.residuals)))
+        wrong = misread(found, np.isin(campaign.measurement_ids, leg.bracket.left_out, invert=True))
+        if wrong:
+            again = ", ".join(str(k + 1) for k in wrong)
+            it, plural = ("it", "") if len(wrong) == 1 else ("them", "s")
+            left = _linear_fit(*(np.delete(v, wrong, axis=0) for v in (found.jacobian, found.residuals)))[1]
+            ids = ", ".join(campaign.measurement_ids[k] for k in wrong)
+            short = f"because of measurement{plural} {again}: measure {it} again"
+            more = f"Without {ids} least squares leaves {about(left)} mm at most, not {about(largest)} mm."
+        elif verdict.kind != "bounded":
+            if (other := _another_model(campaign, leg, model, found.x, largest)) is not None:
+                short = f"because of the leg model: use --model {other[0]}"
+                more = f"Its least squares leaves {about(other[1])} mm at most, this one's {about(largest)} mm."
+            elif leg.bracket.lo == 0.0:  # no error of the leg is proved
+                short = uncertain
+            else:
+                short = "by many measurements alike: look for play, sag, or joints off axis"
+                more = "No other leg model helps."
+    return Advice(short, found, more, wrong)
 
 
 def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
@@ -341,18 +333,6 @@ def misread(found: Fitted, used: npt.NDArray[np.bool_]) -> tuple[int, ...]:
     return named
 
 
-def measurement_names(campaign: Campaign, numbers: Iterable[int]) -> list[str]:
-    """Measurements counted from 1, each with its id."""
-    ids = campaign.measurement_ids
-    return [f"{k + 1} ({ids[k]})" for k in numbers]
-
-
-def support_numbers(campaign: Campaign, leg: LegResult) -> tuple[int, ...]:
-    """The support, counted from 0, in the order of the campaign."""
-    chosen = set(leg.support)
-    return tuple(k for k, name in enumerate(campaign.measurement_ids) if name in chosen)
-
-
 def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
     """The step of least squares from linearised equations, and the largest residual that it leaves."""
     if len(rows) <= rows.shape[1]:
@@ -361,27 +341,27 @@ def _linear_fit(rows: Floats, values: Floats) -> tuple[Floats, float]:
     return step, float(np.max(np.abs(values + rows @ step)))
 
 
-def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted) -> Advice | None:
-    """The simplest model whose fit, a few steps from the plain one's, is much better, if there is one."""
+def _another_model(
+    campaign: Campaign, leg: LegResult, model: LegModel, fit: Floats, own: float
+) -> tuple[str, float] | None:
+    """The simplest model whose fit, a few steps from the plain one's, leaves much less than its `own`, and what."""
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
     largest: dict[str, float] = {}
     for name in _OTHER_MODELS:
         other = leg_model(name)
-        x = np.append(own.x, np.zeros(len(other.extra)))
+        x = np.append(fit, np.zeros(len(other.extra)))
         try:
             residuals = ModelResiduals(campaign, leg.leg, other)
             for _ in range(_STEPS_OF_A_FIT):
                 with np.errstate(all="ignore"):  # a damaged result may be anywhere
                     step, largest[name] = _linear_fit(residuals.jacobian(x), residuals.values(x))
-                if largest[name] > _SURELY * _HELPS * own.largest:
+                if largest[name] > _SURELY * _HELPS * own:
                     break
                 x += step
         except (CpcalError, ValueError, np.linalg.LinAlgError):  # a fit that does not exist helps nobody
             largest.pop(name, None)
     best = min(largest.values(), default=math.inf)
-    if not best < _HELPS * own.largest:
+    if not best < _HELPS * own:
         return None
-    name = next(name for name in largest if largest[name] <= _NEARLY * best)
-    more = f"Its least squares leaves {about(largest[name])} mm at most, this one's {about(own.largest)} mm."
-    return Advice(f"because of the leg model: use --model {name}", own, more)
+    return next((name, most) for name, most in largest.items() if most <= _NEARLY * best)

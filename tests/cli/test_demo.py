@@ -25,7 +25,8 @@ def demo(tmp_path_factory):
 
 
 def fits_in(folder):
-    return fits_of(folder / "fits", checked_certificates(folder / "fits"))
+    campaign, accepted = cpcal.load_campaign(folder / "campaign"), checked_certificates(folder / "fits")
+    return fits_of(folder / "fits", campaign, [6], accepted)
 
 
 def test_it_goes_the_whole_way(demo):
@@ -34,13 +35,9 @@ def test_it_goes_the_whole_way(demo):
     names = ["calibration.json", "campaign", "fits", "report.html", "run", "study", "timeout", "validation"]
     assert sorted(p.name for p in folder.iterdir()) == names
     campaign, record = cpcal.load_campaign(folder / "campaign"), load_record(folder)
-    result, timeout, fits = (
-        cpcal.load_result(folder / "run"),
-        cpcal.load_result(folder / "timeout"),
-        fits_in(folder),
-    )
+    result, timeout = cpcal.load_result(folder / "run"), cpcal.load_result(folder / "timeout")
     assert load_study(folder / "study").truth.seed == 3
-    hashes = {record.campaign_sha256, result.campaign.sha256, timeout.campaign.sha256, fits.campaign_sha256}
+    hashes = {record.campaign_sha256, result.campaign.sha256, timeout.campaign.sha256}
     assert hashes == {campaign_sha256(campaign)}
     assert (result.options.method, timeout.options.method) == ("bound", "timeout")
     assert not campaign.exact
@@ -53,7 +50,7 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
     assert leg.bracket.lo > 0.0
     assert timed.bracket.lo <= leg.bracket.hi
     assert leg.bracket.lo <= timed.bracket.hi
-    for _, verified in fits_in(folder).both:
+    for verified in fits_in(folder).values():
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     written = sum(len(list((folder / part).glob("*.cert.jsonl"))) for part in ("fits", "run"))
     for text in (
@@ -80,7 +77,7 @@ def test_report_writes_the_same_page_again(demo, tmp_path):
     done("report", folder)
     assert page.read_bytes() == first
     next((folder / "fits").glob("x_c.leg*")).unlink()
-    assert "lacks a certificate of a leg" in refused("report", folder)
+    assert "it is missing" in refused("report", folder)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from cpcal.checker.command import PROVED, REFUSED, main
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.report import write_report
-from cpcal.report.run_page import comparison_table, write_comparison
+from cpcal.report.run_page import comparison_section, write_comparison
 from cpcal.simulate import true_robot
 from tests.changed import with_gain
 
@@ -106,7 +106,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert leg.not_certified == "with uncertain readings a user-defined model has no certificate"
     certificates = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.jsonl"))
     assert certificates == [f"plain/leg1{kind}.cert.jsonl" for kind in ("", ".passes", ".recommended")]
-    assert [row[5] for row in comparison_table(comparison).rows] == ["leg1.cert.jsonl", "none"]
+    assert [row[5] for row in comparison_section(comparison).parts[0].tables[0].rows] == ["leg1.cert.jsonl", "none"]
     assert "which were not compared with the campaign" in write_comparison(comparison, tmp_path).read_text("utf-8")
 
 
@@ -166,7 +166,7 @@ def test_the_command(exact, tmp_path):
     comparison = {model: cpcal.load_result(tmp_path / "run" / model) for model in ("plain", "gain")}
     assert {result.campaign.sha256 for result in comparison.values()} == {campaign_sha256(exact)}
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
-    for row in comparison_table(comparison).rows:
+    for row in comparison_section(comparison).parts[0].tables[0].rows:
         assert all((cell if isinstance(cell, str) else cell.words) in page for cell in row)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"plain", "gain", "compare.html"}
     names = {path.name for path in (tmp_path / "run" / "gain").iterdir()}

@@ -28,9 +28,9 @@ def fits(found, folder):
 
 def test_both_fits_are_verified_with_certificates(found, fits, folder):
     accepted = checked_certificates(folder)
-    assert fits_of(folder, accepted) == fits
+    assert fits_of(folder, found.campaign, [2, 5], accepted) == fits
     assert sorted(accepted) == [f"{name}.leg{leg}.cert.jsonl" for name in ("x_c", "x_c_sigma") for leg in (2, 5)]
-    for (_, verified), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
+    for verified, fit in ((fits["x_c"], found.x_c), (fits["x_c_sigma"], found.x_c_sigma)):
         assert [leg.leg for leg in verified] == [2, 5]
         for leg in verified:
             alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
@@ -41,31 +41,34 @@ def test_both_fits_are_verified_with_certificates(found, fits, folder):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda run: (run / "x_c.leg2.cert.jsonl").unlink(), "lacks a certificate of a leg"),
-        (lambda run: (run / "x_c.leg2.cert.jsonl").rename(run / "x_c.leg1.cert.jsonl"), "is called so"),
-        (lambda run: (run / "x_c.leg2.cert.jsonl").rename(run / "best.cert.jsonl"), "is called so"),
+        (lambda run: (run / "x_c.leg2.cert.jsonl").unlink(), "it is missing"),
+        (lambda run: shutil.copy(run / "x_c.leg2.cert.jsonl", run / "x_c.leg1.cert.jsonl"), "is called so"),
+        (lambda run: shutil.copy(run / "x_c.leg2.cert.jsonl", run / "x_c.leg5.cert.jsonl"), "is called so"),
         (lambda run: (run / "x_c.leg2.cert.jsonl").write_text(""), "it is empty"),
-        (lambda run: [path.unlink() for path in run.glob("*.jsonl")], "lacks a certificate of a leg"),
+        (lambda run: [path.unlink() for path in run.glob("*.jsonl")], "it is missing"),
     ],
 )
-def test_a_folder_that_was_touched_is_refused(fits, folder, tmp_path, change, reason):
+def test_a_folder_that_was_touched_is_refused(found, fits, folder, tmp_path, change, reason):
     run = tmp_path / "run"
     shutil.copytree(folder, run)
     change(run)
     with pytest.raises(cpcal.InputError, match=reason):
-        fits_of(run, checked_certificates(run))
+        fits_of(run, found.campaign, [2, 5], checked_certificates(run))
 
 
 def test_a_point_of_another_model_or_of_some_measurements_is_no_fit(found, fits, folder, tmp_path):
     run = tmp_path / "run"
     shutil.copytree(folder, run)
-    at = [*fits.x_c[0].point, 0.0]
+    at = [*fits["x_c"][0].point, 0.0]
     path = run / "x_c.leg2.cert.jsonl"
     cpcal.certify_point(found.campaign, 2, at, model="gain", certificate=path)
     with pytest.raises(cpcal.InputError, match="is called so"):
-        fits_of(run, checked_certificates(run))
+        fits_of(run, found.campaign, [2, 5], checked_certificates(run))
 
 
-def test_another_campaign_is_refused(found, tmp_path):
+def test_another_campaign_is_refused(found, fits, folder, tmp_path):
+    other = cpcal.simulate(seed=2)
+    with pytest.raises(cpcal.InputError, match="is called so"):
+        fits_of(folder, other, [2, 5], checked_certificates(folder))
     with pytest.raises(cpcal.InputError, match="another campaign"):
-        certify_fits(cpcal.simulate(seed=2), found.record, tmp_path)
+        certify_fits(other, found.record, tmp_path)

@@ -8,10 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpcal import Box, Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
+from cpcal import (
+    Box,
+    Campaign,
+    InputError,
+    LegResult,
+    PluginError,
+    Result,
+    Robot,
+    Verdict,
+    certify,
+    simulate,
+    status_of,
+)
 from cpcal.common.values import Floats
 from cpcal.models import model_residuals
-from cpcal.questions import Options, proved_sentence
+from cpcal.questions import CampaignNote, Options
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
 from cpcal.solver.optimize.bound import Alone, support
@@ -41,6 +53,11 @@ def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -
 
 def only(campaign: Campaign, leg: int = 1, **options: object) -> LegResult:
     return certify(campaign, legs=[leg], **options).legs[0]  # type: ignore[arg-type]
+
+
+def status(leg: LegResult, **asked: Any) -> str:
+    note = CampaignNote("0" * 64, "R", 64)
+    return status_of(Result(campaign=note, options=Options(**asked), version="0", legs=(leg,)), leg)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +143,7 @@ def test_bracket_with_reading_sets(certified: LegResult, exact: LegResult) -> No
     assert certified.bracket.verdict is Verdict.PROVED
     assert certified.bracket.point in certified.bracket.enclosure
     assert not certified.not_refuted
-    assert "fits within the stated reading uncertainty" not in proved_sentence(Options(), certified)
+    assert "fits within the stated reading uncertainty" not in status(certified)
 
 
 def test_no_sample_of_readings_refutes_the_lower_bound(bent: Campaign, certified: LegResult) -> None:
@@ -152,7 +169,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     assert found.not_refuted
     assert found.support == ()
     assert found.bracket.verdict is Verdict.PROVED
-    assert "fits within the stated reading uncertainty (for some readings): proved" in proved_sentence(Options(), found)
+    assert "fits within the stated reading uncertainty (for some readings): proved" in status(found)
     truth = true_robot(campaign)
     assert truth is not None
     assert truth.parameters[3] in found.bracket.enclosure  # all x with eps = 0, the true leg among them
@@ -186,12 +203,12 @@ def test_questions_about_one_eps(bent: Campaign, request: pytest.FixtureRequest,
     above, below = only(campaign, eps=known.bracket.hi * 1.001), only(campaign, eps=known.bracket.lo * 0.98)
     assert above.bracket.verdict is Verdict.PROVED
     assert above.bracket.point is not None
-    assert "Some x" in proved_sentence(Options(eps=1.0), above)
+    assert "Some x" in status(above, eps=1.0)
     assert below.bracket.verdict is Verdict.REFUTED
     assert below.bracket.point is None
     assert below.bracket.enclosure.is_empty
     assert 0 < len(below.support) <= 64  # who refutes it
-    assert "No x" in proved_sentence(Options(eps=1.0), below)
+    assert "No x" in status(below, eps=1.0)
     assert (above.bracket.lo, below.bracket.lo) == (0.0, known.bracket.lo * 0.98)  # of no other eps anything is said
 
 

@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from cpcal.models import PLAIN, ModelResiduals, fit_model
 from cpcal.report.section import html
-from cpcal.report.words import Fitted, advise, fitted, leg_lines, misread
+from cpcal.report.words import Fitted, advise, leg_lines, misread
 from cpcal.robot import Campaign
 
 CAMPAIGN = cpcal.simulate(seed=7, joint_error=0.0, factor=0.0, noise=0.2)
@@ -17,7 +17,7 @@ CAMPAIGN = cpcal.simulate(seed=7, joint_error=0.0, factor=0.0, noise=0.2)
 def advised(campaign, **asked):
     result = cpcal.certify(campaign, legs=[2], **asked)
     leg = result.legs[0]
-    found = advise(campaign, result, leg, PLAIN, fitted(campaign, result, leg, PLAIN))
+    found = advise(campaign, result, leg, PLAIN)
     return found, cpcal.verdict_of(result, leg)
 
 
@@ -31,7 +31,7 @@ def test_the_readings_and_not_the_leg_are_blamed_where_no_error_of_it_is_proved(
     good = cpcal.simulate(seed=1, joint_error=0.0)  # each reading may be off by three deviations
     result = cpcal.certify(good, legs=[2], tolerance=0.1)
     (leg,) = result.legs
-    found = advise(good, result, leg, PLAIN, fitted(good, result, leg, PLAIN))
+    found = advise(good, result, leg, PLAIN)
     assert cpcal.verdict_of(result, leg).kind == "undecided"
     assert leg.bracket.lo == 0.0
     assert found.short == "because the readings are too uncertain: measure them more precisely"

@@ -9,8 +9,7 @@ import pytest
 
 import cpcal
 from cpcal.models import PARAMETERS
-from cpcal.questions import Options, Uncertified, VerifiedPoint
-from cpcal.questions.verdict import proved_sentence
+from cpcal.questions import Uncertified, VerifiedPoint
 from cpcal.report.words import leg_sentence, overall
 from cpcal.solver.accounts import bracket_sentence
 from cpcal.solver.contract import Verdict
@@ -59,8 +58,9 @@ def test_a_bracket_is_closed_only_where_that_is_proved(verdict, hi, undecided, s
 
 
 @pytest.mark.parametrize("verdict", Verdict)
-def test_at_one_eps_only_a_verdict_is_proved(verdict):
-    said = proved_sentence(Options(eps=0.5), leg(1, 0.0, 0.5, verdict=verdict))
+def test_at_one_eps_only_a_verdict_is_proved(campaign, verdict):
+    one = leg(1, 0.0, 0.5, verdict=verdict)
+    said = cpcal.status_of(made_result(campaign, one, eps=0.5), one)
     assert said.endswith(": proved.") is (verdict in (Verdict.PROVED, Verdict.REFUTED))
     assert said.startswith("No x") is (verdict is Verdict.REFUTED)
 

@@ -12,7 +12,6 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker import check
-from cpcal.questions import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
@@ -117,8 +116,8 @@ def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> 
     assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.work.trials)
     assert not any(t.checked for t in leg.work.trials)
     assert leg.bracket.verdict is cpcal.Verdict.PROVED
-    assert "closed" not in proved_sentence(result.options, leg)
-    assert "within the relative gap of 0.01" in proved_sentence(result.options, leg)
+    assert "closed" not in cpcal.status_of(result, leg)
+    assert "within the relative gap of 0.01" in cpcal.status_of(result, leg)
     assert leg.bracket.hi - leg.bracket.lo <= 1e-2 * leg.bracket.hi
 
 
