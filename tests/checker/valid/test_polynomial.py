@@ -8,7 +8,7 @@ from fractions import Fraction as F
 import pytest
 
 from cpcal.checker.certificate import polynomial
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, combined, constant, least, signed, substituted
+from cpcal.checker.polynomial import FIELD, Polynomial, combined, constant, least, signed, substituted
 from cpcal.checker.readers import Refused
 from cpcal.checker.rule import SIDES, Box, Problem, Unknowns
 from cpcal.solver.certificate.exact_network import Stated, free
@@ -72,20 +72,6 @@ def test_values_substitutions_sums_products_and_bounds(seed: int) -> None:
         assert value(one.times(-3, 5), u) == -96 * here
         assert least(one, signed(UNKNOWNS)) <= here
     assert one.constant == direct(p, inside(x, [F(0)] * UNKNOWNS))
-
-
-def test_least_is_attained_where_monomials_do_not_compete() -> None:
-    def lowest(terms: dict[tuple[int, ...], int]) -> F:
-        coded = {sum(1 << FIELD * (READINGS + i) for i in monomial): c for monomial, c in terms.items()}
-        return least(Polynomial(coded, 0, free), signed(UNKNOWNS))
-
-    assert lowest({(): 5, (0, 0): 2, (1, 1): -3, (2,): 1, (0, 1): 0}) == 5 - 3 - 1
-    assert lowest({(0, 0, 1, 1): -2}) == -2
-    assert lowest({(0, 0, 1, 1): 2}) == 0
-    assert lowest({(0, 0, 0): 2}) == -2  # a cube can be negative
-    assert lowest({(0, 0, 0, 1): 2}) == -2
-    assert lowest({(0, 0, 0, 0): 2}) == 0
-    assert lowest({}) == 0
 
 
 def test_a_reading_at_an_end_is_never_negative() -> None:
