@@ -337,9 +337,6 @@ def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     Clusters are numbered in the order of their first box. Sorted by one component (of the most different ends), boxes
     are compared only with those that begin before they end.
     """
-    from scipy.sparse import coo_array  # here: it takes a third of a second to load
-    from scipy.sparse.csgraph import connected_components
-
     count = len(boxes)
     if count == 0 or len(boxes[0]) == 0:
         return np.zeros(count, dtype=np.intp)
@@ -348,17 +345,15 @@ def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     order = np.argsort(lo[:, by], kind="stable")
     lo, hi = lo[order], hi[order]
     ends = np.searchsorted(lo[:, by], hi[:, by], side="right")
-    first, second = [], []
+    label = np.arange(count)  # of each cluster its first box
     for i in range(count):
         others = np.arange(i + 1, ends[i])
         touching = others[((lo[others] <= hi[i]) & (hi[others] >= lo[i])).all(axis=1)]
-        first.append(np.full(len(touching), order[i]))
-        second.append(order[touching])
-    pairs = (np.concatenate(first), np.concatenate(second))
-    graph = coo_array((np.ones(len(pairs[0])), pairs), shape=(count, count))
-    label = np.asarray(connected_components(graph, directed=False)[1])
-    seen: dict[int, int] = {}
-    return np.array([seen.setdefault(int(k), len(seen)) for k in label], dtype=np.intp)
+        for other in np.unique(label[order[touching]]):
+            mine = label[order[i]]
+            if other != mine:
+                label[label == max(mine, other)] = min(mine, other)
+    return np.unique(label, return_inverse=True)[1].astype(np.intp)
 
 
 def volume(boxes: Sequence[Box]) -> Interval:
