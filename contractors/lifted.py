@@ -89,6 +89,7 @@ _TELLING = 128  # of them for each side of a constraint, and as many that are sp
 _ENCLOSING = 1024  # the same where no objective is sought: then the enclosure is the answer
 _SHARE = 256  # one of so many, where that is more: of 31,000 measurements 128 left out some that decide
 _KEPT = 8  # structures of other reading sets
+_DECIDED = 0.9  # of the readings' components: while fewer decide at an end, the box is so wide that all sets stay whole
 
 
 class Structures:
@@ -109,8 +110,8 @@ class Structures:
         self._known: dict[bytes, Structure] = {}  # of the expanded ones, by the reading sets, the latest last
 
     def on(self, box: Box, deadline: float) -> Structure:
-        """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it.
-        Rows that are not expanded at `deadline` are missing.
+        """For a bounded box (any box where `by_box` is false), with the readings at the ends that decide on all of it,
+        if most of them do. Rows that are not expanded at `deadline` are missing.
 
         Structures of the boxes before are kept: another question about the network comes by the same ends.
         """
@@ -122,7 +123,7 @@ class Structures:
             some = self._network if keep is None else restricted(self._network, keep)
             self._keep, self._forms, self._known = keep, PolynomialForms(some, deadline), {}
             self._decisive = DecisiveReadings(some) if any(map(reads, some.constraints)) else None
-        sets = None if self._decisive is None else self._decisive.on(box)
+        sets = None if self._decisive is None else self._decisive.on(box, _DECIDED)
         key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
         structure = self._known.pop(key, None)
         if structure is None:

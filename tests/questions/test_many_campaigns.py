@@ -113,10 +113,15 @@ def test_the_support_alone_forces_the_bound(factor: float) -> None:
 
 
 def test_few_measurements_that_prove_less_are_no_support() -> None:
-    problem: Any = SimpleNamespace(name="eps", network=SimpleNamespace(domain=Box(("eps",), [0.0], [2.0])))
+    """Those that say most at the best point join; where they prove less too, all with a weight are the support."""
+    network, rows = SimpleNamespace(domain=Box(("eps",), [0.0], [2.0])), SimpleNamespace()
+    rows.telling = lambda point, most: [np.array([3, 4])]
+    problem: Any = SimpleNamespace(name="eps", network=network, rows=rows)
     found: Any = SimpleNamespace(lo=1.0, hi=1.0, interrupted=False, decisive_rows=((0, 3),), rows=((0, 3), (0, 5)))
-    for lo, members in ((1.0, (3,)), (0.95, (3, 5))):
-        assert support(problem, found, 1e-6, lambda _, lo=lo: Alone(lo, None, False)) == members
+    found.witness = SimpleNamespace(point=np.zeros(1))
+    for enough, members in ((1, (3,)), (2, (3, 4)), (3, (3, 5))):
+        alone = lambda some, enough=enough: Alone(1.0 if len(some) >= enough else 0.95, None, False)  # noqa: E731
+        assert support(problem, found, 1e-6, alone) == members
 
 
 # reading sets -----------------------------------------------------------------------------------------------

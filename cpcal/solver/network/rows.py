@@ -203,30 +203,41 @@ class DecisiveReadings:
     def any(self) -> bool:
         return bool(self.tape.readings)
 
-    def on(self, box: Box) -> list[ReadingSets]:
-        """One collection of reading sets per row; components that decide at an end are single points."""
+    def on(self, box: Box, least: float = 0.0) -> list[ReadingSets]:
+        """One collection of reading sets per row; components that decide at an end are single points.
+
+        Empty collections, for whole sets, where less than the share `least` of the components that can decide does.
+        """
         tape = self.tape
+        whole: list[ReadingSets] = [{} for _ in tape.roots]
         if not tape.readings:
-            return [{} for _ in tape.roots]
+            return whole
         slots = tape.forward(IntervalArray(box.lo[None], box.hi[None]))
         if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
-            return [{} for _ in tape.roots]
+            return whole
         g = tape.gradients(tape.derivatives(slots[0]))
-        return [self._sets(tape.rows(root), g) for root in tape.roots]
+        parts = [self._sets(tape.rows(root), g) for root in tape.roots]
+        decided, able = (sum(counts[k] for _, *counts in parts) for k in (0, 1))
+        return [sets for sets, *_ in parts] if decided >= least * able else whole
 
-    def _sets(self, rows: slice, g: IntervalArray) -> ReadingSets:
-        """Of the readings that enter some of these rows: a component that enters two of them stays as it is."""
+    def _sets(self, rows: slice, g: IntervalArray) -> tuple[ReadingSets, int, int]:
+        """Of the readings that enter some of these rows: a component that enters two of them stays as it is.
+
+        How many components decide, and of how many that have a width and enter one row.
+        """
         paths, tape = self.tape.reach, self.tape
         mine = (paths.leaf >= tape.program.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
         leaf, entry = paths.leaf[mine], paths.entry[mine]
         alone = np.bincount(leaf, minlength=tape.program.first) == 1
         grows, falls = np.zeros(tape.program.first, dtype=bool), np.zeros(tape.program.first, dtype=bool)
         grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
-        sets = dict[bytes, IntervalArray]()
+        sets, decided, able = dict[bytes, IntervalArray](), 0, 0
         for digest, where in tape.reading_slots.items():
             if alone[where].any():
                 data = self._data[digest]
                 up, down = (grows & alone)[where], (falls & ~grows & alone)[where]
                 lo, hi = np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi)
                 sets[digest] = IntervalArray(lo, hi)
-        return sets
+                wide = alone[where] & (data.lo < data.hi)
+                decided, able = decided + int((wide & (up | down)).sum()), able + int(wide.sum())
+        return sets, decided, able

@@ -511,8 +511,8 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
     """Elements (along the constraints' leading axis) that alone prove `found.lo` up to the relative `gap`.
 
     It begins with those that decided the leaves; while they alone allow a better point, those join that it violates
-    most. Where that does not end soon, or is interrupted: all that had a weight in some step. () when there is
-    nothing to prove.
+    most, else those that say most at the best point, and some that are spread over all. Where that does not end soon,
+    or is interrupted: all that had a weight in some step. () when there is nothing to prove.
     """
     domain = problem.network.domain
     if not found.lo > domain[problem.name].lo or found.interrupted:
@@ -524,10 +524,12 @@ def support(problem: Prepared, found: Minimum, gap: float, solve: Solve) -> tupl
             break
         if _as_good(alone.lo, found, gap):
             return tuple(int(k) for k in chosen)
-        if alone.point is None:
-            break
-        violated = problem.rows.likely(domain.with_bounds(alone.point, alone.point), _ADDED)
-        more = np.unique(np.concatenate([chosen, *violated]))
+        more = chosen
+        if alone.point is not None:
+            violated = problem.rows.likely(domain.with_bounds(alone.point, alone.point), _ADDED)
+            more = np.unique(np.concatenate([chosen, *violated]))
+        if more.size == chosen.size and found.witness is not None:
+            more = np.unique(np.concatenate([chosen, *problem.rows.telling(found.witness.point, _ADDED)]))
         if more.size == chosen.size:
             break
         chosen = more
