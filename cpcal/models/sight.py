@@ -247,7 +247,7 @@ def _field_radius(cameras: CameraSet) -> float:
     radius = np.linspace(0.0, _WIDEST, _STEPS)
     angle = np.linspace(-np.pi, np.pi, _RAYS)
     rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    onward = np.all(np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS, axis=1)
+    onward = np.all(np.linalg.det(camera.jets(rays)[..., [[2, 3], [3, 4]]]) > _TURNS, axis=1)
     pixels = camera.pixels(rays)
     held = (pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])
     shown = np.any(np.all(held, axis=2), axis=1)

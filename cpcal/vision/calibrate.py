@@ -209,7 +209,7 @@ class CalibratedView:
     @property
     def rms(self) -> float:
         """Of the used residuals, pixels per axis; nan without any."""
-        return _rms(self.residuals)
+        return float(np.sqrt(np.nanmean(self.residuals**2))) if self.used.any() else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +277,8 @@ def calibrate_camera(views: Sequence[TargetView], target: Target, size: tuple[in
     for k, row in enumerate(fit.rows.tolist()):
         pose = Pose(poses.position[k], poses.quaternion[k])
         every[row] = replace(every[row], pose=pose, residuals=residuals[k][named[row].numbers])
-    return Calibration(fit.state.camera, spread, _rms(residuals), scale, tuple(every))
+    rms = float(np.sqrt(np.nanmean(residuals**2)))
+    return Calibration(fit.state.camera, spread, rms, scale, tuple(every))
 
 
 def _start(views: list[TargetView], target: Target, size: tuple[int, int], reasons: dict[int, str]) -> CameraFit:
@@ -325,10 +326,6 @@ def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> Non
     said = _listed(reasons, [view.name for view in views])
     what = f"only {count} of {len(views)} views can be used" if views else "there are no views"
     raise NotCalibratedError(f"{what}; at least {_VIEWS_MIN} and half of those given are needed{said}")
-
-
-def _rms(residuals: Floats) -> float:
-    return float(np.sqrt(np.nanmean(residuals**2))) if np.isfinite(residuals).any() else float("nan")
 
 
 # ------------------------------------------------------------------------------------------------------------------

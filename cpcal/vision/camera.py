@@ -210,15 +210,7 @@ class Camera(Value):
 
     def pixels(self, normalised: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
-        return np.asarray(self.center + self.focal * self.distorted(normalised))
-
-    def distorted(self, normalised: npt.ArrayLike) -> Floats:
-        """d(x, y), (..., 2) -> (..., 2)."""
-        return self.jets(normalised)[..., :2]
-
-    def distortion_jacobian(self, normalised: npt.ArrayLike) -> Floats:
-        """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
-        return self.jets(normalised)[..., [[2, 3], [3, 4]]]
+        return np.asarray(self.center + self.focal * self.jets(normalised)[..., :2])
 
     def jets(self, normalised: npt.ArrayLike) -> Floats:
         """d with its derivatives up to the second, (..., 2) -> (..., JET), see `jet`."""
@@ -271,15 +263,12 @@ def implausible(camera: Camera) -> list[tuple[str, str, str]]:
     if (away > (_CENTER + 0.5) * side).any():
         what = "center {:g}, {:g} is far from the image".format(*camera.center)
         out.append(("center", what, "give cx and cy in pixels from the centre of the top-left pixel"))
-    if not out and _seen(camera) < _SHARE:
+    if not out:  # how far the pixels' directions are from where a camera without distortion sees them
+        plain = np.linalg.norm((camera.spread - camera.center) / camera.focal, axis=1)
+        seen = np.linalg.norm(camera.normalised(camera.spread), axis=1)
+        with np.errstate(invalid="ignore"):
+            near = (seen <= _STRETCH * plain) & (plain <= _STRETCH * seen)
+    if not out and near.mean() < _SHARE:
         what = "distortion bends most of the image beyond measure"
         out.append(("distortion", what, "give k1, k2, p1, p2, k3 of OpenCV's model for directions x / z, y / z"))
     return out
-
-
-def _seen(camera: Camera) -> float:
-    """The share of the image's pixels that show a direction not far from where a camera without distortion sees it."""
-    plain = np.linalg.norm((camera.spread - camera.center) / camera.focal, axis=1)
-    seen = np.linalg.norm(camera.normalised(camera.spread), axis=1)
-    with np.errstate(invalid="ignore"):
-        return float(((seen <= _STRETCH * plain) & (plain <= _STRETCH * seen)).mean())

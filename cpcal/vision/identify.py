@@ -86,7 +86,8 @@ def view_of(camera: Camera, pixels: Floats, off: float = _EXACT) -> View:
     """The directions of pixels (n, 2), which may be `off` by so much of the spacing; one that the camera cannot show
     stays nan."""
     rays = camera.normalised(pixels)
-    spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
+    shown = rays[np.isfinite(rays).all(axis=1)]
+    spacing = median(np.asarray(cKDTree(shown).query(shown, 2)[0])[:, 1]) if len(shown) > 1 else 0.0
     return View(rays, spacing, off * spacing, camera)
 
 
@@ -97,10 +98,6 @@ def _guesses(size: tuple[int, int]) -> list[Camera]:
     outwards = [Camera(*size, np.full(2, radius), half, np.array([bend, 0, 0, 0, 0])) for bend in _BENDS]
     inwards = [Camera(*size, np.full(2, radius / angle), half, np.zeros(4), "fisheye") for angle in _ANGLES]
     return [outwards[0], *inwards[:5], *outwards[1:], *inwards[5:]]
-
-
-def _spacing(points: Floats) -> float:
-    return median(np.asarray(cKDTree(points).query(points, 2)[0])[:, 1]) if len(points) > 1 else 0.0
 
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
@@ -355,10 +352,6 @@ def _grown(view: View, target: Target, homography: Floats, reach: float = 0.0) -
         homography = fitted(target.dots[numbers], view.points[found])
         if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
             break
-    return hypothesis_of(view, target, homography)
-
-
-def hypothesis_of(view: View, target: Target, homography: Floats) -> Hypothesis:
     found, numbers, in_view, errors = _compared(view, mapped(homography, target.dots), _radius(homography, target))
     return Hypothesis(homography, found, numbers, in_view, errors, _mirrored(homography, target))
 
@@ -437,7 +430,12 @@ _APART = 2 * 10 - MARGIN + 1  # errors between two ways to lay the target, so th
 
 
 class Unidentified(CpcalError):
-    """The found dots are not, or not certainly, those of the target. Its text is the reason."""
+    """The found dots are not, or not certainly, those of the target. Its text is the reason, "" when that is not worth
+    telling; `final`: no other hypothesis could change it; `errors` that the refused one makes."""
+
+    def __init__(self, reason: str, final: bool = False, errors: int = 0) -> None:
+        super().__init__(reason)
+        self.final, self.errors = final, errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -494,23 +492,27 @@ def identify(
         if not view.spacing > 0.0:
             raise Unidentified("most dots lie on one another")
         fit = None if near is None else followed(view, target, near)
-        answer = None if fit is None else _judgement(view, target, fit)
+        answer = None if fit is None else _tested(view, target, fit)
         if not isinstance(answer, Identification):
             answer = _in_view(view, target)
         if isinstance(answer, Identification):
-            if camera is not None:
-                _check_alone(view, target, answer)
+            if camera is not None and len(answer.false) >= _ANOTHER:  # which one is meant?
+                other = _in_view(replace(view, points=view.points[answer.false]), target)
+                if isinstance(other, Identification):
+                    raise Unidentified("ambiguous: the target is in sight twice")
+                if str(other) == _MIRRORED:
+                    raise Unidentified("ambiguous: the target and its mirror image are in sight")
             if best is None or len(answer.found) > len(best.found):
                 best = replace(answer, found=mine[answer.found])
             if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
                 break
         else:
-            reason = answer.reason or reason
+            reason = str(answer) or reason
             if answer.final and (camera is not None or answer.errors <= _NEARLY * len(view.points)):
                 break
     if best is None:
         raise Unidentified(reason)
-    return replace(best, false=_others(len(pixels), best.found))
+    return replace(best, false=np.setdiff1d(np.arange(len(pixels)), best.found))
 
 
 def turned(
@@ -558,66 +560,39 @@ def _check_count(count: int, target: Target) -> None:
         raise Unidentified(f"{count} dots are too many: the target has {len(target.dots)}")
 
 
-def _check_alone(view: View, target: Target, found: Identification) -> None:
-    """Raises Unidentified when the other dots show the target once more, or its mirror image: which one is meant?"""
-    if len(found.false) < _ANOTHER:
-        return
-    answer = _in_view(replace(view, points=view.points[found.false]), target)
-    if isinstance(answer, Identification):
-        raise Unidentified("ambiguous: the target is in sight twice")
-    if answer.reason == _MIRRORED:
-        raise Unidentified("ambiguous: the target and its mirror image are in sight")
-
-
-@dataclass(frozen=True)
-class _Refusal:
-    """Why not ("" when that is not worth telling), whether no other hypothesis could change that, and the errors that
-    the refused one makes."""
-
-    reason: str
-    final: bool = False
-    errors: int = 0
-
-
-def _in_view(view: View, target: Target) -> Identification | _Refusal:
-    refusal = _Refusal("")
+def _in_view(view: View, target: Target) -> Identification | Unidentified:
+    refusal = Unidentified("")
     for hypothesis in hypotheses(view, target):
-        answer = _judgement(view, target, hypothesis)
+        answer = _tested(view, target, hypothesis)
         if isinstance(answer, Identification) or answer.final:
             return answer
-        refusal = answer if answer.reason else refusal
+        refusal = answer if str(answer) else refusal
     return refusal
 
 
-def _judgement(view: View, target: Target, fit: Hypothesis) -> Identification | _Refusal:
-    """The tests of one hypothesis."""
+def _tested(view: View, target: Target, fit: Hypothesis) -> Identification | Unidentified:
+    """The five tests of a hypothesis, but whether the target is alone."""
     in_view = int(fit.in_view.sum())
     by_chance = accidents(view, fit, TRIED)
     if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
-        return _Refusal("")
+        return Unidentified("")
     if len(fit.found) < _SHARE * in_view:
-        return _Refusal(f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found")
+        return Unidentified(
+            f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found"
+        )
     if len(fit.found) < _SHARE * len(view.points):
-        return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
+        return Unidentified(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
     margin, reflected = best_rival(view, target, fit, MARGIN)
     if fit.mirrored:
-        return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN, fit.errors)
+        return Unidentified(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN, fit.errors)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
         final = margin > -MARGIN  # else it is to be found
-        return _Refusal(f"ambiguous: {other} as well or nearly so", final, fit.errors)
+        return Unidentified(f"ambiguous: {other} as well or nearly so", final, fit.errors)
     maps = self_maps(target)
     in_all = 2 * (maps.image[~maps.mirrored & ~maps.exact] < 0).sum(axis=1).min(initial=_APART)  # missing, and too many
     if not fit.in_view.all() and apart(view, target, fit) < min(_APART, int(in_all)):
-        return _Refusal("ambiguous: too few of the dots that tell the target's turns apart are in view")
-    false = _others(len(view.points), fit.found)
-    unseen = _others(len(target.dots), fit.numbers)
-    missing = unseen[fit.in_view[unseen]]
+        return Unidentified("ambiguous: too few of the dots that tell the target's turns apart are in view")
+    false = np.setdiff1d(np.arange(len(view.points)), fit.found)
+    missing = np.setdiff1d(np.flatnonzero(fit.in_view), fit.numbers)
     return Identification(fit.found, fit.numbers, false, missing, by_chance, margin)
-
-
-def _others(count: int, some: Ints) -> Ints:
-    """The numbers from 0 to count that are not among some."""
-    rest = np.ones(count, dtype=bool)
-    rest[some] = False
-    return np.flatnonzero(rest)

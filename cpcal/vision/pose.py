@@ -7,7 +7,6 @@ answer is a refusal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,23 +44,10 @@ from cpcal.vision.target import Target
 def solved(
     matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, right: Floats, out: Floats
 ) -> bool:
-    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the factor scaled to a unit diagonal.
-
-    False where the diagonal is not above `least`, or the matrix is not positive definite.
+    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the Cholesky factor scaled to a unit
+    diagonal. False where the diagonal is not above `least`, or the matrix is not positive definite.
     """
-    factor, scale = np.empty((size, size)), np.empty(size)
-    if not factored(matrix, size, damping, least, factor, scale):
-        return False
-    substituted(factor, scale, size, right, out)
-    return True
-
-
-@compiled
-def factored(
-    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, factor: Floats, scale: Floats
-) -> bool:
-    """The lower triangular factor (size, size), one over its diagonal in the diagonal's place, and the scale (size,)
-    that makes a unit diagonal; False as `solved` says."""
+    factor, scale = np.empty((size, size)), np.empty(size)  # one over the factor's diagonal in the diagonal's place
     for i in range(size):
         if not matrix[i, i] > least:
             return False
@@ -77,12 +63,6 @@ def factored(
         if not value > 0.0:
             return False
         factor[i, i] = 1.0 / np.sqrt(value)
-    return True
-
-
-@compiled
-def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Floats) -> None:
-    """The solution for a right side, forward and backward."""
     for i in range(size):
         value = right[i] * scale[i]
         for k in range(i):
@@ -95,6 +75,7 @@ def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Fl
         out[i] = value * factor[i, i]
     for i in range(size):
         out[i] *= scale[i]
+    return True
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -212,11 +193,7 @@ class Pixels:
     def residuals(self, pose: Pose) -> Floats:
         """(n, 2) at a pose."""
         centers = centers_by_pose(self.dots, self.radius, self.camera.packed, pose)[0]
-        return self.whitened((self.seen - centers)[..., None])[..., 0]
-
-    def whitened(self, pixels: Floats) -> Floats:
-        """The factors' inverses times (n, 2, k)."""
-        return np.asarray(np.linalg.solve(self.factors, pixels), dtype=np.float64)
+        return np.asarray(np.linalg.solve(self.factors, (self.seen - centers)[..., None])[..., 0])
 
     def only(self, used: Bools) -> Pixels:
         """Of some (n,) of the dots."""
@@ -261,23 +238,12 @@ def plane_poses(dots: Floats, rays: Floats) -> list[Pose]:
 # chi-square of residuals r is r' (I + M M')^-1 r.
 
 
-def shared_part(
-    found: PoseFit,
-    dots: Floats,
-    target: Target,
-    camera: Camera,
-    covariance: Floats | None,
-    whitened: Callable[[Floats], Floats],
-) -> tuple[Floats, float]:
-    """The part (6, 6) of the pose's covariance that shared errors make, and the chi-square of its residuals under them.
-
-    dots        (m, 2) mm, those that the fit rests on
-    covariance  (9, 9) of the camera's numbers, or None where the camera is exact
-    whitened    pixels (m, 2, k) in standard deviations of the dots
-    """
+def shared_part(model: Pixels, found: PoseFit, target: Target, covariance: Floats | None) -> tuple[Floats, float]:
+    """The part (6, 6) of the pose's covariance that shared errors make, and the chi-square of its residuals under them;
+    `covariance` (9, 9) of the camera's numbers, or None where the camera is exact."""
     if covariance is None and not target.scale_sigma and not target.dot_sigma:
         return np.zeros((6, 6)), found.chi_square
-    count, pose = len(dots), found.pose
+    dots, camera, count, pose = model.dots, model.camera, len(model.dots), found.pose
     centers, by_pose = centers_by_pose(dots, target.radius, camera.packed, pose)
     sources: list[Floats] = []  # derivatives (m, 2, k) of the centres by k errors of deviation 1
     if covariance is not None:
@@ -291,8 +257,8 @@ def shared_part(
         each = np.zeros((count, 2, count, 2))
         each[np.arange(count), :, np.arange(count)] = target.dot_sigma * by_pose[..., :3] @ pose.rotation[:, :2]
         sources.append(each.reshape(count, 2, 2 * count))
-    slopes = whitened(by_pose).reshape(-1, 6)
-    by_errors = np.concatenate([whitened(source).reshape(len(slopes), -1) for source in sources], axis=1)
+    slopes, *others = (np.linalg.solve(model.factors, d).reshape(2 * count, -1) for d in (by_pose, *sources))
+    by_errors = np.concatenate(others, axis=1)
     moved = np.linalg.solve(slopes.T @ slopes, slopes.T @ by_errors)
     left = by_errors - slopes @ moved
     against = found.residuals @ left
@@ -329,7 +295,6 @@ class PoseEstimate:
     scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are
                 larger than the covariances say. The camera or the target is not as stated; that moves all dots
                 together, and the error may be far larger than the scaled covariance says
-    rival       by how much the chi-square of the plane's second pose is larger, over `scale`; inf: there is none
     """
 
     pose: Pose
@@ -342,7 +307,6 @@ class PoseEstimate:
     degrees: int
     p_value: float
     scale: float
-    rival: float
 
 
 def estimate_pose(
@@ -360,9 +324,11 @@ def estimate_pose(
     if not np.isfinite(rays).all():
         raise NoPose("the camera cannot see some of the dots where they are: its distortion has no inverse there")
     dots = target.dots[which]
-    _check_spread(dots)
-    factors: Floats = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
-    pixels = Pixels(dots, seen, factors, target.radius, camera)
+    away = dots - dots.mean(axis=0)
+    least, most = eigenvalues(away.T @ away)
+    if least < _SLIM**2 * most:
+        raise NoPose("the dots lie on a line or nearly so")
+    pixels = Pixels(dots, seen, np.linalg.cholesky(spread), target.radius, camera)
     first, *others = plane_poses(dots, rays)
     used, final, residuals = _screened(pixels, first)
     second = _other(pixels.only(used), final, others)
@@ -372,17 +338,16 @@ def estimate_pose(
         second = _other(pixels.only(used), final, [first])
     degrees = 2 * int(used.sum()) - 6
     kept = pixels.only(used)
-    part, chi_square = shared_part(final, kept.dots, target, camera, camera_covariance, kept.whitened)
+    part, chi_square = shared_part(kept, final, target, camera_covariance)
     p_value = float(chdtrc(degrees, chi_square))
     scale = chi_square / degrees if p_value < POOR else 1.0
-    rival = np.inf if second is None else float((second.chi_square - final.chi_square) / scale)
-    if rival < AMBIGUOUS:
+    if second is not None and (rival := (second.chi_square - final.chi_square) / scale) < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     common = _common(kept.dots, final.residuals.reshape(-1, 2), degrees) if scale > DOUBTFUL else 1.0
     return PoseEstimate(
         pose=final.pose,
-        covariance=np.asarray(scale * common * np.linalg.inv(final.normal) + part, dtype=np.float64),
+        covariance=np.asarray(scale * common * np.linalg.inv(final.normal) + part),
         shared_part=part,
         residuals=residuals,
         outliers=~used,
@@ -391,7 +356,6 @@ def estimate_pose(
         degrees=degrees,
         p_value=p_value,
         scale=scale,
-        rival=rival,
     )
 
 
@@ -416,13 +380,6 @@ def _other(pixels: Pixels, final: PoseFit, starts: list[Pose]) -> PoseFit | None
         if not step @ final.normal @ step < 1.0:
             return found
     return None
-
-
-def _check_spread(dots: Floats) -> None:
-    away = dots - dots.mean(axis=0)
-    least, most = eigenvalues(away.T @ away)
-    if least < _SLIM**2 * most:
-        raise NoPose("the dots lie on a line or nearly so")
 
 
 def _screened(model: Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:

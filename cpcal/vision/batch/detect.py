@@ -23,7 +23,7 @@ from typing import IO, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import InputError, Problems, unusable
+from cpcal.common.errors import Problems, unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
@@ -123,11 +123,27 @@ class Journal:
         of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
         head = json.dumps({"format": FORMAT, "version": __version__, "of": of})
         rows: dict[str, tuple[str, Detection]] = {}
-        first, *rest = _lines(path)
-        if first == head:
-            rows = {read[1].file: read for line in rest if (read := _row(line)) is not None}
-        elif first and not first.startswith(head[: head.index("/")]):
-            raise _no_journal(path)
+        text, none = "", unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
+        try:  # what can be none is not read
+            status = path.stat()
+            if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
+                raise none
+            text = path.read_text(encoding="utf-8", errors="surrogateescape")
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            what = f"cannot be read: {error.strerror or error}"
+            raise unusable(str(path), what, "give a file that can be read") from None
+        first, *rest = text.split("\n")
+        if first and not first.startswith(head[: head.index("/")]):
+            raise none
+        for line in rest if first == head else ():
+            try:
+                data = json.loads(line)
+                stamp, row = decoded(str, data.pop("stamp")), decoded(Detection, data)
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+                continue
+            rows[row.file] = stamp, row
         write_file(path, f"{head}\n")
         kept = cls(path.open("a", encoding="utf-8", errors="surrogateescape"), rows)
         for stamp, row in rows.values():
@@ -147,33 +163,6 @@ class Journal:
     def close(self) -> None:
         if self.file is not None:
             self.file.close()
-
-
-def _lines(path: Path) -> list[str]:
-    """[""] where there is no journal yet. Raises InputError for what can be none, before it is read."""
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
-            raise _no_journal(path)
-        return path.read_text(encoding="utf-8", errors="surrogateescape").split("\n")
-    except FileNotFoundError:
-        return [""]
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise unusable(str(path), what, "give a file that can be read") from None
-
-
-def _no_journal(path: Path) -> InputError:
-    return unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
-
-
-def _row(line: str) -> tuple[str, Detection] | None:
-    """The stamp and the row that a line of a journal states, if it states one."""
-    try:
-        data = json.loads(line)
-        return decoded(str, data.pop("stamp")), decoded(Detection, data)
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-        return None
 
 
 Progress = Callable[[int, int], None]

@@ -21,10 +21,8 @@ import numpy.typing as npt
 from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.dots.segmentation import Grey
-from cpcal.vision.pose import factored, solved, substituted
+from cpcal.vision.pose import solved
 from cpcal.vision.projection import eigenvalues
-
-__all__ = ["LINEAR", "OUTSIDE", "PLAIN", "Edges", "fitted_edges"]
 
 # ------------------------------------------------------------------------------------------------------------------
 # The grey levels that a blurred ellipse under light makes of pixels, and the normal equations of its parameters.
@@ -275,7 +273,7 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
     for i in range(8, PLAIN):
         matrix[i, i] += prior
         matrix[-1, i] -= prior * p[i]
-    if not _solved(matrix, used, matrix[-1], step):
+    if not solved(matrix, used, _RIDGE, _LEAST, matrix[-1], step) or not np.isfinite(step[:used]).all():
         return np.nan
     for i in range(used):
         limit = 0.3 if i < 2 or 8 <= i < 10 else 0.5 if i < 5 else np.inf if i < 7 else 0.7 if i == 7 else 0.2
@@ -291,28 +289,16 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
 
 
 @compiled
-def _solved(matrix: Single, size: int, right: Floats, out: Floats) -> bool:
-    """out = matrix^-1 right, of the first `size`, all finite."""
-    if not solved(matrix, size, _RIDGE, _LEAST, right, out):
-        return False
-    total = 0.0
-    for i in range(size):
-        total += abs(out[i])
-    return bool(np.isfinite(total))
-
-
-@compiled
 def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step: Floats, out: Floats) -> None:
     squares = matrix[-1, -1]
     for i in range(used):  # after the step, to first order
         squares -= matrix[-1, i] * step[i]
     variance = max(squares, 0.0) / max(count - used, 1)
     moves, by_x, by_y = _moves(p), np.zeros(used), np.zeros(used)
-    factor, scales = np.empty((used, used)), np.empty(used)
-    if not factored(matrix, used, _RIDGE, _LEAST, factor, scales):
+    if not solved(matrix, used, _RIDGE, _LEAST, moves[0], by_x) or not solved(
+        matrix, used, _RIDGE, _LEAST, moves[1], by_y
+    ):
         return
-    substituted(factor, scales, used, moves[0], by_x)
-    substituted(factor, scales, used, moves[1], by_y)
     out[0], out[1] = np.dot(moves[0], p) * unit, np.dot(moves[1], p) * unit
     for i in range(3):
         out[2 + i] = p[2 + i] / unit**2
