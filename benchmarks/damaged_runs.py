@@ -39,14 +39,14 @@ from typer.testing import CliRunner
 
 from benchmarks.damage import mutated
 from benchmarks.genuine_runs import RUNS
-from cpcal.calibration import calibrate_study
-from cpcal.calibration.study_calibration import load_record, save_record
 from cpcal.cli import app
 from cpcal.cli.verbs import Status
+from cpcal.common.codec import INFORMATION
 from cpcal.common.errors import InputError
 from cpcal.common.values import same
 from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
-from cpcal.files.codec import INFORMATION
+from cpcal.questions import calibrate_study
+from cpcal.questions.study_calibration import load_record, save_record
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -14,13 +14,12 @@ import numpy as np
 from typer.testing import CliRunner
 
 from benchmarks.pose_sets import drawn_pose, shown
-from cpcal.calibration import calibrate_study
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.models.hand_eye import save_hand_eye, simulate_hand_eye
 from cpcal.models.sight import CameraSet, PixelBoxes, TargetSet, enclose_pose
-from cpcal.questions import certify
+from cpcal.questions import calibrate_study, certify
 from cpcal.questions.accuracy import NamedPoses, certify_accuracy, save_accuracy
 from cpcal.questions.points import certify_fits
 from cpcal.robot import Pose

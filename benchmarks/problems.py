@@ -20,9 +20,8 @@ from typing import Protocol
 import numpy as np
 
 import cpcal
-from cpcal.calibration import least_squares
 from cpcal.common.values import Floats
-from cpcal.models import leg_box, leg_network
+from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.interval import Box
@@ -84,7 +83,7 @@ class Leg:
     @cached_property
     def middle(self) -> Floats:
         """The least-squares fit: the middle of the box."""
-        return least_squares(self.campaign, self.leg)
+        return fit_model(self.campaign, self.leg)
 
     @property
     def start(self) -> Floats:

@@ -1,4 +1,3 @@
-from .calibration import load_log
 from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
@@ -16,6 +15,7 @@ from .questions import (
     certify_point,
     check_data,
     compare,
+    load_log,
     load_result,
     save_result,
     status_of,

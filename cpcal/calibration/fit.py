@@ -1,11 +1,4 @@
-"""The calibration equations of legs, the noise of their readings, and least-squares fits x_c, x_c_sigma: no proofs.
-
-With v = P + R b - a (mm, base frame), leg by leg (the paper, eq. 15):
-
-    g(x, M) = ||v|| - (L + l)        mm
-
-A turn theta (rotation vector in the base frame, so R becomes R(theta) R) moves v by theta x R b.
-"""
+"""The noise of calibration equations, and their least-squares fits x_c, x_c_sigma: no proofs."""
 
 from __future__ import annotations
 
@@ -19,54 +12,9 @@ import numpy.typing as npt
 
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
-from cpcal.common.least_squares import least_squares as minimised
+from cpcal.common.least_squares import least_squares
 from cpcal.common.values import Floats, fill, frozen_array
-from cpcal.robot import Campaign, rotation_matrix
-
-_SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
-
-
-@dataclass(frozen=True, eq=False)
-class LegEquations:
-    """g(x) of n legs at N measurements, mm, for parameters x (n, 7) in mm: rows a_x a_y a_z b_x b_y b_z l.
-
-    position (N, 3) mm; rotation (N, 3, 3); length (N, n) mm.
-    """
-
-    position: Floats
-    rotation: Floats
-    length: Floats
-
-    @classmethod
-    def of(cls, campaign: Campaign, legs: Sequence[int] | None = None) -> LegEquations:
-        """Of the legs with these numbers, from 1 (left out: all), at the centres of the campaign's reading sets."""
-        columns = [leg - 1 for leg in legs or range(1, campaign.legs + 1)]
-        return cls(campaign.position, rotation_matrix(campaign.quaternion), campaign.length[:, columns])
-
-    def values(self, x: Floats) -> Floats:
-        """g, (N, n)."""
-        return np.asarray(np.linalg.norm(self.vectors(x)[0], axis=-1) - (self.length + x[:, 6]))
-
-    def by_parameters(self, x: Floats) -> Floats:
-        """dg/dx, (N, n, 7): [-v/||v||, R' v/||v||, -1]."""
-        along, _ = self._directions(x)
-        turned = np.einsum("kni,kij->knj", along, self.rotation)
-        return np.concatenate([-along, turned, np.full((*along.shape[:2], 1), -1.0)], axis=-1)
-
-    def by_pose(self, x: Floats) -> Floats:
-        """dg/d(P, theta), (N, n, 6): [v, R b x v] / ||v||; per mm and per rad. By the leg readings it is -1."""
-        along, arm = self._directions(x)
-        return np.concatenate([along, np.cross(arm, along)], axis=-1)
-
-    def vectors(self, x: Floats) -> tuple[Floats, Floats]:
-        """v and R b, each (N, n, 3)."""
-        arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
-        return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
-
-    def _directions(self, x: Floats) -> tuple[Floats, Floats]:
-        """v / ||v|| and R b, each (N, n, 3)."""
-        vector, arm = self.vectors(x)
-        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST)), arm
+from cpcal.robot import Campaign, LegEquations
 
 
 def weighted_jacobian(equations: LegEquations, weight: Floats, x: Floats) -> Floats:
@@ -437,22 +385,13 @@ def fit(
 def _solved(equations: LegEquations, weight: Floats, start: Floats, tolerance: float) -> tuple[Floats, bool]:
     """Parameters of the shape of `start`, and whether a criterion was met, for legs that are fitted together."""
 
-    found = minimised(
+    found = least_squares(
         lambda x: np.asarray(np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel()),
         lambda x: weighted_jacobian(equations, weight, x.reshape(-1, 7)),
         start.ravel(),
         tolerance=tolerance,
     )
     return found.at.reshape(start.shape), found.settled
-
-
-def least_squares(campaign: Campaign, leg: int) -> Floats:
-    """The classical fit x_c of one leg, (7,) in mm, from the nominal parameters: where certification looks around.
-
-    Leg numbers count from 1. With fewer than 7 independent poses: one of the many minima, near the nominal.
-    """
-    # a box of X0 is centred here, so closer than 1e-8 adds nothing
-    return np.asarray(fit(campaign, legs=[leg], tolerance=1e-8).parameters[0])
 
 
 def robust_scale(residuals: Floats) -> float:

@@ -1,138 +1,41 @@
-"""Where the camera stands and how the target is fixed, from pairs of poses (the paper, section 3.1).
+"""Where the camera stands and how the target is fixed, from poses and leg readings (the paper, section 3.1).
 
-The robot tells A_i, the mobile frame in the base frame (from its drawing and the leg readings); the camera tells
-B_i, the target frame in the camera frame. Unknown are X, the camera frame in the base frame, and Z, the target
-frame in the mobile frame. Both ways from the target to the base are the same:
-
-    X B_i = A_i Z                                                   (robot-world and hand-eye calibration)
-
-Shah's closed form begins; least squares on the legs' lengths end, for a study and for a log alike. All of this is
-ordinary estimation: nothing here is proved.
+Shah's closed form begins (`calibrate_frames`); least squares on the legs' lengths end, for a study and for a log alike.
+All of this is ordinary estimation: nothing here is proved.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.calibration.fit import Fit, LegEquations, Noise, fit, robust_scale
+from cpcal.calibration.fit import Fit, Noise, fit, robust_scale
 from cpcal.common.errors import InputError, unusable
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, nearest
 from cpcal.common.values import Bools, Floats
-from cpcal.files import Log, Settings
-from cpcal.files.log import campaign_of_log, frame_log, log_settings, read_log, unstated
 from cpcal.robot import (
     Campaign,
     KinematicsError,
+    LegEquations,
     Pose,
     Robot,
     Uncertainty,
+    calibrate_frames,
     central_pose,
     compose,
     inverse,
     inverse_kinematics,
-    normalised,
     quaternion_from_matrix,
     rotation_vector,
     transformed,
 )
-from cpcal.robot.campaign import Given
-from cpcal.robot.kinematics import forward_poses, nearest_rotation, world_hand_eye
-from cpcal.robot.mistakes import SHARE, spread_of
-from cpcal.robot.units import SEQUENCES
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-# ------------------------------------------------------------------------------------------------------------------
-# Pairs of poses: checked, and with enough rotation.
-#
-# How much rotation there is has one figure, the `spread` in rad of the direction that moves least: for poses the
-# smallest over unit vectors v of sqrt(2 (1 - |mean_i R_i v|)), about the rms angle between the R_i v and their mean
-# direction. It is zero exactly when all poses turn about one common axis v: then translations along it cannot be found,
-# whatever the method.
-
-LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
-_LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
-
-
-def cross_matrix(vector: npt.ArrayLike) -> Floats:
-    """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
-    v = np.asarray(vector, dtype=np.float64)
-    return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
-
-
-@dataclass(frozen=True, eq=False)
-class FrameCalibration:
-    """camera_in_base: X, target_in_mobile: Z (positions in mm)."""
-
-    camera_in_base: Pose
-    target_in_mobile: Pose
-
-
-def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
-    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
-
-    robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
-    camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
-
-    InputError for unusable arrays, for fewer than three pairs, and where the orientations do not determine the frames:
-    all (nearly) the same, or turned about one axis only (planar motion), or by no more than their own errors.
-    """
-    pairs = {"robot_poses": robot_poses, "camera_poses": camera_poses}
-    for name, pose in pairs.items():
-        table = np.concatenate([pose.position, pose.quaternion], axis=-1)
-        good = table.ndim == 2 and table.shape[1] == 7 and np.isfinite(table).all()
-        if not (good and pose.quaternion.any(axis=1).all()):
-            what = "are no poses, or hold a NaN, an infinity or a zero quaternion"
-            raise unusable(name, what, "give (N, 3) in mm and (N, 4), scalar first")
-    counts = len(robot_poses.position), len(camera_poses.position)
-    if counts[0] != counts[1] or counts[0] < 3:
-        what, remedy = f"hold {counts[0]} and {counts[1]} poses", "give at least 3, the same measurements in order"
-        raise unusable(" and ".join(pairs), what, remedy)
-    lengths = np.concatenate([robot_poses.position, camera_poses.position])
-    unit = float(np.max(np.abs(lengths))) or 1.0  # no result depends on the unit of lengths
-    a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in pairs.values())
-    least, name, direction = min(_spread(name, pose.rotation) for name, pose in zip(pairs, (a, b), strict=True))
-    x, z = world_hand_eye(a, b)
-    turn = rotation_vector(compose(b, inverse(compose(inverse(x), compose(a, z)))).quaternion)
-    rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
-    if least <= _LOST * rms:
-        what = (
-            f"move the direction ({direction}) by {least:.2g} rad (rms) only, and the two sides differ by {rms:.2g} "
-            "rad: translations along it are not determined"
-        )
-        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
-        raise unusable(name, what, remedy)
-    return FrameCalibration(*(Pose(pose.position * unit, pose.quaternion) for pose in (x, z)))
-
-
-def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
-    """How far the rotations (N, 3, 3) of poses move the direction that they move least, rad; the poses' name, and that
-    direction. InputError that says what is missing where it is zero."""
-    left, size, _ = np.linalg.svd(rotations.mean(axis=0))
-    least, _, most = np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)).tolist()
-    axis = left[:, 0] * np.sign(left[np.argmax(np.abs(left[:, 0])), 0]) + 0.0
-    direction = ", ".join(f"{value:.3f}" for value in axis)
-    if least > LEAST_SPREAD:
-        return least, name, direction
-    what = f"hardly turn: by {most:.2g} rad (rms), which is not above {LEAST_SPREAD:.2g} rad"
-    if most > LEAST_SPREAD:
-        what = (
-            f"turn about one axis only, ({direction}): it moves by {least:.2g} rad (rms), which is not above "
-            f"{LEAST_SPREAD:.2g} rad, so that translations along it are not determined"
-        )
-    remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
-    raise unusable(name, what, remedy)
+from cpcal.robot.kinematics import FrameCalibration, cross_matrix, forward_poses, nearest_rotation
+from cpcal.robot.mistakes import spread_of
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:
@@ -251,11 +154,8 @@ def on_drawing_errors(parameters: Floats, covariance: Floats, drawing: Robot) ->
 _FAR = 5.0  # times the median of the rows' residuals, or robust standard deviations of a leg's: left out of the frames
 _TRIMS = 4
 _ROWS = 2_000  # of a log, spread evenly, are enough for frames
-_TRIED = 60  # rows tell frames
-_EXPLAINED = 0.01  # of a leg's length: what manufacturing errors may leave
 _ROUNDING = 1e-6  # mm: residuals below it are none
 _TOLD = 6  # rows that a sentence names
-FRAME_NOTES = ("frames", "tracker_in_base", "target_in_mobile", "residuals", "left_out")  # of a provenance
 
 
 Drawn = tuple[Pose, Bools]  # by forward kinematics: poses (N), and which were found
@@ -303,7 +203,7 @@ def first_frames(robot: Robot, length: Floats, seen: Pose, drawn: list[Drawn] | 
 
 
 def _notes(base: FittedFrame, mobile: FittedFrame, fit: Fit, left_out: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """What was estimated, and how well it is known: sentences by `FRAME_NOTES`, and the poses in full."""
+    """What was estimated, and how well it is known: sentences of a provenance, and the poses in full."""
     yield (
         "frames",
         "The poses are of a target in a tracker's frame. Both frames and all legs are fitted together to "
@@ -334,7 +234,7 @@ def _known(value: float, sigma: float) -> str:
 
 def in_base_frame(campaign: Campaign) -> Campaign:
     """The campaign in the base frame, of one whose poses are of a target in a tracker's frame: every measurement, wrong
-    ones too, as a pose of the mobile frame; its provenance says what was estimated (`FRAME_NOTES`).
+    ones too, as a pose of the mobile frame; its provenance says what was estimated.
 
     Standard deviations of a pose are carried to the mobile frame (its origin is off the target's by a lever, which a
     turn moves), declared half-widths as sums of absolute values. Raises InputError where the poses do not determine the
@@ -378,99 +278,3 @@ def in_base_frame(campaign: Campaign) -> Campaign:
         uncertainty=declared,
         provenance=told | dict(_notes(base, mobile, best, left_out)),
     )
-
-
-_FORMS = [
-    f"{form}-{unit}" for unit in ("deg", "rad") for form in ("vector", *(f"euler-{order}" for order in SEQUENCES))
-]
-
-
-def _rotation(
-    log: Log, settings: Settings, columns: str | Mapping[str, str], stated: str | None, base: bool
-) -> InputError | None:
-    """The problem that names the form of rotations with which the drawing explains the readings, in frames of a
-    tracker; None where none does, or one does without such frames (unless `base`)."""
-    step = -(-len(log.rows) // _TRIED)
-    few = replace(log, rows=log.rows[::step], lines=log.lines[::step])
-    tried: list[tuple[float, str]] = []
-    drawn: list[Drawn] | None = None
-    for name in _FORMS:
-        try:
-            campaign = campaign_of_log(few, settings, columns, name)
-            drawn = drawn or drawn_poses(campaign.robot, campaign.length)
-        except (InputError, KinematicsError):
-            continue
-        typical = Given.of(campaign).share()
-        if typical <= SHARE and not base:
-            return None
-        tried.append((min(_by_drawing(campaign, drawn), typical), name))
-    least = min(tried, default=(math.inf, ""))[0]
-    if least > _EXPLAINED:
-        return None
-    alike = 1.01 * least + np.finfo(np.float64).eps  # two may be names of the same: the first one counts
-    best, rest = next(one for one in tried if one[0] <= alike), [one for one in tried if one[0] > alike]
-    what = "is not stated" if stated is None else f"is not {stated}"
-    more = f"; the next best, {min(rest)[1]}, {about(100.0 * min(rest)[0], 2)} %" if rest else ""
-    what += f": with {best[1]} readings and drawing differ by {about(100.0 * best[0], 2)} % of a leg's length{more}"
-    return unusable("rotation", what, f"say --rotation {best[1]} (rotation= in Python) if the tracker's manual agrees")
-
-
-def _by_drawing(campaign: Campaign, drawn: list[Drawn] | None = None) -> float:
-    """By how much of a leg's length readings differ from the drawing's joints in frames of a tracker (the median over
-    the measurements, of the worst leg); infinite where the poses determine no frames."""
-    try:
-        seen = Pose(campaign.position, campaign.quaternion)
-        first = first_frames(campaign.robot, campaign.length, seen, drawn)
-    except (InputError, KinematicsError):
-        return math.inf
-    robot = redefined(campaign.robot, first.camera_in_base, first.target_in_mobile)
-    return Given.of(replace(campaign, robot=robot)).share()
-
-
-def load_log(
-    path: str | os.PathLike[str] | DataFrame,
-    *,
-    robot: Robot | str,
-    columns: str | Mapping[str, str] = "",
-    rotation: str | None = None,
-    frames: Literal["base", "tracker"] | None = None,
-    position_sigma: npt.ArrayLike | None = None,
-    rotation_sigma: npt.ArrayLike | None = None,
-    length_sigma: npt.ArrayLike | None = None,
-    factor: float = 3.0,
-    exact: bool = False,
-) -> Campaign:
-    """The campaign, in the base frame, of a log of poses and leg readings, each read once or several times: a file, or
-    a table of pandas.
-
-    robot      a Robot, the name of one in the catalogue, or a campaign.toml, which may state the uncertainty too
-    columns    which columns are which, as `cpcal import --map` has it; left out: told by their names and units
-    rotation   see `Campaign.from_arrays`; left out: told by the columns, for quaternions and matrices
-    frames     "base": poses are of the mobile frame in the base frame. "tracker": of a target in a tracker's frame, and
-               both frames are fitted. Left out: the drawing tells, where frames make it explain the readings; another
-               mistake is not hidden in frames
-    ..._sigma  standard deviations: position mm, rotation rad, lengths mm; one number, or one an axis or leg
-
-    `campaign.provenance` says what was estimated. Raises InputError with everything that is wrong, KinematicsError
-    where the drawing cannot reach the readings.
-    """
-    sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
-    settings, stated = log_settings(robot, sigmas, factor, exact)
-    log = read_log(Path(path)) if isinstance(path, str | os.PathLike) else frame_log(path)
-    older = {k: v for k, v in settings.provenance.items() if k.removesuffix("_pose") not in FRAME_NOTES}
-    settings = replace(settings, provenance=older)
-    try:
-        read = campaign_of_log(log, settings, columns, rotation)
-    except InputError as error:
-        if rotation is not None or any(problem.where != "rotation" for problem in error.problems):
-            raise
-        raise _rotation(log, settings, columns, rotation, True) or error from None
-    few = read.sampled(_TRIED)
-    if frames is None and (typical := Given.of(few).share()) > SHARE:  # frames that explain it, and much better?
-        frames = "tracker" if _by_drawing(few) <= min(_EXPLAINED, 0.1 * typical) else "base"
-        if frames == "base" and (other := _rotation(log, settings, columns, rotation, False)) is not None:
-            raise other
-    campaign = in_base_frame(read) if frames == "tracker" else read
-    if not stated:
-        raise unstated(f"{about(float(np.median(spread_of(campaign).left)), 2)} mm")
-    return campaign

@@ -8,18 +8,27 @@ in the mean and cannot be seen here.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.fit import LegEquations, Noise
+from cpcal.calibration.fit import Noise
 from cpcal.common.errors import unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
-from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot import (
+    Campaign,
+    LegEquations,
+    PoseTable,
+    Robot,
+    Uncertainty,
+    quaternion_conjugate,
+    quaternion_product,
+    rotation_vector,
+)
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 
@@ -447,3 +456,82 @@ def repeat_tests(found: Repeatability, runs: Sequence[str]) -> Tests:
         elif ordered:
             said.append((False, f"{good}: of {len(ordered)} channels none beyond chance (least {least})."))
     return tuple(said)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The rows of one of a study's tables: as measured, without outliers, and as means of the images of each run.
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRows:
+    """Measurements of a table.
+
+    screening   outliers among them; None where no pose is repeated, so that nothing tells them
+    good        the rows without them
+    runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
+                images count as runs
+    shared      (N, 6) of those: deviations of the errors that all images share, mm and rad; None where there are none
+    """
+
+    screening: Screening | None
+    good: Campaign
+    runs: Campaign
+    shared: Floats | None
+
+    @property
+    def repeats(self) -> Ints:
+        """(K,) runs of each pose, in the order of their first rows."""
+        return np.bincount(grouped(self.runs.pose, repeated=False)[0]).astype(np.int64)
+
+
+def study_rows(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> StudyRows:
+    """The rows of a table, screened for outliers where poses are repeated; joint centres of the robot in any frames."""
+    rows = as_campaign(table, robot, provenance)
+    has_runs = len(set(zip(table.pose, table.run, strict=True))) > len(set(table.pose))
+    runs = np.array(table.run if has_runs else rows.run)
+    screening = None
+    if len(set(table.pose)) < len(table):
+        spread = campaign_deviations(rows)
+        if table.image is None or not has_runs:
+            screening = screen(spread)
+        else:  # poses row by row; leg readings run by run, as all images of a run hold the same ones
+            legs = scores(campaign_deviations(_run_means(rows, runs)))[_by_run(rows, runs)][:, 6:]
+            screening = screen(spread, np.concatenate([scores(spread)[:, :6], legs], axis=1))
+    keep = np.ones(len(rows), dtype=np.bool_) if screening is None else screening.keep
+    good = rows.rows(keep)
+    averages = _run_means(good, runs[keep])
+    shared = None
+    if table.shared is not None:  # a mean of images has all of what they share: root mean squares over each run
+        shared = np.sqrt(group_means(table.shared[keep] ** 2, _by_run(good, runs[keep]), len(averages)))
+    return StudyRows(screening, good, averages, shared)
+
+
+def as_campaign(table: PoseTable, robot: Robot, provenance: Mapping[str, str] | None = None) -> Campaign:
+    """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
+    runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
+    return Campaign.of(
+        robot,
+        table.position,
+        table.quaternion,
+        table.length,
+        pose=table.pose,
+        run=runs,
+        exact=True,
+        provenance=provenance,
+    )
+
+
+def _by_run(rows: Campaign, runs: npt.NDArray[np.str_]) -> Ints:
+    """(N,) which pose and run each row is of, in the order of their first rows."""
+    return grouped(list(zip(rows.pose, runs.tolist(), strict=True)), repeated=False)[0]
+
+
+def _run_means(rows: Campaign, runs: npt.NDArray[np.str_]) -> Campaign:
+    group = _by_run(rows, runs)
+    first = np.unique(group, return_index=True)[1]
+    names = tuple(runs[first].tolist())
+    if len(first) == len(rows):
+        return replace(rows, run=names)
+    pose = [rows.pose[k] for k in first]
+    of_means = means(rows, group, len(first))
+    return Campaign.of(rows.robot, *of_means, pose=pose, run=names, exact=True, provenance=rows.provenance)

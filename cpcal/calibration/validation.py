@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.fit import LegEquations, Noise
+from cpcal.calibration.fit import Noise
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.robot import (
     Campaign,
+    LegEquations,
     Pose,
     Robot,
     forward_poses,

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cpcal.calibration.frames import FRAME_NOTES, load_log
 from cpcal.cli.verbs import FORCE, Status, Talk, argument, check_new, option, options, output, refuse_options
 from cpcal.common.errors import Problem, Problems, refuse, unusable
 from cpcal.common.files import write_file
@@ -23,6 +22,7 @@ from cpcal.files import (
     settings_template,
 )
 from cpcal.questions import check_data
+from cpcal.questions.log import FRAME_NOTES, load_log
 from cpcal.robot import ROBOTS, Campaign, known_robot, rotation_vector
 from cpcal.robot.campaign import Given
 from cpcal.robot.mistakes import mixed_up, spread_of

@@ -13,12 +13,13 @@ from cpcal.cli.certify import show
 from cpcal.cli.detections_page import numbers, rejected, write_detections_page
 from cpcal.cli.verbs import FIRST_ROW, TARGET_FILE, Status, Talk, argument, counted, option, output
 from cpcal.cli.verified import NUMBERS, TABLE, assumptions
+from cpcal.common.documents import csv_table
 from cpcal.common.errors import refuse, together, unusable
 from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import at_most
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
-from cpcal.files.tables import csv_table
+from cpcal.files.tables import load_readings, readings_bytes, readings_of
 from cpcal.models.sight import CameraSet, Enclosed, Enclosing, TargetSet, stem_of
 from cpcal.robot import Robot, Study
 from cpcal.robot.campaign import SIMULATION
@@ -30,9 +31,6 @@ from cpcal.vision.batch.detect import (
     detections_bytes,
     hinted,
     in_parallel,
-    load_readings,
-    readings_bytes,
-    readings_of,
 )
 from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.study_images import RenderedImages, camera_above, look_again, study_table

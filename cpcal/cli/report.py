@@ -8,7 +8,6 @@ from typing import Literal
 
 import typer
 
-from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.cli.verbs import (
     CAMPAIGN,
     FITS,
@@ -23,13 +22,13 @@ from cpcal.cli.verbs import (
     output,
 )
 from cpcal.cli.verify import checked_certificates, refusals
+from cpcal.common.documents import toml_text
 from cpcal.common.errors import printable, unusable
 from cpcal.common.files import write_file
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, HANDEYE
-from cpcal.files.settings import toml_text
 from cpcal.files.tables import load_poses
-from cpcal.questions import load_result
+from cpcal.questions import RECORD_NAME, load_record, load_result
 from cpcal.questions.hand_eye import load_hand_eye_result
 from cpcal.questions.points import fits_of
 from cpcal.report.export import HAND_EYE_FORMS, exported, frames_of_run

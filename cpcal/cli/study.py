@@ -10,15 +10,6 @@ from typing import Any
 
 import typer
 
-from cpcal.calibration import (
-    RECORD_NAME,
-    CalibrationRecord,
-    Inputs,
-    StudyCalibration,
-    budget,
-    calibrate_study,
-    save_record,
-)
 from cpcal.cli.certify import certified_into, show, show_result, status_of, warned
 from cpcal.cli.report import study_found
 from cpcal.cli.verbs import (
@@ -44,7 +35,18 @@ from cpcal.common.files import unwritable, write_file
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.models import PLAIN
-from cpcal.questions import Result, certify, save_result
+from cpcal.questions import (
+    RECORD_NAME,
+    CalibrationRecord,
+    Inputs,
+    Result,
+    StudyCalibration,
+    budget,
+    calibrate_study,
+    certify,
+    save_record,
+    save_result,
+)
 from cpcal.questions.points import certify_fits
 from cpcal.questions.question import question_of
 from cpcal.report.run_page import REPORT_NAME

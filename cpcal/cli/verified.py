@@ -14,12 +14,12 @@ import numpy as np
 from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, told
+from cpcal.common.documents import JSON_MAX, json_object, unguarded
 from cpcal.common.errors import InputError, PluginError, Problem, Problems
 from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
 from cpcal.files.run_folder import unfinished
-from cpcal.files.tables import JSON_MAX, json_object, unguarded
 from cpcal.models import leg_model
 from cpcal.questions import (
     INFORMATION,

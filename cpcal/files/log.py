@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.documents import number_pattern
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import TEXT_MAX, listed, small_file
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.files.folders import load_settings
 from cpcal.files.settings import Settings
-from cpcal.files.tables import number_pattern
 from cpcal.robot import EXACT_OR_NOT, ROBOTS, Campaign, Robot, known_robot
 from cpcal.robot.campaign import ARRAYS, stated_uncertainty
 from cpcal.robot.units import (

@@ -1,23 +1,29 @@
-"""What all settings files have in common: sections and values of a TOML document, each problem with its line."""
+"""campaign.toml, study.toml and their tables: written as canonical bytes, read with every problem and its line."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import os
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file, write_folder
-from cpcal.common.values import Floats
-from cpcal.files.tables import csv_table, toml_document
+from cpcal.common.documents import (
+    KeyPath,
+    Schema,
+    TomlReader,
+    array,
+    csv_table,
+    document,
+    name,
+    whole,
+    written,
+)
+from cpcal.common.errors import InputError, Problems, shown, unusable
+from cpcal.common.files import NAME_MAX, write_folder
 from cpcal.robot import (
     EXACT_OR_NOT,
     ROBOTS,
@@ -31,245 +37,8 @@ from cpcal.robot import (
     Uncertainty,
 )
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import KINDS, LARGEST
+from cpcal.robot.robot import KINDS
 from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
-
-KeyPath = tuple[str, ...]
-Table = dict[str, object]
-Shape = tuple[int | None, ...]
-Read = Callable[["TomlReader", KeyPath, object], Any]  # a value of a schema
-Schema = Mapping[str, Read]
-_NONE: Schema = {}
-
-
-class TomlReader:
-    """Reads values out of sections; what is wrong is noted, and something harmless returned."""
-
-    def __init__(self, content: bytes, document: Table, where: str, problems: Problems) -> None:
-        self.document, self.where, self.problems = document, where, problems
-        self.lines = line_numbers(content.decode("utf-8-sig"), document)
-        self.sha256 = hashlib.sha256(content).hexdigest()
-
-    @classmethod
-    def opened(
-        cls,
-        path: Path,
-        format_: str,
-        sections: Iterable[str],
-        problems: Problems,
-        absent: str,
-    ) -> Self | None:
-        """A reader of a file, its format and the names of its sections checked.
-
-        None, with a problem added, where there is no such file (`absent` is the remedy), or it is no TOML.
-        """
-        content, where, sections = small_file(path, problems, absent), str(path), ("format", *sections, "provenance")
-        if content is None:
-            return None
-        document = toml_document(content, where, problems, f'format = "{format_}" and [{sections[1]}]')
-        if document is None:
-            return None
-        reader = cls(content, document, where, problems)
-        reader.known((), document, sections)
-        found = document.get("format")
-        if "format" not in document:
-            reader.wrong((), "the key 'format' is missing", f'add the line format = "{format_}" at the top')
-        elif found != format_:
-            reader.wrong(("format",), f"the format is {shown(found)}", f'this program reads "{format_}" here')
-        return reader
-
-    def line(self, path: KeyPath) -> int | None:
-        while path and path not in self.lines:
-            path = path[:-1]
-        return self.lines.get(path)
-
-    def wrong(self, path: KeyPath, what: str, remedy: str) -> None:
-        self.problems.add(Problem(self.where, what, remedy, self.line(path)))
-
-    def known(self, path: KeyPath, table: Table, keys: Iterable[str]) -> None:
-        """Take note of keys that mean nothing."""
-        place = f" in [{'.'.join(path)}]" if path else ""
-        for key in table:
-            if key not in keys:
-                otherwise = "the keys there are: " + ", ".join(keys)
-                what, line = f"unknown key {shown(key)}{place}", self.line((*path, key))
-                self.problems.add_unknown(self.where, what, key, keys, otherwise, line)
-
-    def section(self, name: str, keys: Schema, optional: Schema = _NONE, *, needed: bool = True, **more: str) -> Any:
-        """The values of the section `name` by their keys; None where there is none, or a problem."""
-        if name in self.document:
-            return self.table((name,), self.document[name], keys, optional, **more)
-        if needed:
-            self.wrong((), f"the section [{name}] is missing", f"add [{name}] with {', '.join(keys)}")
-        return None
-
-    def table(
-        self, path: KeyPath, table: object, keys: Schema, optional: Schema = _NONE, *, remedy: str = "add {key} = ..."
-    ) -> dict[str, Any] | None:
-        """The values of a table by their keys; None with a problem: a key is missing, means nothing, or is wrong."""
-        if not isinstance(table, dict):
-            self.wrong(path, f"{path[-1]!r} is not a section", f"write a section [{'.'.join(path)}]")
-            return None
-        before, every = len(self.problems), {**keys, **optional}
-        self.known(path, table, every)
-        for key in keys:
-            if key not in table:
-                self.wrong(path, f"the key {key!r} is missing in [{'.'.join(path)}]", remedy.format(key=key))
-        found = {key: read(self, (*path, key), table[key]) for key, read in every.items() if key in table}
-        return found if len(self.problems) == before else None
-
-    def numbers(
-        self, path: KeyPath, value: object, shape: Shape, meaning: str, *, name: str, signed: bool, by_leg: bool
-    ) -> Any:
-        """Nested lists of numbers. A row is called by its number, from 0 as in the arrays; or, `by_leg`, by its leg."""
-        if not shape:
-            return self.number(path, name, value, signed=signed)
-        rows = len(shape) > 1
-        what, of = ("rows", f" for {shape[0]} legs") if rows else ("numbers", f", not {shape[0]}")
-        give = f"give {'one row for each leg: ' if by_leg else 'rows: ' if rows else ''}{meaning}"
-        if not isinstance(value, list) or not value:
-            self.wrong(path, f"{name} is not a list of {what}", f"{give}, in brackets")
-            return []
-        if shape[0] is not None and len(value) != shape[0]:
-            self.wrong(path, f"{name} has {len(value)} {what}{of}", give)
-            return []
-        called = f"{name} of leg {{}}" if by_leg else f"row {{}} of {name}" if rows else name
-        return [
-            self.numbers(path, one, shape[1:], meaning, name=called.format(i), signed=signed, by_leg=False)
-            for i, one in enumerate(value, start=int(by_leg))
-        ]
-
-    def number(self, path: KeyPath, name: str, value: object, *, signed: bool = True) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            self.wrong(path, f"{name} holds {shown(value)}, which is not a number", "give a number, unquoted")
-            return 0.0
-        if not abs(value) <= LARGEST:
-            self.wrong(path, f"{name} holds {shown(value)}", f"give a finite number up to {LARGEST:g}")
-            return 0.0
-        if value < 0 and not signed:
-            self.wrong(path, f"{name} holds the negative number {value:g}", "give a number >= 0")
-        return float(value)
-
-    def provenance(self) -> dict[str, str]:
-        """The section [provenance]: texts, and numbers as they are written."""
-        table, texts = self.document.get("provenance", {}), {}
-        if not isinstance(table, dict):
-            self.wrong(("provenance",), "'provenance' is not a section", "write a section [provenance]")
-            return {}
-        for key, value in table.items():
-            path, name = ("provenance", key), f"{shown(key)} in [provenance]"
-            if isinstance(value, (dict, list)):
-                self.wrong(path, f"{name} is not a text", "write a text in quotes, or a number")
-                continue
-            texts[key] = value if isinstance(value, str) else str(value)
-            if not is_name(key):
-                self.wrong(path, f"{name} cannot be a name", NAME_REMEDY)
-            if not is_text(texts[key]):
-                self.wrong(path, f"{name} is {shown(texts[key])}", TEXT_REMEDY)
-        return texts
-
-
-def line_numbers(text: str, document: Table) -> dict[KeyPath, int]:
-    """Where each section and key of the document is first written, by its path."""
-    lines: dict[KeyPath, int] = {}
-    section: KeyPath = ()
-    for number, line in enumerate(text.split("\n"), start=1):
-        if line.lstrip().startswith("["):
-            path = _path(line.lstrip()[1:].partition("]")[0])
-            if _leads_somewhere(path, document):  # a heading, not a row of an array
-                section = path
-        elif "=" in line:
-            path = section + _path(line.partition("=")[0])
-        else:
-            continue
-        if _leads_somewhere(path, document):
-            for depth in range(1, len(path) + 1):
-                lines.setdefault(path[:depth], number)
-    return lines
-
-
-def _path(dotted: str) -> KeyPath:
-    return tuple(part.strip().strip("\"'") for part in dotted.split("."))
-
-
-def _leads_somewhere(path: KeyPath, document: Table) -> bool:
-    value: object = document
-    for key in path:
-        if not isinstance(value, dict) or key not in value:
-            return False
-        value = value[key]
-    return True
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# What a value may be: readers for a schema. Each takes note of what is wrong, and returns something harmless then.
-
-
-def text(reader: TomlReader, path: KeyPath, value: object) -> str:
-    if isinstance(value, str):
-        return value
-    reader.wrong(path, f"{path[-1]} is {shown(value)}, not text", "put it in quotes")
-    return ""
-
-
-def name(reader: TomlReader, path: KeyPath, value: object) -> str:
-    """A text that can name something: see `is_name`."""
-    found = text(reader, path, value)
-    if not is_name(found):
-        reader.wrong(path, f"{path[-1]} is {shown(found)}", NAME_REMEDY)
-    return found
-
-
-def one_of(choices: Iterable[str]) -> Read:
-    def read(reader: TomlReader, path: KeyPath, value: object) -> object:
-        if value not in list(choices):
-            reader.wrong(path, f"{path[-1]} is {shown(value)}", f"give one of {', '.join(choices)}")
-        return value
-
-    return read
-
-
-def truth(reader: TomlReader, path: KeyPath, value: object) -> bool:
-    if not isinstance(value, bool):
-        reader.wrong(path, f"{path[-1]} is {shown(value)}", "write true or false")
-    return bool(value)
-
-
-def whole(least: int, most: int | None = None) -> Read:
-    def read(reader: TomlReader, path: KeyPath, value: object) -> int:
-        if type(value) is int and least <= value <= (value if most is None else most):
-            return value
-        upper = "" if most is None else f" to {most}"
-        reader.wrong(path, f"{path[-1]} is {shown(value)}", f"give a whole number from {least}{upper}")
-        return least
-
-    return read
-
-
-def positive(unit: str) -> Read:
-    def read(reader: TomlReader, path: KeyPath, value: object) -> float:
-        before = len(reader.problems)
-        found = reader.number(path, path[-1], value)
-        if len(reader.problems) == before and not found > 0.0:
-            reader.wrong(path, f"{path[-1]} is {found:g}", f"give a positive number of {unit}")
-        return found
-
-    return read
-
-
-def array(shape: Shape, meaning: str = "", *, signed: bool = True, by_leg: bool = False) -> Read:
-    """An array of numbers, or one number: of any length where the shape has None."""
-
-    def read(reader: TomlReader, path: KeyPath, value: object) -> Floats | float:
-        before = len(reader.problems)
-        found = reader.numbers(path, value, shape, meaning, name=path[-1], signed=signed, by_leg=by_leg)
-        if len(reader.problems) > before:
-            return 0.0
-        values = np.array(found, dtype=np.float64)
-        return values if shape else float(values)
-
-    return read
-
 
 # ------------------------------------------------------------------------------------------------------------------
 # Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written.
@@ -294,48 +63,6 @@ def toml_bytes(campaign: Campaign) -> bytes:
 
 def _of_robot(robot: Robot) -> dict[str, object]:
     return {key: getattr(robot, key) for key in ("name", "base", "mobile", "offset")}
-
-
-def document(format_: str, sections: Mapping[str, Mapping[str, object]], provenance: Mapping[str, str]) -> bytes:
-    """A TOML file of its format and sections."""
-    return toml_text({"format": format_, **sections, "provenance": provenance}).encode()
-
-
-def toml_text(table: Mapping[str, Any]) -> str:
-    """A TOML document; floats by repr. None and empty tables are left out."""
-    return "\n".join(_toml(table, "")) + "\n"
-
-
-def _toml(table: Mapping[str, Any], path: str) -> Iterator[str]:
-    """Simple values first, then tables, then arrays of tables."""
-    nested = {}
-    for key, value in table.items():
-        name = key if re.fullmatch("[A-Za-z0-9_-]+", key) else written(key)
-        if isinstance(value, Mapping):
-            nested[f"\n[{path}{name}]"] = f"{path}{name}.", [value] * bool(value)
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            nested[f"\n[[{path}{name}]]"] = f"{path}{name}.", value
-        elif value is not None:
-            yield f"{name} = {written(value)}"
-    for head, (inner, parts) in nested.items():
-        for part in parts:
-            yield head
-            yield from _toml(part, inner)
-
-
-def written(value: Any) -> str:
-    """A TOML value; floats by repr. Of an array of arrays each row has a line."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        parts = [written(part) for part in value]
-        if value and isinstance(value[0], list | tuple):
-            return "[\n" + "".join(f"    {part},\n" for part in parts) + "]"
-        return f"[{', '.join(parts)}]"
-    if isinstance(value, str):  # as JSON; a character beyond the basic plane is no two halves here
-        text = json.dumps(value, ensure_ascii=False)
-        return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
-    return repr(value).lower()
 
 
 def csv_bytes(campaign: Campaign) -> bytes:

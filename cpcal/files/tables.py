@@ -1,8 +1,4 @@
-"""Tables as CSV, safe to open in a spreadsheet.
-
-A spreadsheet computes a text that begins with = + - or @, so such a name is written with an apostrophe before it, and
-read back without. A name that has apostrophes there of its own gets one more, so that every name comes back as it was.
-"""
+"""Tables of measurements, readings and poses: every bad cell with its line number, in bounded memory and time."""
 
 from __future__ import annotations
 
@@ -10,180 +6,25 @@ import codecs
 import csv
 import hashlib
 import io
-import json
 import math
 import os
 import re
-import tomllib
 import warnings
 from array import array
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.documents import csv_table, number_pattern, unguarded
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier, small_file
-from cpcal.robot import Pose
+from cpcal.common.values import LARGEST, Floats
+from cpcal.robot import Pose, PoseTable
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.robot import LARGEST
 from cpcal.robot.units import override_columns, reading_columns
-
-_RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them
-
-
-def guarded(text: str) -> str:
-    """The text of a cell as it is written."""
-    return "'" + text if _RUNS.match(text) else text
-
-
-def unguarded(cell: str) -> str:
-    """The text that was written so."""
-    return cell[1:] if cell.startswith("'") and _RUNS.match(cell) else cell
-
-
-def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]]) -> bytes:
-    """A CSV file. Floats by repr, so that they are read back bit for bit; None: empty."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(map(_cell, row) for row in rows)
-    return buffer.getvalue().encode()
-
-
-def _cell(value: str | float | None) -> str:
-    return "" if value is None else guarded(value) if isinstance(value, str) else repr(value)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Files from outside: the bytes of regular files, and the TOML and JSON documents in them.
-#
-# Every reader goes through here, so that no file can hang the program, fill the memory or raise what nobody expects:
-# pipes and devices are refused before they are read, sizes and nesting are bounded.
-
-JSON_MAX = 2**27  # bytes of a JSON file
-DEPTH_MAX = 30  # of nested lists and tables
-
-_BREAKS = re.compile(r"""[][{}=,"']""")
-_DOTS_MAX = 1_000  # in a key: tomllib's time grows with its square
-_SURROGATE = re.compile(r"\\u[dD][89abABcdefCDEF]")
-
-
-def toml_document(content: bytes, where: str, problems: Problems, start: str) -> dict[str, object] | None:
-    """The TOML document in the bytes of a file called `where`; None, with a problem added, if it is none.
-
-    `start` says what an empty file should begin with.
-    """
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        problems.add(Problem(where, "is not UTF-8 text", "save the file as UTF-8 text", line))
-        return None
-    if not text.strip():
-        problems.add(Problem(where, "is empty", f"write at least {start}", 1))
-        return None
-    for number, row in enumerate(text.split("\n"), start=1):
-        if max(part.count(".") for part in _BREAKS.split(row)) > _DOTS_MAX:
-            problems.add(Problem(where, "has a key of too many parts", "is this the right file?", number))
-            return None
-    try:
-        document = tomllib.loads(text)
-        if not _deep(document):
-            return document
-    except tomllib.TOMLDecodeError as error:
-        what, _, place = str(error).rpartition(" (at ")  # "(at line 3, column 5)" or "(at end of document)"
-        digits = place.removeprefix("line ").partition(",")[0]
-        line = int(digits) if digits.isdecimal() else text.rstrip().count("\n") + 1
-        problems.add(Problem(where, f"is not TOML: {what[:200]}", "correct the line", line))
-        return None
-    except (ValueError, RecursionError):  # integers of thousands of digits; brackets nested thousands deep
-        pass
-    problems.add(Problem(where, "is not a sensible TOML file", "write it as the documentation shows"))
-    return None
-
-
-def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
-    """The JSON object in a file: every key once, every number finite.
-
-    `absent` is the remedy when there is no such file, `again` when it holds something else. Raises InputError.
-    """
-    problems = Problems()
-    content = small_file(path, problems, absent, most=JSON_MAX)
-    problems.raise_any()
-    assert content is not None
-    try:
-        return parsed_object(content)
-    except ValueError as error:
-        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
-        what = error.msg if isinstance(error, json.JSONDecodeError) else str(error)
-        raise unusable(str(path), f"is not JSON: {what}", again, line) from None
-
-
-def parsed_object(content: bytes | str) -> dict[str, Any]:
-    """The JSON object in a text. Raises ValueError, whatever the text is; see `json_object`."""
-    try:
-        text = content if isinstance(content, str) else content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError("it is not UTF-8 text") from None
-    try:
-        data = json.loads(
-            text, object_pairs_hook=_object, parse_constant=_number, parse_float=_number, parse_int=_whole
-        )
-        if _SURROGATE.search(text):
-            json.dumps(data, ensure_ascii=False).encode()
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
-    except UnicodeEncodeError:
-        raise ValueError("it holds half a character") from None
-    if not isinstance(data, dict):
-        raise ValueError("it is no object")
-    if _deep(data):
-        raise ValueError("it is nested too deeply")
-    return data
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        name, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-        raise ValueError(f"{shown(name)} is there twice")
-    return table
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{shown(text)} is no finite number")
-    return value
-
-
-def _whole(text: str) -> int:
-    _number(text)
-    return int(text)
-
-
-def _deep(document: object) -> bool:
-    """Whether lists and tables are nested deeper than any file of cpcal's."""
-    level = [document]
-    for _ in range(DEPTH_MAX):
-        level = [
-            part
-            for value in level
-            if isinstance(value, (dict, list))
-            for part in (value.values() if isinstance(value, dict) else value)
-        ]
-        if not level:
-            return False
-    return any(isinstance(value, (dict, list)) for value in level)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Reads measurements.csv: every bad cell with its line number, in bounded memory and time.
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
@@ -192,11 +33,6 @@ TABLE_MAX = 2**30  # bytes
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
 _QUATERNION = ("qw", "qx", "qy", "qz")
-
-
-def number_pattern(decimal: str) -> re.Pattern[str]:
-    """Numbers as people and programs write them, in the digits 0 to 9; `decimal`: the sign between whole and rest."""
-    return re.compile(rf"[-+]?(\d+(\{decimal}\d*)?|\{decimal}\d+)(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 _NUMBER = number_pattern(".")
@@ -403,3 +239,34 @@ def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
     if len(set(names)) < len(names):
         raise unusable(str(path), "gives a pose twice", "name each pose once")
     return tuple(names), Pose(table.columns(*COLUMNS[1:4]), table.columns(*COLUMNS[4:]))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg readings by pose and run, in a table of their own: what sensors say while a camera takes images.
+
+Readings = dict[tuple[str, str], Floats]  # (n,) mm
+
+
+def readings_of(table: PoseTable) -> Readings:
+    """The leg readings of a table by pose and run."""
+    return {(pose, run): row for pose, run, row in zip(table.pose, table.run, table.length, strict=True)}
+
+
+def readings_bytes(readings: Readings) -> bytes:
+    """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
+    header = _reading_columns(len(next(iter(readings.values()), ())))
+    return csv_table(header, ([*key, *row.tolist()] for key, row in readings.items()))
+
+
+def load_readings(path: Path) -> Readings:
+    """The table in a file. Raises InputError with every problem."""
+    problems = Problems()
+    remedy = "give a table pose,run,L1,...,Ln in mm"
+    table = read_table(path, None, problems, remedy, required=_reading_columns, optional=lambda _: [])
+    problems.raise_any()
+    values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
+    return dict(zip(zip(table.names["pose"], table.names["run"], strict=True), values, strict=True))
+
+
+def _reading_columns(legs: int) -> list[str]:
+    return ["pose", "run", *(f"L{k}" for k in range(1, max(legs, 1) + 1))]

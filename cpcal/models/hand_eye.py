@@ -24,12 +24,12 @@ import numpy as np
 
 from cpcal.checker.files import STUDY_NAME
 from cpcal.checker.hand_eye import STUDY_FORMAT
+from cpcal.common.documents import KeyPath, TomlReader, csv_table, document, json_object, one_of, text
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import write_folder
 from cpcal.common.values import Floats, Indices, Value, fill, frozen_array
 from cpcal.files.log import poses_of_log, read_log
-from cpcal.files.settings import KeyPath, TomlReader, document, one_of, text
-from cpcal.files.tables import Table, csv_table, json_object, read_table
+from cpcal.files.tables import Table, read_table
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.campaign import SIMULATION
 from cpcal.robot.kinematics import normalised

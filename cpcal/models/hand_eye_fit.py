@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration import calibrate_frames
-from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
 from cpcal.common.least_squares import Blocks, Fit, least_squares
 from cpcal.common.numbers import nearest
@@ -21,11 +19,13 @@ from cpcal.common.values import Floats, Value, fill, frozen_array
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, read_poses
 from cpcal.robot import (
     Pose,
+    calibrate_frames,
     inverse,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
     rotation_matrix,
 )
+from cpcal.robot.kinematics import cross_matrix
 from cpcal.solver.linear import Dense, LinearStatus
 
 # ------------------------------------------------------------------------------------------------------------------

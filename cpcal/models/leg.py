@@ -19,17 +19,16 @@ from typing import Annotated
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.fit import LegEquations, least_squares
 from cpcal.checker.certificate import Given, polynomial
 from cpcal.checker.leg import Measurement, leg_problem
+from cpcal.common.codec import Informed, checked
 from cpcal.common.errors import InputError, ModelError, PluginError, Problem, unusable
-from cpcal.common.least_squares import least_squares as minimised
+from cpcal.common.least_squares import least_squares
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import Informed, checked
-from cpcal.robot import Campaign, Pose, leg_vectors
+from cpcal.robot import Campaign, LegEquations, Pose, leg_vectors
 from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.certificate.exact_network import NotStated, Statement, free, network_statement, stated_leg
 from cpcal.solver.interval import Box, IntervalArray
@@ -544,7 +543,14 @@ def fit_model(
     From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
     `weight` (N,): g is multiplied by it.
     """
-    start = np.append(least_squares(campaign, leg), np.zeros(len(model.extra)))
+    plain = LegEquations.of(campaign, [leg])
+    of_plain = least_squares(
+        lambda x: plain.values(x[None]),
+        lambda x: plain.by_parameters(x[None])[:, 0],
+        campaign.robot.parameters[leg - 1],
+        tolerance=_TOLERANCE,
+    )
+    start = np.append(of_plain.at, np.zeros(len(model.extra)))
     free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
     if weight is None and free.sum() == 7:
         return start
@@ -558,7 +564,7 @@ def fit_model(
         return columns * of.jacobian(x)
 
     while True:  # an extra parameter that leaves its half-width stays at its end
-        found = minimised(values, partial(slopes, scale * free), start, tolerance=_TOLERANCE)
+        found = least_squares(values, partial(slopes, scale * free), start, tolerance=_TOLERANCE)
         beyond = np.abs(found.at) > reach
         if not beyond.any():
             return found.at

@@ -1,6 +1,7 @@
 from .accuracy import Accuracy, NamedPoses, certify_accuracy, save_accuracy
 from .ask import certify, compare
 from .data_check import DataCheck, check_data
+from .log import load_log
 from .points import PointResult, certify_point
 from .result import (
     RESULT_NAME,
@@ -21,6 +22,17 @@ from .result import (
     model_of,
     save_result,
 )
+from .study_calibration import (
+    RECORD_NAME,
+    Budget,
+    CalibrationRecord,
+    Inputs,
+    StudyCalibration,
+    budget,
+    calibrate_study,
+    load_record,
+    save_record,
+)
 from .verdict import (
     INFORMATION,
     contractors_sentences,
@@ -31,11 +43,15 @@ from .verdict import (
 
 __all__ = [
     "INFORMATION",
+    "RECORD_NAME",
     "RESULT_NAME",
     "Accuracy",
+    "Budget",
+    "CalibrationRecord",
     "CampaignNote",
     "DataCheck",
     "Determination",
+    "Inputs",
     "LegBracket",
     "LegResult",
     "ModelNote",
@@ -46,19 +62,25 @@ __all__ = [
     "Ranges",
     "Recommended",
     "Result",
+    "StudyCalibration",
     "Uncertified",
     "VerifiedPoint",
     "Work",
+    "budget",
+    "calibrate_study",
     "certify",
     "certify_accuracy",
     "certify_point",
     "check_data",
     "compare",
     "contractors_sentences",
+    "load_log",
+    "load_record",
     "load_result",
     "model_of",
     "recommendation",
     "save_accuracy",
+    "save_record",
     "save_result",
     "status_of",
     "verdict_of",

@@ -16,12 +16,12 @@ import numpy as np
 
 from cpcal.calibration import fit, mean_rotations
 from cpcal.checker.platform import COORDINATES, MOST_LEGS, Commanded, Leg, pose_bounds, stated
+from cpcal.common.codec import Informed, checked, load, save
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import about, bracket_text
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import Informed, checked, load, save
 from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
 from cpcal.models.platform import Cells, Workspace, cell_bounds, cover, first_grid, pose_inverse, rotated

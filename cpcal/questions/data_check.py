@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import LegEquations
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
-from cpcal.robot import Campaign
+from cpcal.robot import Campaign, LegEquations
 from cpcal.robot.campaign import Given, copied_rows, single_pose
 from cpcal.robot.mistakes import Spread, doubts, spread_of
 

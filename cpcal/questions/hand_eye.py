@@ -27,11 +27,11 @@ from cpcal.checker.hand_eye import (
 )
 from cpcal.checker.polynomial import applied, plus
 from cpcal.checker.readers import up
+from cpcal.common.codec import Informed, checked, load, save
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import Informed, checked, load, save
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
 from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (

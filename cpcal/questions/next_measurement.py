@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration import LegEquations
-from cpcal.calibration.frames import cross_matrix
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, at_most, stated
 from cpcal.common.values import Floats
@@ -26,6 +24,7 @@ from cpcal.models.platform import pose_inverse
 from cpcal.questions.hand_eye import best_frames
 from cpcal.robot import (
     Campaign,
+    LegEquations,
     Pose,
     Robot,
     inverse_kinematics,
@@ -33,6 +32,7 @@ from cpcal.robot import (
     pose_jacobian,
     rotation_vector,
 )
+from cpcal.robot.kinematics import cross_matrix
 from cpcal.solver.linear import Dense, LinearStatus
 
 

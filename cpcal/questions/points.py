@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration import CalibrationRecord
 from cpcal.checker import Accepted
 from cpcal.common.errors import InputError, Problem, unusable
 from cpcal.common.values import Floats
@@ -18,6 +17,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.models import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
+from cpcal.questions import CalibrationRecord
 from cpcal.questions.question import chosen_model
 from cpcal.questions.result import VerifiedPoint, check_campaign
 from cpcal.robot import Campaign

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.common.codec import decoded, encoded
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import decoded, encoded
 from cpcal.models import (
     PLAIN,
     LegModel,

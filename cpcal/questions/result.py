@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from cpcal.common.codec import Informed, checked, informed, load, save
 from cpcal.common.errors import printable, refuse, unusable
 from cpcal.common.numbers import stated
-from cpcal.files.codec import Informed, checked, informed, load, save
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.models import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem

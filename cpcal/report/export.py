@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration import CalibrationRecord
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.common.values import Floats
-from cpcal.questions import LegResult, Result, model_of, recommendation, verdict_of
+from cpcal.questions import CalibrationRecord, LegResult, Result, model_of, recommendation, verdict_of
 from cpcal.questions.hand_eye import HandEyeResult
 from cpcal.report.run_page import command
 from cpcal.report.words import FRAME, fitted, overall

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import Budget, CalibrationRecord
-from cpcal.calibration.study_calibration import Channel, Parameters, Rows
 from cpcal.common.errors import unusable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
-from cpcal.questions import Result
+from cpcal.questions import Budget, CalibrationRecord, Result
 from cpcal.questions.points import Fits
 from cpcal.questions.result import check_campaign
+from cpcal.questions.study_calibration import Channel, Parameters, Rows
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table

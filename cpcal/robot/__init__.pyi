@@ -1,9 +1,11 @@
 from .campaign import (
     Campaign,
+    LegEquations,
 )
 from .kinematics import (
     KinematicsError,
     Pose,
+    calibrate_frames,
     central_pose,
     compose,
     distances,
@@ -49,6 +51,7 @@ __all__ = [
     "Campaign",
     "KinematicsError",
     "KnownRobot",
+    "LegEquations",
     "ModelChoice",
     "Pose",
     "PoseRange",
@@ -57,6 +60,7 @@ __all__ = [
     "Study",
     "Truth",
     "Uncertainty",
+    "calibrate_frames",
     "central_pose",
     "compose",
     "distances",

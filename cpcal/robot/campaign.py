@@ -18,9 +18,16 @@ import numpy.typing as npt
 from cpcal.common.errors import Problem, Problems, shown, unusable
 from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.common.numbers import about
-from cpcal.common.values import Floats, Value, as_floats, fill, frozen_array, frozen_mapping
-from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
+from cpcal.common.values import LARGEST, Floats, Value, as_floats, fill, frozen_array, frozen_mapping
+from cpcal.robot.kinematics import (
+    Pose,
+    leg_vectors,
+    quaternion_conjugate,
+    quaternion_product,
+    rotation_matrix,
+    rotation_vector,
+)
+from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot, sizes
 from cpcal.robot.units import (
     ModelChoice,
     RotationForm,
@@ -327,6 +334,59 @@ class Campaign(Value):
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.title!r}: {len(self)} measurements, {self.legs} legs>"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The calibration equations of legs. With v = P + R b - a (mm, base frame), leg by leg (the paper, eq. 15):
+#
+#     g(x, M) = ||v|| - (L + l)        mm
+#
+# A turn theta (rotation vector in the base frame, so R becomes R(theta) R) moves v by theta x R b.
+
+_SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero
+
+
+@dataclass(frozen=True, eq=False)
+class LegEquations:
+    """g(x) of n legs at N measurements, mm, for parameters x (n, 7) in mm: rows a_x a_y a_z b_x b_y b_z l.
+
+    position (N, 3) mm; rotation (N, 3, 3); length (N, n) mm.
+    """
+
+    position: Floats
+    rotation: Floats
+    length: Floats
+
+    @classmethod
+    def of(cls, campaign: Campaign, legs: Sequence[int] | None = None) -> LegEquations:
+        """Of the legs with these numbers, from 1 (left out: all), at the centres of the campaign's reading sets."""
+        columns = [leg - 1 for leg in legs or range(1, campaign.legs + 1)]
+        return cls(campaign.position, rotation_matrix(campaign.quaternion), campaign.length[:, columns])
+
+    def values(self, x: Floats) -> Floats:
+        """g, (N, n)."""
+        return np.asarray(np.linalg.norm(self.vectors(x)[0], axis=-1) - (self.length + x[:, 6]))
+
+    def by_parameters(self, x: Floats) -> Floats:
+        """dg/dx, (N, n, 7): [-v/||v||, R' v/||v||, -1]."""
+        along, _ = self._directions(x)
+        turned = np.einsum("kni,kij->knj", along, self.rotation)
+        return np.concatenate([-along, turned, np.full((*along.shape[:2], 1), -1.0)], axis=-1)
+
+    def by_pose(self, x: Floats) -> Floats:
+        """dg/d(P, theta), (N, n, 6): [v, R b x v] / ||v||; per mm and per rad. By the leg readings it is -1."""
+        along, arm = self._directions(x)
+        return np.concatenate([along, np.cross(arm, along)], axis=-1)
+
+    def vectors(self, x: Floats) -> tuple[Floats, Floats]:
+        """v and R b, each (N, n, 3)."""
+        arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
+        return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
+
+    def _directions(self, x: Floats) -> tuple[Floats, Floats]:
+        """v / ||v|| and R b, each (N, n, 3)."""
+        vector, arm = self.vectors(x)
+        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST)), arm
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import CpcalError
+from cpcal.common.errors import CpcalError, unusable
 from cpcal.common.values import Bools, ByValue, Floats
 from cpcal.robot.robot import Robot
 
@@ -299,7 +299,91 @@ def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
 
 
 # ------------------------------------------------------------------------------------------------------------------
-# Two frames from pairs of poses: X and Z of `X B_i = A_i Z`.
+# Two frames from pairs of poses (the paper, section 3.1).
+#
+# The robot tells A_i, the mobile frame in the base frame (from its drawing and the leg readings); the camera tells
+# B_i, the target frame in the camera frame. Unknown are X, the camera frame in the base frame, and Z, the target
+# frame in the mobile frame. Both ways from the target to the base are the same:
+#
+#     X B_i = A_i Z                                                   (robot-world and hand-eye calibration)
+#
+# How much rotation there is has one figure, the `spread` in rad of the direction that moves least: for poses the
+# smallest over unit vectors v of sqrt(2 (1 - |mean_i R_i v|)), about the rms angle between the R_i v and their mean
+# direction. It is zero exactly when all poses turn about one common axis v: then translations along it cannot be found,
+# whatever the method.
+
+LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
+_LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
+
+
+def cross_matrix(vector: npt.ArrayLike) -> Floats:
+    """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(vector, dtype=np.float64)
+    return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCalibration:
+    """camera_in_base: X, target_in_mobile: Z (positions in mm)."""
+
+    camera_in_base: Pose
+    target_in_mobile: Pose
+
+
+def calibrate_frames(robot_poses: Pose, camera_poses: Pose) -> FrameCalibration:
+    """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera: Shah's closed form (2013).
+
+    robot_poses     A_i, mobile frame in base frame: (N, 3) mm and (N, 4); e.g. forward_kinematics of the drawing
+    camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
+
+    InputError for unusable arrays, for fewer than three pairs, and where the orientations do not determine the frames:
+    all (nearly) the same, or turned about one axis only (planar motion), or by no more than their own errors.
+    """
+    pairs = {"robot_poses": robot_poses, "camera_poses": camera_poses}
+    for name, pose in pairs.items():
+        table = np.concatenate([pose.position, pose.quaternion], axis=-1)
+        good = table.ndim == 2 and table.shape[1] == 7 and np.isfinite(table).all()
+        if not (good and pose.quaternion.any(axis=1).all()):
+            what = "are no poses, or hold a NaN, an infinity or a zero quaternion"
+            raise unusable(name, what, "give (N, 3) in mm and (N, 4), scalar first")
+    counts = len(robot_poses.position), len(camera_poses.position)
+    if counts[0] != counts[1] or counts[0] < 3:
+        what, remedy = f"hold {counts[0]} and {counts[1]} poses", "give at least 3, the same measurements in order"
+        raise unusable(" and ".join(pairs), what, remedy)
+    lengths = np.concatenate([robot_poses.position, camera_poses.position])
+    unit = float(np.max(np.abs(lengths))) or 1.0  # no result depends on the unit of lengths
+    a, b = (Pose(pose.position / unit, normalised(pose.quaternion)) for pose in pairs.values())
+    least, name, direction = min(_spread(name, pose.rotation) for name, pose in zip(pairs, (a, b), strict=True))
+    x, z = world_hand_eye(a, b)
+    turn = rotation_vector(compose(b, inverse(compose(inverse(x), compose(a, z)))).quaternion)
+    rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
+    if least <= _LOST * rms:
+        what = (
+            f"move the direction ({direction}) by {least:.2g} rad (rms) only, and the two sides differ by {rms:.2g} "
+            "rad: translations along it are not determined"
+        )
+        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
+        raise unusable(name, what, remedy)
+    return FrameCalibration(*(Pose(pose.position * unit, pose.quaternion) for pose in (x, z)))
+
+
+def _spread(name: str, rotations: Floats) -> tuple[float, str, str]:
+    """How far the rotations (N, 3, 3) of poses move the direction that they move least, rad; the poses' name, and that
+    direction. InputError that says what is missing where it is zero."""
+    left, size, _ = np.linalg.svd(rotations.mean(axis=0))
+    least, _, most = np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)).tolist()
+    axis = left[:, 0] * np.sign(left[np.argmax(np.abs(left[:, 0])), 0]) + 0.0
+    direction = ", ".join(f"{value:.3f}" for value in axis)
+    if least > LEAST_SPREAD:
+        return least, name, direction
+    what = f"hardly turn: by {most:.2g} rad (rms), which is not above {LEAST_SPREAD:.2g} rad"
+    if most > LEAST_SPREAD:
+        what = (
+            f"turn about one axis only, ({direction}): it moves by {least:.2g} rad (rms), which is not above "
+            f"{LEAST_SPREAD:.2g} rad, so that translations along it are not determined"
+        )
+    remedy = "add poses tilted about at least two different axes, as far as the robot and the view allow"
+    raise unusable(name, what, remedy)
 
 
 def world_hand_eye(a: Pose, b: Pose) -> tuple[Pose, Pose]:

@@ -12,9 +12,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_REMEDY, is_name
-from cpcal.common.values import Floats, Value, fill, frozen_array
-
-LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
+from cpcal.common.values import LARGEST, Floats, Value, fill, frozen_array
 
 
 def good_numbers(values: Floats) -> npt.NDArray[np.bool_]:

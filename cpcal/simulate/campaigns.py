@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Floats
+from cpcal.common.values import LARGEST, Floats
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -41,7 +41,6 @@ from cpcal.robot import (
     small_rotation,
 )
 from cpcal.robot.campaign import SIMULATION
-from cpcal.robot.robot import LARGEST
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is asked of the options of simulated measurements: name, whether it is so, remedy.

@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import stdtrit
 
-from cpcal.calibration import LegEquations, Noise, fit, least_squares
+from cpcal.calibration import Noise, fit
 from cpcal.common.errors import InputError
-from cpcal.models import model_residuals
+from cpcal.models import fit_model, model_residuals
 from cpcal.robot import (
     DELTALAB,
+    LegEquations,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -75,7 +76,7 @@ def test_without_noise_every_fit_finds_the_true_parameters(weighted):
 def test_least_squares_is_the_unweighted_fit_and_some_legs_do_as_all(campaign):
     everything = fit(campaign)
     assert_allclose(fit(campaign, legs=[5, 2]).parameters, everything.parameters[[4, 1]], atol=1e-12)
-    assert_allclose(least_squares(campaign, 4), everything.parameters[3], atol=1e-6)
+    assert_allclose(fit_model(campaign, 4), everything.parameters[3], atol=1e-6)
     slopes = LegEquations.of(campaign).by_parameters(everything.parameters)
     assert_allclose(np.einsum("kn,knj->nj", everything.residuals, slopes), 0.0, atol=1e-8)
 

@@ -6,11 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import calibrate_frames, redefined
+from cpcal.calibration import redefined
 from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Pose,
+    calibrate_frames,
     compose,
     inverse,
     inverse_kinematics,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.calibration import as_campaign, calibrate_study, redefined, repeat_tests, repeatability
+from cpcal.calibration import as_campaign, redefined, repeat_tests, repeatability
+from cpcal.questions import calibrate_study
 from cpcal.robot import Study, inverse
 from cpcal.simulate import simulate_study
 from tests.changed import with_drift, with_pose_noise, with_robot_scatter

@@ -3,8 +3,8 @@
 import pytest
 
 import cpcal
-from cpcal.calibration import calibrate_study, load_record
 from cpcal.files import campaign_sha256, save_study
+from cpcal.questions import calibrate_study, load_record
 from cpcal.simulate import simulate_study
 from tests.cli.command import done, refused
 

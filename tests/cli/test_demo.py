@@ -5,10 +5,10 @@ import shutil
 import pytest
 
 import cpcal
-from cpcal.calibration import load_record
 from cpcal.cli.study import DemoPlan
 from cpcal.cli.verify import checked_certificates
 from cpcal.files import campaign_sha256, load_study
+from cpcal.questions import load_record
 from cpcal.questions.points import fits_of
 from tests.cli.command import done, refused, run
 

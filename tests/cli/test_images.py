@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.calibration import load_record
 from cpcal.files import load_study
+from cpcal.questions import load_record
 from cpcal.simulate import simulate_study
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import load_camera, load_target

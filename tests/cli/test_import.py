@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import cpcal
-from cpcal.calibration import LegEquations
 from cpcal.files import load_settings
-from cpcal.robot import DELTALAB, ROBOTS, rotation_matrix
+from cpcal.robot import DELTALAB, ROBOTS, LegEquations, rotation_matrix
 from cpcal.robot.mistakes import spread_of
 from cpcal.simulate import simulate
 from tests.cli.command import done, refused, run

@@ -7,15 +7,14 @@ import pytest
 
 import cpcal
 from contractors import HC4
-from cpcal.calibration import least_squares
-from cpcal.models import leg_box, leg_network
+from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.solver.interval import Box, IntervalArray
 
 
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_a_batch_is_its_boxes_one_by_one(factor: float) -> None:
     campaign = cpcal.simulate(seed=3, joint_error=1.0, factor=factor, runs=3)
-    fit = least_squares(campaign, 2)
+    fit = fit_model(campaign, 2)
     net = leg_network(campaign, 2, leg_box(fit, 50.0), eps=(0.0, 2.0))
     hc4 = HC4(net)
     rng = np.random.default_rng(0)

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
 from contractors.relaxation import Shift, column_bounds, product_rows
-from cpcal.calibration import least_squares
-from cpcal.models import leg_box, leg_network
+from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate
 from cpcal.solver.interval import Interval
@@ -82,7 +81,7 @@ def exact_readings(campaign: Campaign) -> Campaign:
 @pytest.mark.parametrize("exact", [True, False])
 def test_contracts_a_leg_at_100_mm_where_hc4_cannot(campaign: Campaign, exact: bool) -> None:
     used = exact_readings(campaign) if exact else campaign
-    center = least_squares(used, 1)
+    center = fit_model(used, 1)
     net = leg_network(used, 1, leg_box(center, 100.0), eps=(0.0, 2.0))
     by_hc4 = HC4(net).contract(net.domain).box
     assert (by_hc4.width[:7] > 0.9 * 200.0).all()

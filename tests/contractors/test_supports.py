@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from contractors import Lifted
 from contractors.lifted import Directions, over_box
-from cpcal.calibration import least_squares
-from cpcal.models import leg_box, leg_network, model_residuals
+from cpcal.models import fit_model, leg_box, leg_network, model_residuals
 from cpcal.simulate import simulate
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
@@ -62,7 +61,7 @@ def test_they_hold_every_sampled_solution_of_a_leg(seed: int) -> None:
     rng = np.random.default_rng(seed)
     campaign = simulate(seed=int(rng.integers(1000)), joint_error=1.0, factor=0.0, random_poses=12, extremal=False)
     leg, eps = int(rng.integers(1, 7)), 10.0 ** rng.uniform(-1, 1.5)
-    center = least_squares(campaign, leg)
+    center = fit_model(campaign, leg)
     eps += float(np.abs(model_residuals(campaign, leg, center)).max())
     net = leg_network(campaign, leg, leg_box(center, 10.0 * eps), eps=(eps, eps))
     directions = rng.normal(0, 1, (12, 8)) * 10.0 ** rng.uniform(-6, 6, (12, 1)) * rng.integers(0, 2, (12, 8))

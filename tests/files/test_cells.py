@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cpcal.common.documents import guarded, unguarded
 from cpcal.files import load_campaign, save_campaign
-from cpcal.files.tables import guarded, unguarded
 from cpcal.robot import DELTALAB, Campaign
 
 RUN = "=+-@\uff1d\uff0b\uff0d\uff20"

@@ -5,8 +5,8 @@ import shutil
 import pytest
 
 import cpcal
-from cpcal.calibration import calibrate_study
 from cpcal.cli.verify import checked_certificates
+from cpcal.questions import calibrate_study
 from cpcal.questions.points import certify_fits, fits_of
 from cpcal.simulate import simulate_study
 

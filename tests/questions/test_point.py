@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import least_squares
 from cpcal.checker import check
 from cpcal.models import fit_model, leg_model, leg_statement
 from cpcal.robot import ModelChoice
@@ -23,7 +22,7 @@ SMALL = {"extremal": False, "random_poses": 24}
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_verdicts_agree_with_exact_fractions(factor: float, eps: float) -> None:
     campaign = cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL)
-    x = least_squares(campaign, 3)
+    x = fit_model(campaign, 3)
     found = cpcal.certify_point(campaign, 3, x, eps=eps)
     problem, at = leg_statement(campaign, 3).problem, at_point([*x, eps])
     for k, name in enumerate(campaign.measurement_ids):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import calibrate_study
 from cpcal.models import PARAMETERS, Parameter
-from cpcal.questions import ModelNote, Ranges
+from cpcal.questions import ModelNote, Ranges, calibrate_study
 from cpcal.questions.points import VerifiedFit
 from cpcal.report import write_report
 from cpcal.report.run_page import write_comparison

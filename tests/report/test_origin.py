@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.files.codec import encoded
+from cpcal.common.codec import encoded
 from cpcal.questions import Options
 from cpcal.report.run_page import command
 from tests.changed import leg_with

@@ -11,17 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cpcal.common.documents import unguarded
 from cpcal.common.errors import InputError
-from cpcal.files.tables import unguarded
+from cpcal.files.tables import load_readings, readings_bytes, readings_of
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import (
     COLUMNS,
     NUMBERS,
     Detection,
     detections_bytes,
-    load_readings,
-    readings_bytes,
-    readings_of,
 )
 from cpcal.vision.batch.study_images import study_table
 

@@ -23,13 +23,13 @@ from typing import IO, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import Problems, unusable
+from cpcal.common.codec import decoded, encoded
+from cpcal.common.documents import csv_table
+from cpcal.common.errors import unusable
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import decoded, encoded
-from cpcal.files.tables import csv_table, read_table
-from cpcal.robot import Pose, PoseTable
+from cpcal.robot import Pose
 from cpcal.solver.execution.executors import Processes, executor_for, linear_algebra_on_one_thread, outcomes, while_used
 from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.vision.camera import Camera
@@ -365,34 +365,3 @@ def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:
         if not row.found:
             found.setdefault(row.reason, []).append(row.file)
     return dict(sorted(found.items(), key=lambda item: -len(item[1])))
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Leg readings by pose and run, in a table of their own: what sensors say while a camera takes images.
-
-Readings = dict[tuple[str, str], Floats]
-
-
-def readings_of(table: PoseTable) -> Readings:
-    """The leg readings (n,) mm of a table by pose and run."""
-    return {(pose, run): row for pose, run, row in zip(table.pose, table.run, table.length, strict=True)}
-
-
-def readings_bytes(readings: Readings) -> bytes:
-    """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
-    header = _columns(len(next(iter(readings.values()), ())))
-    return csv_table(header, ([*key, *row.tolist()] for key, row in readings.items()))
-
-
-def load_readings(path: Path) -> Readings:
-    """The table in a file. Raises InputError with every problem."""
-    problems = Problems()
-    remedy = "give a table pose,run,L1,...,Ln in mm"
-    table = read_table(path, None, problems, remedy, required=_columns, optional=lambda _: [])
-    problems.raise_any()
-    values = table.columns(*(f"L{k}" for k in range(1, len(table.values) + 1)))
-    return dict(zip(zip(table.names["pose"], table.names["run"], strict=True), values, strict=True))
-
-
-def _columns(legs: int) -> list[str]:
-    return ["pose", "run", *(f"L{k}" for k in range(1, max(legs, 1) + 1))]

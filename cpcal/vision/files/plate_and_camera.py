@@ -12,19 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cpcal.common.documents import TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
-from cpcal.files.settings import (
-    TomlReader,
-    array,
-    document,
-    one_of,
-    positive,
-    text,
-    truth,
-    whole,
-)
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
 from cpcal.vision.opencv import MissingExtraError
 from cpcal.vision.target import Target, target_from

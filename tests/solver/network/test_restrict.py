@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import Lifted, lifted
-from cpcal.calibration import least_squares
-from cpcal.models import leg_box, leg_network
+from cpcal.models import fit_model, leg_box, leg_network
 from cpcal.simulate import simulate
 from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray
@@ -93,7 +92,7 @@ def test_lifted_on_few_telling_rows_conforms(check: str, telling: int, monkeypat
 
 def test_steps_of_few_telling_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = simulate(seed=5, joint_error=1.0)
-    box = leg_box(least_squares(campaign, 1), 10.0)
+    box = leg_box(fit_model(campaign, 1), 10.0)
     net = leg_network(campaign, 1, box, eps=(0.0, 2.0))
     whole = Lifted(net, objective="eps").contract(net.domain).box
     few_rows(monkeypatch, 20)

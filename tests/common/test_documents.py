@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cpcal.common.documents import json_object, parsed_object, toml_document
 from cpcal.common.errors import InputError, Problems
-from cpcal.files.tables import json_object, parsed_object, toml_document
 
 DEEP = 100_000
 

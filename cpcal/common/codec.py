@@ -22,9 +22,9 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+from cpcal.common.documents import json_object
 from cpcal.common.errors import CpcalError, InputError, shown, unusable
 from cpcal.common.files import write_file
-from cpcal.files.tables import json_object
 
 T = TypeVar("T")
 

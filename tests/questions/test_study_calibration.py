@@ -11,20 +11,11 @@ import numpy as np
 import pytest
 
 from cpcal import InputError
-from cpcal.calibration import (
-    Inputs,
-    StudyCalibration,
-    budget,
-    calibrate_study,
-    fit,
-    load_record,
-    nearest_motion,
-    on_drawing,
-    save_record,
-)
+from cpcal.calibration import fit, nearest_motion, on_drawing
 from cpcal.calibration.frames import on_drawing_errors
-from cpcal.calibration.study_calibration import study_rows
+from cpcal.calibration.statistics import study_rows
 from cpcal.files import load_study, save_study
+from cpcal.questions import Inputs, StudyCalibration, budget, calibrate_study, load_record, save_record
 from cpcal.report.study_page import poses
 from cpcal.robot import (
     DELTALAB,
@@ -36,6 +27,16 @@ from cpcal.robot import (
 )
 from cpcal.simulate import simulate_study, true_robot
 from tests.changed import with_outliers
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return simulate_study(seed=3, runs=4, validation_runs=3, random_poses=12)
+
+
+@pytest.fixture(scope="module")
+def found(study: Study) -> StudyCalibration:
+    return calibrate_study(study)
 
 
 def test_the_true_parameters_are_found(study: Study, found: StudyCalibration) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated
 import pytest
 
 from cpcal import Box, InputError
-from cpcal.files.codec import load, save, text_of
+from cpcal.common.codec import load, save, text_of
 
 FORMAT = "cpcal-test/1"
 
