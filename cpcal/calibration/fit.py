@@ -92,10 +92,6 @@ class Noise:
         radii = (campaign.position_radius, campaign.rotation_radius, campaign.length_radius)
         return cls.from_sigmas(*(radius / divisor for radius in radii), count=len(campaign))
 
-    def of_legs(self, columns: list[int]) -> Noise:
-        """Of some of the legs, counted from 0."""
-        return Noise(self.pose, self.length[:, columns], self.freedom)
-
     def propagated(self, equations: LegEquations, x: Floats) -> Floats:
         """Sigma_k of every measurement, (N, n, n), mm^2."""
         by_pose = equations.by_pose(x)
@@ -359,7 +355,7 @@ def fit(
     if noise is not None and noise.length.shape != shape:
         raise unusable("option noise", "is for other leg readings", f"give {shape}")
     first = campaign.robot.parameters[columns] if start is None else np.array(start)
-    known = None if noise is None else noise.of_legs(columns)
+    known = None if noise is None else replace(noise, length=noise.length[:, columns])
     equations = LegEquations.of(campaign, chosen)
     plain = np.broadcast_to(np.eye(len(chosen)), (len(campaign), len(chosen), len(chosen)))
     if not weighted or known is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from decimal import Context, Decimal
+from decimal import MIN_EMIN, ROUND_DOWN, Context, Decimal
 from fractions import Fraction
 
 Number = float | Fraction  # a Fraction is exact, and so is a float
@@ -18,7 +18,7 @@ _PLAIN = range(-5, 10)  # decimal exponents that are written without "e"
 _INFINITY = "∞"
 _NONE = "—"
 _TEN = Fraction(10)
-_LOG10_2 = math.log10(2.0)
+_CUT = Context(prec=9, rounding=ROUND_DOWN, Emin=MIN_EMIN)
 
 Rounding = Callable[[Fraction], int]
 
@@ -62,7 +62,7 @@ def gap_text(lo: Number, hi: Number) -> str:
 
 def stated(value: float) -> str:
     """A number that the user gave, in the fewest digits that give the same float64 back."""
-    return repr(float(value)).removesuffix(".0") if _finite(value) else _infinite(value)
+    return repr(float(value)).removesuffix(".0") if _finite(value) else _fixed(value, 0, round)
 
 
 def nearest(value: Number, decimals: int) -> str:
@@ -84,30 +84,24 @@ def _exponent(value: Number) -> int:
     """Decimal exponent of the first digit; 0 where there is none."""
     if not _finite(value) or not value:
         return 0
-    size = abs(Fraction(value))
-    guess = math.floor((size.numerator.bit_length() - size.denominator.bit_length()) * _LOG10_2)
-    while _TEN**guess > size:
-        guess -= 1
-    while _TEN ** (guess + 1) <= size:
-        guess += 1
-    return guess
+    size = Fraction(value)
+    return _CUT.divide(Decimal(size.numerator), Decimal(size.denominator)).adjusted()
 
 
 def _scaled(value: Number, exponent: int, digits: int, rounding: Rounding) -> str:
     """Digits counted from the decimal `exponent` on."""
     if not _finite(value):
-        return _infinite(value)
-    number = _quantized(value, exponent - digits + 1, rounding)
-    if number == 0:
+        return _fixed(value, 0, rounding)
+    if not (number := _quantized(value, exponent - digits + 1, rounding)):
         return "0"
     return f"{number:f}" if exponent in _PLAIN else f"{number:e}"
 
 
 def _fixed(value: Number, decimals: int, rounding: Rounding) -> str:
     if not _finite(value):
-        return _infinite(value)
+        return _NONE if math.isnan(value) else _INFINITY if value > 0 else "-" + _INFINITY
     number = _quantized(value, -decimals, rounding)
-    return f"{abs(number) if number == 0 else number:f}"
+    return f"{number or abs(number):f}"
 
 
 def _quantized(value: Number, exponent: int, rounding: Rounding) -> Decimal:
@@ -117,7 +111,3 @@ def _quantized(value: Number, exponent: int, rounding: Rounding) -> Decimal:
 
 def _finite(value: Number) -> bool:
     return isinstance(value, Fraction | int) or math.isfinite(value)
-
-
-def _infinite(value: Number) -> str:
-    return _NONE if math.isnan(value) else _INFINITY if value > 0 else "-" + _INFINITY

@@ -27,7 +27,7 @@ from cpcal.robot.kinematics import (
     rotation_matrix,
     rotation_vector,
 )
-from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot, sizes
+from cpcal.robot.robot import KINDS, Robot, Uncertainty, good_numbers, known_robot
 from cpcal.robot.units import (
     ModelChoice,
     RotationForm,
@@ -66,14 +66,9 @@ SIMULATION = "cpcal simulate"  # in a provenance, what begins the `generator` of
 ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
-def is_simulated(provenance: Mapping[str, str]) -> bool:
-    """Whether a simulation made the data of this provenance."""
-    return provenance.get("generator", "").startswith(SIMULATION)
-
-
 def titled(name: str, provenance: Mapping[str, str]) -> str:
     """The name under which a page or a terminal shows what was found in data; simulated ones are called so."""
-    return f"{'Simulated: ' * is_simulated(provenance)}{name}"
+    return f"{'Simulated: ' * provenance.get('generator', '').startswith(SIMULATION)}{name}"
 
 
 def table_problems(
@@ -108,7 +103,7 @@ def table_problems(
             kinds = " and ".join([", ".join([*names][:-1]), [*names][-1]])
             yield Problem(f"{row} {key}", f"is given {times} times", f"give each {kinds} once")
     for name, (array, _) in every.items():
-        allowed = sizes(array) if name in widths else good_numbers(array)
+        allowed = good_numbers(array, 0.0 if name in widths else -LARGEST)
         what = f"is {'negative, ' * (name in widths)}NaN, infinite or above {LARGEST:g}"
         for k in np.flatnonzero(~allowed.all(axis=1)):
             yield Problem(f"{row} {keys[k]}", f"its {name} {what}", "correct it, or leave it out")
@@ -310,7 +305,7 @@ class Campaign(Value):
     @property
     def simulated(self) -> bool:
         """Whether a simulation made the readings, as the provenance says; imports and means of them keep it."""
-        return is_simulated(self.provenance)
+        return self.provenance.get("generator", "").startswith(SIMULATION)
 
     @property
     def title(self) -> str:

@@ -5,20 +5,19 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_REMEDY, is_name
-from cpcal.common.values import LARGEST, Floats, Value, fill, frozen_array
+from cpcal.common.values import LARGEST, Bools, Floats, Value, fill, frozen_array
 
 
-def good_numbers(values: Floats) -> npt.NDArray[np.bool_]:
-    """Which numbers are finite and of a size that makes sense in mm."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(values) <= LARGEST)
+def good_numbers(values: npt.ArrayLike, least: float = -LARGEST) -> Bools:
+    """Which numbers are finite and of a size that makes sense in mm; of half-widths none below `least` = 0."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.asarray((array >= least) & (array <= LARGEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +86,6 @@ EXACT_OR_NOT = (
 )
 
 
-def sizes(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which values are good half-widths: not negative, and no larger than any robot."""
-    array = np.asarray(values, dtype=np.float64)
-    return good_numbers(array) & (array >= 0)
-
-
 @dataclass(frozen=True, eq=False)
 class Uncertainty(Value):
     """`half-width = factor * value`; the values are standard deviations, or half-widths if `factor` is None.
@@ -114,12 +107,12 @@ class Uncertainty(Value):
             if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
                 what = f"has the shape {array.shape}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
-            elif not sizes(array).all():
+            elif not good_numbers(array, 0.0).all():
                 what = f"holds a number that is negative, not finite or above {LARGEST:g}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))
-        if self.factor is not None and not sizes(self.factor):
+        if self.factor is not None and not good_numbers(self.factor, 0.0):
             problems.append(Problem("uncertainty factor", f"is {self.factor}", "give a finite number >= 0"))
-        if not problems and not sizes(self.half_widths).all():
+        if not problems and not good_numbers(self.half_widths, 0.0).all():
             problems.append(Problem("uncertainty", f"factor * sigma is above {LARGEST:g}", "give smaller numbers"))
         if problems:
             raise InputError(problems)
@@ -164,7 +157,7 @@ class PoseRange(Value):
         return np.stack([np.concatenate([self.low, -self.turn]), np.concatenate([self.high, self.turn])])
 
     @property
-    def free(self) -> npt.NDArray[np.bool_]:
+    def free(self) -> Bools:
         """(6,): which of them vary."""
         low, high = self.bounds
         return np.asarray(low < high)
@@ -184,15 +177,15 @@ class KnownRobot:
     workspace: PoseRange | None = None
 
 
-def _known(entry: dict[str, Any]) -> KnownRobot:
-    robot = Robot(entry["name"], entry["base"], entry["mobile"], entry["offset"])
-    place = entry.get("workspace")
-    low, high = entry["stroke"]
-    return KnownRobot(robot, entry["source"], (low, high), None if place is None else PoseRange(**place))
-
-
-_CATALOGUE = tomllib.loads((files("cpcal.robot") / "robots.toml").read_text(encoding="utf-8"))
-ROBOTS = {name: _known(entry) for name, entry in _CATALOGUE.items()}
+ROBOTS = {
+    name: KnownRobot(
+        Robot(entry["name"], entry["base"], entry["mobile"], entry["offset"]),
+        entry["source"],
+        tuple(entry["stroke"]),
+        PoseRange(**entry["workspace"]) if "workspace" in entry else None,
+    )
+    for name, entry in tomllib.loads((files("cpcal.robot") / "robots.toml").read_text(encoding="utf-8")).items()
+}
 DELTALAB = ROBOTS["deltalab"].robot
 
 

@@ -139,7 +139,7 @@ def simulate(
         poses = assembled(truth, rows, stroke)
     else:
         poses = Pose(rows[:, :3], quaternion_from_rotation_vector(rows[:, 3:]))
-    phases = joint_phases(truth.legs, joint_stream)
+    phases = joint_stream.uniform(0.0, 2.0 * np.pi, (truth.legs, 2))
     lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
     free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)  # what a workspace fixes has no noise
     pose_sigma = noise * free * np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA)])
@@ -236,11 +236,6 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(at_mobile[..., 1], at_mobile[..., 2])
     waves = np.sin(_WAVES * base_angle + phases[:, 0]) + np.sin(_WAVES * mobile_angle + phases[:, 1])
     return np.asarray(0.5 * waves)
-
-
-def joint_phases(legs: int, stream: np.random.Generator) -> Floats:
-    """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
-    return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
 
 
 def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Floats:

@@ -58,7 +58,6 @@ from cpcal.simulate.campaigns import (
     check_options,
     configurations,
     joint_effect,
-    joint_phases,
     standard_noise,
     streams,
 )
@@ -66,7 +65,6 @@ from cpcal.simulate.campaigns import (
 Stream = np.random.Generator
 
 MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
-_MECHANISMS = ("joint_error", "axis_offset", "backlash", "friction", "sag", "gain")
 
 
 def simulate_study(
@@ -243,45 +241,27 @@ class Mechanisms:
         active = (self.base_offset, self.backlash, self.sag, self.gain, self.joint_error)
         return not any(values.any() for values in active)
 
-    @classmethod
-    def sampled(
-        cls,
-        legs: int,
-        stream: np.random.Generator,
-        phases: np.random.Generator,
-        *,
-        axis_offset: float = 0.0,
-        backlash: float = 0.0,
-        friction: float = 0.0,
-        sag: float = 0.0,
-        gain: float = 0.0,
-        joint_error: float = 0.0,
-        reference: float,
-    ) -> Mechanisms:
-        """Mechanisms of these sizes; directions and signs from `stream`, phases of the joint error from `phases`.
-
-        First axes are level, in random directions; offsets and gains have the given size and a random sign. The
-        draw does not depend on the sizes, so that each scales on its own.
-        """
-        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))[0]
-        sign = np.where(stream.random((5, legs)) < 0.5, -1.0, 1.0)
-        return cls(
-            base_axis=np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(legs)], axis=-1),
-            base_offset=axis_offset * sign[0],
-            backlash=np.full(legs, backlash),
-            friction=friction,
-            sag=np.full(legs, sag),
-            gain=gain * sign[4],
-            reference=reference,
-            joint_error=np.full(legs, joint_error),
-            joint_phase=joint_phases(legs, phases),
-        )
-
 
 def mechanisms_of(options: Mapping[str, Any]) -> Mechanisms:
-    """Of the options of a simulated study, which its provenance holds as JSON."""
-    children, reference = streams(options["seed"], 9), 0.5 * sum(options["stroke"])
-    return Mechanisms.sampled(6, children[4], children[1], **{k: options[k] for k in _MECHANISMS}, reference=reference)
+    """Of the options of a simulated study, which its provenance holds as JSON.
+
+    First axes are level, in random directions; offsets and gains have the given size and a random sign. The draw does
+    not depend on the sizes, so that each scales on its own.
+    """
+    children, legs = streams(options["seed"], 9), 6
+    azimuth = children[4].uniform(0.0, 2.0 * np.pi, (2, legs))[0]
+    sign = np.where(children[4].random((5, legs)) < 0.5, -1.0, 1.0)
+    return Mechanisms(
+        base_axis=np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(legs)], axis=-1),
+        base_offset=options["axis_offset"] * sign[0],
+        backlash=np.full(legs, options["backlash"]),
+        friction=options["friction"],
+        sag=np.full(legs, options["sag"]),
+        gain=options["gain"] * sign[4],
+        reference=0.5 * sum(options["stroke"]),
+        joint_error=np.full(legs, options["joint_error"]),
+        joint_phase=children[1].uniform(0.0, 2.0 * np.pi, (legs, 2)),
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -328,7 +328,7 @@ def estimate_pose(
     least, most = eigenvalues(away.T @ away)
     if least < _SLIM**2 * most:
         raise NoPose("the dots lie on a line or nearly so")
-    pixels = Pixels(dots, seen, np.linalg.cholesky(spread), target.radius, camera)
+    pixels = Pixels(dots, seen, np.asarray(np.linalg.cholesky(spread), np.float64), target.radius, camera)
     first, *others = plane_poses(dots, rays)
     used, final, residuals = _screened(pixels, first)
     second = _other(pixels.only(used), final, others)

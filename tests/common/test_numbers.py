@@ -39,6 +39,9 @@ ESTIMATES = (
     "simulate",
     "robot",
     "files",
+    "common/documents.py",  # what a user stated
+    "questions/log.py",
+    "questions/study_calibration.py",
     "cli/study.py",
     "cli/image.py",
     "report/figures.py",  # coordinates of drawings, and ticks, which are round numbers

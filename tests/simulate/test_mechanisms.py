@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cpcal.robot import DELTALAB, KinematicsError, Pose, inverse_kinematics, leg_vectors
 from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
-from cpcal.simulate.studies import Mechanisms, assembled_with, clearance_sides, leg_gaps
+from cpcal.simulate.studies import assembled_with, clearance_sides, leg_gaps, mechanisms_of
 
 LARGE = {  # mm; the gain is relative
     "axis_offset": 20.0,
@@ -20,8 +20,7 @@ IDEAL = assembled(DELTALAB, READINGS, STROKE)
 
 
 def sampled(seed=1, **sizes):
-    children = streams(seed, 2)
-    return Mechanisms.sampled(6, children[0], children[1], **sizes, reference=70.0)
+    return mechanisms_of({"seed": seed, "stroke": STROKE, "friction": 0.0} | dict.fromkeys(LARGE, 0.0) | sizes)
 
 
 def solved(**sizes):
