@@ -49,12 +49,8 @@ def csv_table(header: Sequence[str], rows: Iterable[Iterable[str | float | None]
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows(map(_cell, row) for row in rows)
+    writer.writerows([guarded(cell) if isinstance(cell, str) else cell for cell in row] for row in rows)
     return buffer.getvalue().encode()
-
-
-def _cell(value: str | float | None) -> str:
-    return "" if value is None else guarded(value) if isinstance(value, str) else repr(value)
 
 
 def number_pattern(decimal: str) -> re.Pattern[str]:
@@ -325,31 +321,20 @@ def line_numbers(text: str, document: Table) -> dict[KeyPath, int]:
     lines: dict[KeyPath, int] = {}
     section: KeyPath = ()
     for number, line in enumerate(text.split("\n"), start=1):
-        if line.lstrip().startswith("["):
-            path = _path(line.lstrip()[1:].partition("]")[0])
-            if _leads_somewhere(path, document):  # a heading, not a row of an array
-                section = path
-        elif "=" in line:
-            path = section + _path(line.partition("=")[0])
-        else:
+        heading = line.lstrip().startswith("[")
+        if not heading and "=" not in line:
             continue
-        if _leads_somewhere(path, document):
-            for depth in range(1, len(path) + 1):
-                lines.setdefault(path[:depth], number)
+        dotted = line.lstrip()[1:].partition("]")[0] if heading else line.partition("=")[0]
+        path = (*(() if heading else section), *(part.strip().strip("\"'") for part in dotted.split(".")))
+        value: object = document
+        for key in path:
+            value = value.get(key) if isinstance(value, dict) else None
+        if value is None:  # a row of an array, say
+            continue
+        section = path if heading else section
+        for depth in range(1, len(path) + 1):
+            lines.setdefault(path[:depth], number)
     return lines
-
-
-def _path(dotted: str) -> KeyPath:
-    return tuple(part.strip().strip("\"'") for part in dotted.split("."))
-
-
-def _leads_somewhere(path: KeyPath, document: Table) -> bool:
-    value: object = document
-    for key in path:
-        if not isinstance(value, dict) or key not in value:
-            return False
-        value = value[key]
-    return True
 
 
 # ------------------------------------------------------------------------------------------------------------------

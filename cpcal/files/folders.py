@@ -28,6 +28,7 @@ from cpcal.files.settings import (
 )
 from cpcal.files.tables import Table, read_table
 from cpcal.robot import Campaign, PoseTable, Robot, Study
+from cpcal.robot.campaign import ARRAYS
 from cpcal.robot.robot import KINDS, Uncertainty
 from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, half_widths
 
@@ -103,22 +104,24 @@ def _readings(table: Table, legs: int) -> tuple[Floats, Floats, Floats]:
 NAME = "campaign.json"
 JSON_FORMAT = "cpcal-campaign-exact/1"
 _LARGEST = 32 << 20  # bytes: the checker reads no more
-_ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 _REMEDY = "certify the campaign again"
 
 
 def campaign_json(campaign: Campaign) -> bytes:
     """The file's bytes: of equal campaigns from equal files, the same."""
-    stated, model, robot = campaign.uncertainty, campaign.model, campaign.robot
+    stated, model, files = campaign.uncertainty, campaign.model, campaign.files
+    if not files:  # made in memory: those that `save_campaign` writes
+        contents = (TOML_NAME, toml_bytes(campaign)), (CSV_NAME, csv_bytes(campaign))
+        files = tuple((name, hashlib.sha256(content).hexdigest()) for name, content in contents)
     head = {
         "format": JSON_FORMAT,
-        "files": [{"name": name, "sha256": digest} for name, digest in _files(campaign)],
-        "robot": {key: getattr(robot, key) for key in ("name", "base", "mobile", "offset")},
+        "files": [{"name": name, "sha256": digest} for name, digest in files],
+        "robot": vars(campaign.robot),
         "uncertainty": stated and {key: getattr(stated, key) for key in ("factor", *KINDS)},
         "model": model and {"name": model.name, "half_widths": model.half_widths},
         "provenance": campaign.provenance,
     }
-    numbers = _texts(np.concatenate([getattr(campaign, name) for name in _ARRAYS], axis=1))
+    numbers = _texts(np.concatenate([getattr(campaign, name) for name in ARRAYS], axis=1))
     rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
     lines = [f"{json.dumps(key)}: {json.dumps(_texts(value))}" for key, value in head.items()]
     table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)
@@ -181,7 +184,7 @@ def _campaign(data: dict[str, Any]) -> Campaign:
     legs = len(robot["offset"])
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
     ends = np.cumsum([3, 4, legs, 3, 3])
-    arrays = dict(zip(_ARRAYS, np.split(numbers, ends, axis=1), strict=True))
+    arrays = dict(zip(ARRAYS, np.split(numbers, ends, axis=1), strict=True))
     campaign = Campaign(
         robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
         pose=tuple(row[0] for row in rows),
@@ -193,14 +196,6 @@ def _campaign(data: dict[str, Any]) -> Campaign:
     )
     fill(campaign, files=tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
-
-
-def _files(campaign: Campaign) -> tuple[tuple[str, str], ...]:
-    """Names and digests of the files it was read from; of one made in memory, of those that `save_campaign` writes."""
-    if campaign.files:
-        return campaign.files
-    contents = (TOML_NAME, toml_bytes(campaign)), (CSV_NAME, csv_bytes(campaign))
-    return tuple((name, hashlib.sha256(content).hexdigest()) for name, content in contents)
 
 
 def _texts(value: Any) -> Any:
@@ -233,24 +228,22 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     """
     folder, problems = _existing(path, _NO_STUDY), Problems()
     settings = read_study_settings(folder / STUDY_NAME, problems, _NO_STUDY)
-    tables = [_study_table(folder / name, settings.legs, problems) for name in (CALIBRATION_NAME, VALIDATION_NAME)]
+    tables = []
+    for name in (CALIBRATION_NAME, VALIDATION_NAME):
+        found = read_table(
+            folder / name, settings.legs, problems, _NO_STUDY, optional=lambda _: ["image", *SHARED_COLUMNS]
+        )
+        missing = [column for column in SHARED_COLUMNS if column not in found.values]
+        if found.values and 0 < len(missing) < len(SHARED_COLUMNS):
+            what, remedy = f"the column {missing[0]!r} is missing", f"give all of {', '.join(SHARED_COLUMNS)}, or none"
+            problems.add(Problem(str(folder / name), what, remedy, 1))
+        tables.append(found)
     problems.raise_any()
     robot = settings.robot
     assert robot is not None  # what keeps it from being read is a problem, and was raised
-    calibration, validation = (_pose_table(table, robot.legs) for table in tables)
-    return Study(robot, calibration, validation, settings.truth, settings.provenance)
-
-
-def _study_table(path: Path, legs: int | None, problems: Problems) -> Table:
-    table = read_table(path, legs, problems, _NO_STUDY, optional=lambda _: ["image", *SHARED_COLUMNS])
-    missing = [name for name in SHARED_COLUMNS if name not in table.values]
-    if table.values and 0 < len(missing) < len(SHARED_COLUMNS):
-        remedy = f"give all of {', '.join(SHARED_COLUMNS)}, or none"
-        problems.add(Problem(str(path), f"the column {missing[0]!r} is missing", remedy, 1))
-    return table
-
-
-def _pose_table(table: Table, legs: int) -> PoseTable:
-    shared = table.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None
-    pose, run, *image = map(tuple, (table.names[name] for name in ("pose", "run", "image") if name in table.names))
-    return PoseTable(pose, run, *_readings(table, legs), image[0] if image else None, shared)
+    poses = []
+    for found in tables:
+        pose, run, *image = (tuple(found.names[name]) for name in ("pose", "run", "image") if name in found.names)
+        shared = found.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in found.values else None
+        poses.append(PoseTable(pose, run, *_readings(found, robot.legs), image[0] if image else None, shared))
+    return Study(robot, *poses, settings.truth, settings.provenance)

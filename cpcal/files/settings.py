@@ -57,12 +57,8 @@ def toml_bytes(campaign: Campaign) -> bytes:
     asked = campaign.model
     model = {} if asked is None else {"name": asked.name, "half_widths": asked.half_widths}
     return document(
-        FORMAT, {"robot": _of_robot(campaign.robot), "uncertainty": uncertainty, "model": model}, campaign.provenance
+        FORMAT, {"robot": vars(campaign.robot), "uncertainty": uncertainty, "model": model}, campaign.provenance
     )
-
-
-def _of_robot(robot: Robot) -> dict[str, object]:
-    return {key: getattr(robot, key) for key in ("name", "base", "mobile", "offset")}
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
@@ -123,7 +119,7 @@ def study_bytes(study: Study) -> bytes:
         frames = {"camera": truth.camera, "target": truth.target}
         poses = {name: {"position": of.position, "quaternion": of.quaternion} for name, of in frames.items()}
         simulated = {"seed": truth.seed, "parameters": truth.robot.parameters, **poses}
-    return document(STUDY_FORMAT, {"robot": _of_robot(study.robot), "truth": simulated}, study.provenance)
+    return document(STUDY_FORMAT, {"robot": vars(study.robot), "truth": simulated}, study.provenance)
 
 
 def table_bytes(table: PoseTable) -> bytes:
@@ -307,7 +303,7 @@ def settings_template(name: str, legs: int) -> str:
     robot: dict[str, Any] = {"name": name, "base": blank, "mobile": blank, "offset": blank[:, 0]}
     lines = [f"{_START}format = {written(FORMAT)}", "", "[robot]"]
     if known is not None:
-        robot = _of_robot(known.robot)
+        robot = vars(known.robot)
         lines.append(f"# Dimensions: {known.source}")
     for key, value in robot.items():
         lines += [*([f"# {_COMMENTS[key]}"] if key in _COMMENTS else []), f"{key} = {written(value)}"]

@@ -167,8 +167,14 @@ class _Reader:
                 what = f"{len(cells)} cells, but the header has {len(columns)}"
                 self.wrong(what, "give one cell for each column, separated by commas")
             elif cells is not None:
-                names = {column: self.name(cells[place], column) for column, place in ids.items()}
-                self.once(names, seen)
+                names = {column: unguarded(cells[place].strip()) for column, place in ids.items()}
+                for column, text in names.items():
+                    if not is_identifier(text):
+                        a = "an" if column == "image" else "a"
+                        self.wrong(f"{shown(text)} cannot be the name of {a} {column}", IDENTIFIER_REMEDY)
+                if (first := seen.setdefault(tuple(names.values()), self.line)) != self.line:
+                    which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
+                    self.wrong(f"{which} was given on line {first} already", f"give each {' and '.join(names)} once")
                 row = {name: self.number(name, cells[place]) for name, place in places.items()}
                 turn = [row[name] for name in _QUATERNION if name in row]
                 if len(turn) == 4 and abs((norm := math.hypot(*turn)) - 1.0) > QUATERNION_TOLERANCE:  # False for NaN
@@ -190,19 +196,6 @@ class _Reader:
         if not self.problems:
             grid = np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(places))
             table.names, table.values = found, {name: grid[:, k] for k, name in enumerate(places)}
-
-    def once(self, names: dict[str, str], seen: dict[tuple[str, ...], int]) -> None:
-        """Take note of a row whose names were given before."""
-        if (first := seen.setdefault(tuple(names.values()), self.line)) != self.line:
-            which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
-            self.wrong(f"{which} was given on line {first} already", f"give each {' and '.join(names)} once")
-
-    def name(self, cell: str, column: str) -> str:
-        text = unguarded(cell.strip())
-        if not is_identifier(text):
-            article = "an" if column == "image" else "a"
-            self.wrong(f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
-        return text
 
     def number(self, name: str, cell: str) -> float:
         """The number in a cell; NaN where it is left empty and may be, as half-widths, or where it was reported."""
