@@ -21,7 +21,7 @@ def weighted_jacobian(equations: LegEquations, weight: Floats, x: Floats) -> Flo
     """d(W_k g_k)/dx of all measurements, (N n, 7 n), for weights W (N, n, n): rows by measurement, then leg."""
     product = weight[..., None] * equations.by_parameters(x)[:, None, :, :]
     count, legs = equations.length.shape
-    return np.asarray(product.reshape(count * legs, 7 * legs))
+    return product.reshape(count * legs, 7 * legs)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -95,9 +95,7 @@ class Noise:
     def propagated(self, equations: LegEquations, x: Floats) -> Floats:
         """Sigma_k of every measurement, (N, n, n), mm^2."""
         by_pose = equations.by_pose(x)
-        return np.asarray(
-            by_pose @ self.pose @ by_pose.transpose(0, 2, 1) + self.length[:, :, None] ** 2 * np.eye(len(x))
-        )
+        return by_pose @ self.pose @ by_pose.transpose(0, 2, 1) + self.length[:, :, None] ** 2 * np.eye(len(x))
 
 
 def whitening(sigma: Floats) -> Floats:
@@ -219,7 +217,7 @@ class Fit:
         (left, values, right), seen, weight = self.svd, self.determined, self.weight
         count, legs = self.residuals.shape
         if self.source == "noise":  # C_k, (N, n, n): the covariance of the weighted equations' errors
-            scatter = np.asarray(weight @ self.sigma @ weight.transpose(0, 2, 1))
+            scatter = weight @ self.sigma @ weight.transpose(0, 2, 1)
         else:
             white = np.einsum("kij,kj->ki", weight, self.residuals)
             square = np.eye(legs) * np.sum(white**2) if self.weighted else white.T @ white
@@ -236,7 +234,7 @@ class Fit:
     @property
     def standard_errors(self) -> Floats:
         """(n, 7) mm: square roots of the covariance's diagonal."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariance)).reshape(-1, 7))
+        return np.sqrt(np.diagonal(self.covariance)).reshape(-1, 7)
 
     @cached_property
     def undetermined(self) -> npt.NDArray[np.bool_]:
@@ -382,7 +380,7 @@ def _solved(equations: LegEquations, weight: Floats, start: Floats, tolerance: f
     """Parameters of the shape of `start`, and whether a criterion was met, for legs that are fitted together."""
 
     found = least_squares(
-        lambda x: np.asarray(np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel()),
+        lambda x: np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel(),
         lambda x: weighted_jacobian(equations, weight, x.reshape(-1, 7)),
         start.ravel(),
         tolerance=tolerance,

@@ -95,7 +95,7 @@ def mean_rotations(quaternion: Floats, group: Ints, count: int) -> Floats:
     outer = np.zeros((count, 4, 4))
     np.add.at(outer, group, quaternion[:, :, None] * quaternion[:, None, :])
     mean = np.linalg.eigh(outer)[1][:, :, -1]
-    return np.asarray(np.where(mean[:, :1] < 0, -mean, mean))
+    return np.where(mean[:, :1] < 0, -mean, mean)
 
 
 def means(campaign: Campaign, group: Ints, count: int) -> tuple[Floats, Floats, Floats]:
@@ -122,7 +122,7 @@ def group_means(table: Floats, group: Ints, count: int) -> Floats:
     """(count, C) means of each group's rows."""
     total = np.zeros((count, table.shape[1]))
     np.add.at(total, group, table)
-    return np.asarray(total / np.bincount(group, minlength=count)[:, None])
+    return total / np.bincount(group, minlength=count)[:, None]
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -271,7 +271,7 @@ def scores(deviations: Deviations) -> Floats:
         own = deviations.values[rows]
         distance[rows], apart[rows] = own - np.median(own, axis=0), own - np.roll(own, len(own) // 2, axis=0)
     scale = np.median(np.abs(apart[deviations.repeats[deviations.group] > 1]), axis=0) / _DIFFERENCE
-    return np.asarray(distance / np.where(scale > 0, scale, np.nan))
+    return distance / np.where(scale > 0, scale, np.nan)
 
 
 # ------------------------------------------------------------------------------------------------------------------

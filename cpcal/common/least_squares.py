@@ -56,7 +56,7 @@ class Blocks:
         size = len(self.shared)
         gone = self.mixed.reshape(-1, size).T @ np.linalg.solve(self._damped(damping), both).reshape(-1, size + 1)
         matrix = self.shared + damping * np.diag(np.diag(self.shared)) - gone[:, :-1]
-        return np.asarray(matrix), np.asarray(self.shared_side - gone[:, -1])
+        return np.asarray(matrix), self.shared_side - gone[:, -1]
 
     def step(self, damping: float) -> Floats:
         """(s + v k,) the shared unknowns' step, then block by block; nan where the equations are singular."""
@@ -75,7 +75,7 @@ class Blocks:
         return max(float(np.max(np.abs(side), initial=0.0)) for side in (self.shared_side, self.own_side))
 
     def _damped(self, damping: float) -> Floats:
-        return np.asarray(self.own + damping * self.own * np.eye(self.own.shape[1]))
+        return self.own + damping * self.own * np.eye(self.own.shape[1])
 
 
 class _Rows:
@@ -90,7 +90,7 @@ class _Rows:
         s = self._s
         seen = s > _RANK * s[0]
         factors = np.where(seen, s / np.where(seen, s**2 + damping * s[0] ** 2, 1.0), 0.0)
-        return np.asarray(-(self._right.T @ (factors * self._along)))
+        return -(self._right.T @ (factors * self._along))
 
 
 def least_squares(

@@ -246,4 +246,4 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         pose, run, *image = (tuple(found.names[name]) for name in ("pose", "run", "image") if name in found.names)
         shared = found.columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in found.values else None
         poses.append(PoseTable(pose, run, *_readings(found, robot.legs), image[0] if image else None, shared))
-    return Study(robot, *poses, settings.truth, settings.provenance)
+    return Study(robot, poses[0], poses[1], settings.truth, settings.provenance)

@@ -376,12 +376,12 @@ class LegEquations:
     def vectors(self, x: Floats) -> tuple[Floats, Floats]:
         """v and R b, each (N, n, 3)."""
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
-        return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
+        return self.position[:, None, :] + arm - x[:, :3], np.asarray(arm)
 
     def _directions(self, x: Floats) -> tuple[Floats, Floats]:
         """v / ||v|| and R b, each (N, n, 3)."""
         vector, arm = self.vectors(x)
-        return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST)), arm
+        return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST), arm
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -230,7 +230,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
         accuracy = _ACCURACY * (1.0 + np.max(np.abs(here + robot.offset), axis=-1))
 
         def gaps(at: Pose, here: Floats = here) -> Floats:
-            return np.asarray(here - inverse_kinematics(robot, at))
+            return here - inverse_kinematics(robot, at)
 
         pose, good = newton(robot, gaps, pose, accuracy)
         pose, rows = pose.rows(good), rows[good]
@@ -257,7 +257,7 @@ def newton(robot: Robot, gaps: Callable[[Pose], Floats], pose: Pose, accuracy: n
         gap = gaps(pose)
         step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(robot, pose) / scale), gap)
         step = np.where(np.isfinite(step), step, 0.0)  # where gaps are not finite nothing converges
-        converged = np.asarray(np.max(np.abs(step), axis=1) <= accuracy)
+        converged = np.max(np.abs(step), axis=1) <= accuracy
         if robot.legs == 6:
             converged &= np.max(np.abs(gap), axis=1) <= accuracy
         move, turn = (np.linalg.norm(part, axis=1) for part in (step[:, :3], step[:, 3:] / arm))
@@ -319,7 +319,7 @@ _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it,
 def cross_matrix(vector: npt.ArrayLike) -> Floats:
     """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
     v = np.asarray(vector, dtype=np.float64)
-    return np.asarray(np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2))
+    return np.cross(v[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -236,7 +236,7 @@ def degrees_as_radians(given: Given) -> Variants:
 
 def _unwrapped(angles: Floats, near: Floats) -> Floats:
     """angles + 2 pi k, read as degrees, in rad, with the whole k that bring them nearest to `near`."""
-    return np.asarray((angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES)
+    return (angles + 2.0 * np.pi * np.round((near * _DEGREES - angles) / (2.0 * np.pi))) / _DEGREES
 
 
 _NEWTON = 12  # steps

@@ -17,7 +17,7 @@ from cpcal.common.values import LARGEST, Bools, Floats, Value, fill, frozen_arra
 def good_numbers(values: npt.ArrayLike, least: float = -LARGEST) -> Bools:
     """Which numbers are finite and of a size that makes sense in mm; of half-widths none below `least` = 0."""
     array = np.asarray(values, dtype=np.float64)
-    return np.asarray((array >= least) & (array <= LARGEST))
+    return (array >= least) & (array <= LARGEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class Uncertainty(Value):
         """(6 + n,): of position, rotation and leg readings, one after the other."""
         values = np.concatenate([self.position, self.rotation, self.length])
         with np.errstate(over="ignore"):
-            return values if self.factor is None else np.asarray(self.factor * values)
+            return values if self.factor is None else (self.factor * values)
 
 
 # ------------------------------------------------------------------------------------------------------------------

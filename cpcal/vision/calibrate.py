@@ -91,7 +91,7 @@ class CameraFit:
     def deviations(self, state: State | None = None) -> Floats:
         """The residuals (v, n, 2) in stated standard deviations; 0 where a dot is not used, nan behind the camera."""
         off = np.where(self.used[..., None], self.residuals(state), 0.0)
-        return np.asarray((self.factor @ off[..., None])[..., 0])
+        return (self.factor @ off[..., None])[..., 0]
 
     def without(self, views: Bools, dots: Bools) -> CameraFit:
         """Without these views (v,) and dots (v, n), and then without views of too few dots."""
@@ -232,7 +232,7 @@ class Calibration:
     @property
     def standard_errors(self) -> Floats:
         """(9,) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.sqrt(np.diag(self.covariance))
 
     def record(self, provenance: dict[str, str] | None = None) -> CameraRecord:
         """What goes into camera.toml."""

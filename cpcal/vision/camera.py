@@ -210,7 +210,7 @@ class Camera(Value):
 
     def pixels(self, normalised: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
-        return np.asarray(self.center + self.focal * self.jets(normalised)[..., :2])
+        return self.center + self.focal * self.jets(normalised)[..., :2]
 
     def jets(self, normalised: npt.ArrayLike) -> Floats:
         """d with its derivatives up to the second, (..., 2) -> (..., JET), see `jet`."""

@@ -263,7 +263,7 @@ def shared_part(model: Pixels, found: PoseFit, target: Target, covariance: Float
     left = by_errors - slopes @ moved
     against = found.residuals @ left
     explained = against @ np.linalg.solve(np.eye(len(against)) + left.T @ left, against)
-    return np.asarray(moved @ moved.T), float(found.chi_square - explained)
+    return moved @ moved.T, float(found.chi_square - explained)
 
 
 FEWEST = 6  # dots
@@ -347,7 +347,7 @@ def estimate_pose(
     common = _common(kept.dots, final.residuals.reshape(-1, 2), degrees) if scale > DOUBTFUL else 1.0
     return PoseEstimate(
         pose=final.pose,
-        covariance=np.asarray(scale * common * np.linalg.inv(final.normal) + part),
+        covariance=scale * common * np.linalg.inv(final.normal) + part,
         shared_part=part,
         residuals=residuals,
         outliers=~used,

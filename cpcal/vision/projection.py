@@ -27,7 +27,7 @@ def median(values: npt.NDArray[np.floating]) -> float:
 
 def determinants(matrices: Floats) -> Floats:
     """(..., 2, 2) -> (...)."""
-    return np.asarray(matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0])
+    return matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0]
 
 
 def eigenvalues(matrices: Floats) -> Floats:
@@ -169,7 +169,7 @@ def mapped(homography: Floats, points: Floats) -> Floats:
     """Points (..., n, 2) through H (..., 3, 3); nan where they go beyond the horizon (third coordinate <= 0)."""
     turned = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
     depth = turned[..., 2:]
-    return np.asarray(turned[..., :2] / np.where(depth > 0.0, depth, np.nan))
+    return turned[..., :2] / np.where(depth > 0.0, depth, np.nan)
 
 
 def fitted(points: Floats, images: Floats) -> Floats:

@@ -173,7 +173,7 @@ class Board:
         elif self.kind == "grid":
             corners = first * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
             return (sum(self.lengths) * nodes[:, None] + corners).reshape(-1, 2)
-        return np.asarray(first * nodes)
+        return first * nodes
 
     def turns(self) -> list[Ints]:
         """The numbers (n,) of the points of a printed board that stand in the places of its points when it is turned

@@ -12,8 +12,8 @@ from cpcal.models import fit_model
 from cpcal.models.leg_set import AskedSet, CertifiedSet, certified_set
 from cpcal.robot import Campaign, Pose, Robot, forward_kinematics, inverse_kinematics
 from cpcal.simulate import simulate
-from cpcal.simulate.campaigns import streams, true_robot
-from cpcal.simulate.studies import Mechanisms, assembled_with
+from cpcal.simulate.campaigns import true_robot
+from cpcal.simulate.studies import assembled_with, mechanisms_of
 
 ERROR = 0.02  # mm: amplitude of the joint error, which is never exceeded
 
@@ -48,8 +48,7 @@ def reached_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose:
     """Where the platform of a simulated campaign really is when the controller commands K poses."""
     robot, options = true_robot(campaign), json.loads(campaign.provenance["options"])
     assert robot is not None
-    sizes = {"joint_error": options["joint_error"], "reference": 0.5 * sum(options["stroke"])}
-    stream = streams(options["seed"])[1]
-    mechanisms = Mechanisms.sampled(robot.legs, np.random.default_rng(0), stream, **sizes)
+    perfect = dict.fromkeys(("axis_offset", "backlash", "friction", "sag", "gain"), 0.0)
+    mechanisms = mechanisms_of(perfect | options)
     readings = inverse_kinematics(controller, poses)
     return assembled_with(robot, mechanisms, readings, forward_kinematics(robot, readings, poses))

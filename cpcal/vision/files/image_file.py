@@ -62,7 +62,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[n
         raise UnreadableImageError("cannot be decoded: truncated, or no image")
     if image.dtype not in (np.uint8, np.uint16):
         raise UnreadableImageError(f"has pixels of {image.dtype}; 8 or 16 bits are understood")
-    return np.asarray(image[..., :3]) if image.ndim == 3 else np.asarray(image)
+    return image[..., :3] if image.ndim == 3 else np.asarray(image)
 
 
 def _check_file(path: Path) -> None:
