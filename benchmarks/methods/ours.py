@@ -16,7 +16,7 @@ from cpcal.checker import check
 from cpcal.files import campaign_sha256
 from cpcal.questions import LegResult
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Limits, Then, Verdict
 from cpcal.solver.optimize.bound import minimize, run
 
 
@@ -55,7 +55,7 @@ class Cpcal:
     def _search(self, question: TaskQuestion) -> MethodAnswer:
         eps = question.eps
         network = question.problem.network(eps)
-        contractor = plugins.build(network, self._contractors, objective="eps")
+        contractor = Then(*plugins.build_each(network, self._contractors, objective="eps"))
         limits = Limits(seconds=question.limit, gap=question.task.value if eps is None else 1e-6)
         start = question.problem.start
         found = run(minimize(network, "eps", contractor, limits=limits, start=start), None)

@@ -20,8 +20,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial, reduce
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -71,6 +72,7 @@ _DEEPEST = 60  # of nested brackets, functions and loops
 _HABITS = {"==": "write = once", "**": "write ^ for a power"}  # of other languages
 _RELATIONS = ("=", "<=", ">=", "<", ">", "in")
 _PI = Interval(3.141592653589793, 3.1415926535897936)
+_LARGEST = float(np.finfo(float).max)
 _EVERYTHING = Data(Interval(-np.inf, np.inf))
 _BINARY: dict[str, Callable[[Value, Value], Value]] = {"+": plus, "-": minus, "*": times, "/": divided, "^": power}
 
@@ -142,12 +144,10 @@ class _Parser:
         self.text, self.where, self.at, self.depth = text, where, 0, 0
         self.tokens = list(self.cut())
 
-    def wrong(self, what: str, remedy: str, token: Token) -> InputError:
-        """The error to raise: it names line and column."""
+    def wrong(self, what: str, remedy: str, token: Token | None = None) -> InputError:
+        """The error to raise: it names line and column, of the next token if none is given."""
+        token = token or self.now
         return unusable(self.where, f"column {token.column}: {what}", remedy, token.line)
-
-    def fail(self, what: str, remedy: str) -> NoReturn:
-        raise self.wrong(what, remedy, self.now)
 
     # tokens -----------------------------------------------------------------------------------
 
@@ -188,11 +188,11 @@ class _Parser:
 
     def needs(self, text: str) -> None:
         if not self.takes(text):
-            self.fail(f"{self.told()} stands where {shown(text)} should", f"write {shown(text)} before it")
+            raise self.wrong(f"{self.told()} stands where {shown(text)} should", f"write {shown(text)} before it")
 
     def name(self) -> Token:
         if self.now.kind != "name":
-            self.fail(f"{self.told()} stands where a name should", "write a name: letters, digits and _")
+            raise self.wrong(f"{self.told()} stands where a name should", "write a name: letters, digits and _")
         return self.take()
 
     def told(self) -> str:
@@ -203,7 +203,7 @@ class _Parser:
         self.depth += 1
         if self.depth > _DEEPEST:
             what = f"brackets are nested more than {_DEEPEST} deep"
-            self.fail(what, "write it in parts, with functions or constants")
+            raise self.wrong(what, "write it in parts, with functions or constants")
         yield
         self.depth -= 1
 
@@ -211,15 +211,12 @@ class _Parser:
 
     def expression(self) -> SyntaxNode:
         with self.deeper():
-            left = self.product()
-            while sign := self.takes("+", "-"):
-                left = SyntaxNode(sign.text, sign, (left, self.product()))
-        return left
+            return self.joined(partial(self.joined, self.signed, "*", "/"), "+", "-")
 
-    def product(self) -> SyntaxNode:
-        left = self.signed()
-        while sign := self.takes("*", "/"):
-            left = SyntaxNode(sign.text, sign, (left, self.signed()))
+    def joined(self, part: Callable[[], SyntaxNode], *signs: str) -> SyntaxNode:
+        left = part()
+        while sign := self.takes(*signs):
+            left = SyntaxNode(sign.text, sign, (left, part()))
         return left
 
     def signed(self) -> SyntaxNode:
@@ -276,7 +273,7 @@ class _Parser:
         self.at -= token.kind != "end of file"
         before = self.tokens[self.at - 1].text + token.text if self.at else ""
         remedy = _HABITS.get(before, "write a number, a name or a bracket")
-        return self.fail(f"{self.told()} stands where an expression should begin", remedy)
+        raise self.wrong(f"{self.told()} stands where an expression should begin", remedy)
 
     def turns(self) -> tuple[SyntaxNode, SyntaxNode, SyntaxNode]:
         """`name = first : last` of a loop or a sum."""
@@ -334,10 +331,10 @@ class _Parser:
     def relation(self) -> Relation:
         left = self.expression()
         if self.now.text not in _RELATIONS:
-            self.fail(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
+            raise self.wrong(f"{self.told()} stands where a relation should", "write =, <=, >= or in")
         found = Relation(self.take(), left, self.expression())
         if self.now.text in _RELATIONS:
-            self.fail("a second relation follows", "write a <= b and b <= c as two constraints")
+            raise self.wrong("a second relation follows", "write a <= b and b <= c as two constraints")
         return found
 
 
@@ -350,7 +347,7 @@ class _Evaluator(_Parser):
 
     def __init__(self, text: str, where: str) -> None:
         super().__init__(text, where)
-        self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(np.finfo(float).max, np.inf))}
+        self.constants: dict[str, Value] = {"pi": _PI, "oo": Data(Interval(_LARGEST, np.inf))}
         self.functions: dict[str, Function] = {}
         self.calls = 0  # of functions in one another
 
@@ -365,34 +362,31 @@ class _Evaluator(_Parser):
             raise self.wrong(str(error).splitlines()[0][:200], "correct the expression", token) from None
 
     def value(self, node: SyntaxNode, names: Names) -> Value:
-        with self.placed(node.token):
-            return self.worth(node, names)
-
-    def worth(self, node: SyntaxNode, names: Names) -> Value:
         kind, token = node.kind, node.token
-        if kind == "number":
-            return Fraction(token.value)
-        if kind == "name":
-            if token.text not in names:
-                raise self.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
-            return names[token.text]
-        if kind in _BINARY:
-            return self.chain(node, names)
-        if kind == "sum":
-            name, first, last, body = node.parts
-            total: Value = Fraction(0)
-            for k, turn in enumerate(self.range(name.token, first, last, names)):
-                entry = self.value(body, {**names, name.token.text: Fraction(turn)})
-                total = plus(total, entry) if k else entry
-            return total
-        if kind in ("index", "call or index"):
-            return self.indexed_or_called(node, names)
-        values = [self.value(part, names) for part in node.parts]
-        if kind in ("row", "column"):
-            return stacked(values, row=kind == "row")
-        if kind == "interval":
-            return Data(_between(*map(interval_of, values)))
-        return negative(values[0])
+        with self.placed(token):
+            if kind == "number":
+                return Fraction(token.value)
+            if kind == "name":
+                if token.text not in names:
+                    raise self.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
+                return names[token.text]
+            if kind in _BINARY:
+                return self.chain(node, names)
+            if kind == "sum":
+                name, first, last, body = node.parts
+                turns = self.range(name.token, first, last, names)
+                entries = [self.value(body, {**names, name.token.text: Fraction(turn)}) for turn in turns]
+                return reduce(plus, entries) if entries else Fraction(0)
+            if kind in ("index", "call or index"):
+                return self.indexed_or_called(node, names)
+            values = [self.value(part, names) for part in node.parts]
+            if kind in ("row", "column"):
+                return stacked(values, row=kind == "row")
+            if kind == "negative":
+                return negative(values[0])
+            low, high = map(interval_of, values)  # `oo` on its side has no bound
+            lo = -np.inf if low.hi <= -_LARGEST else low.lo
+            return Data(Interval(lo, np.inf if high.lo >= _LARGEST else high.hi))
 
     def chain(self, node: SyntaxNode, names: Names) -> Value:
         """A sum or product of any length, from its left end: no call for each of its signs."""
@@ -461,13 +455,6 @@ class _Evaluator(_Parser):
         return found
 
 
-def _between(low: Interval, high: Interval) -> Interval:
-    """From the one to the other; `oo` on its side has no bound."""
-    lo = -np.inf if low.hi <= -np.finfo(float).max else low.lo
-    hi = np.inf if high.lo >= np.finfo(float).max else high.hi
-    return Interval(lo, hi)
-
-
 # ------------------------------------------------------------------------------------------------------------------
 # What a file means: its declarations, in their order, become a network, and an objective where there is one.
 
@@ -486,7 +473,9 @@ class _Meaning(_Evaluator):
                 self.constant()
                 self.needs(";")
         if self.parts() and self.now.kind == "end of file":
-            self.fail("the file declares functions alone", "declare Variables, and Constraints or what to Minimize")
+            raise self.wrong(
+                "the file declares functions alone", "declare Variables, and Constraints or what to Minimize"
+            )
         self.needs("variables")
         self.variable()
         while self.takes(";", ","):
@@ -508,11 +497,11 @@ class _Meaning(_Evaluator):
         elif goal is None:
             largest = self.now.text.lower() == "maximize"
             remedy = "write Minimize and the negative" if largest else "say what is asked for, after a ;"
-            self.fail(f"{self.told()} stands where Minimize or Constraints should", remedy)
+            raise self.wrong(f"{self.told()} stands where Minimize or Constraints should", remedy)
         else:
             self.takes("end")
         if self.now.kind != "end of file":
-            self.fail(f"{shown(self.now.text)} comes after the end", "take it out")
+            raise self.wrong(f"{shown(self.now.text)} comes after the end", "take it out")
         for count, (relation, scope) in enumerate(self.relations(blocks, names)):
             if count == _CONSTRAINTS_MOST:
                 what = f"there are more than {_CONSTRAINTS_MOST:,} constraints"

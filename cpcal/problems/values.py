@@ -74,11 +74,8 @@ def applied(name: str, arguments: list[Value]) -> Value:
         return applied(name, [applied(name, arguments[:-1]), arguments[-1]])
     if name == "abs" and len(arguments) == 1:
         return _combined(abs, arguments[0])
-    called = _NAMES.get(name, name)
-    function = getattr(mathematics, called, None) or getattr(functions, called, None)
+    function = getattr(mathematics, _NAMES.get(name, name), None)
     try:
-        if name in _HYPERBOLIC:
-            return _HYPERBOLIC[name](*arguments)
         if function is None:
             raise ModelError(f"the solver has no function {name}")
         if any(isinstance(argument, Expr) for argument in arguments):
@@ -164,11 +161,7 @@ def divided(left: Value, right: Value) -> Value:
 
 
 def entrywise(function: Callable[..., Any], *values: Value) -> Value:
-    if not any(isinstance(value, np.ndarray) for value in values):
-        return function(*values)  # type: ignore[no-any-return]
-    arrays = np.broadcast_arrays(*(_boxed(value) for value in values))
-    entries = [function(*parts) for parts in zip(*(array.ravel() for array in arrays), strict=True)]
-    return array_of(entries, arrays[0].shape) if arrays[0].ndim else entries[0]
+    return np.frompyfunc(function, len(values), 1)(*map(_boxed, values))  # type: ignore[no-any-return]
 
 
 def pairs(left: Value, right: Value) -> list[tuple[Scalar, Scalar]]:
@@ -212,22 +205,6 @@ def _boxed(value: Value) -> Array:
     out = np.empty((), dtype=object)
     out[()] = value
     return out
-
-
-def _asinh(x: Value) -> Value:
-    """The same on both sides of 0, where log(x + sqrt(x^2 + 1)) alone would cancel for x < 0."""
-    sides = (applied("max", [part, Fraction(0)]) for part in (x, negative(x)))
-    up, down = (applied("log", [plus(s, applied("sqrt", [plus(power(s, Fraction(2)), Fraction(1))]))]) for s in sides)
-    return minus(up, down)
-
-
-_HYPERBOLIC: dict[str, Callable[..., Value]] = {
-    "acosh": lambda x: applied("log", [plus(x, applied("sqrt", [minus(power(x, Fraction(2)), Fraction(1))]))]),
-    "asinh": _asinh,
-    "atanh": lambda x: times(
-        Fraction(1, 2), minus(applied("log", [plus(Fraction(1), x)]), applied("log", [minus(Fraction(1), x)]))
-    ),
-}
 
 
 # ------------------------------------------------------------------------------------------------------------------

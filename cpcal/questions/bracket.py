@@ -260,14 +260,14 @@ def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None])
         def solve(eps: float, seconds: float) -> TimeoutOutcome:
             nonlocal best, proof, uses
             domain = whole.replace("eps", hi=eps)
-            recording = None if statement is None else Recording(statement, domain)
-            contracting = Contracting(leg.named, None if recording is None else recording.prover)
-            observe = None if recording is None else recording.event
-            outcome = ask(domain, contracting, LargestFirst(_SMALL, skip=("eps",)), prover, seconds, observe)
-            if recording is not None and outcome.checked:
-                proof = keep.enter_context(recording), eps
-            elif recording is not None:
-                recording.close()
+            with ExitStack() as unless_checked:
+                recording = None if statement is None else unless_checked.enter_context(Recording(statement, domain))
+                contracting = Contracting(leg.named, None if recording is None else recording.prover)
+                observe = None if recording is None else recording.event
+                outcome = ask(domain, contracting, LargestFirst(_SMALL, skip=("eps",)), prover, seconds, observe)
+                if recording is not None and outcome.checked:
+                    proof = recording, eps
+                    keep.enter_context(unless_checked.pop_all())
             uses = total_use(uses, outcome.uses)
             if outcome.witness is not None and (best is None or outcome.witness.value < best.value):
                 best = outcome.witness

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -212,11 +212,6 @@ class Repeat(Composable):
     def contract(self, box: Box, deadline: float = math.inf) -> Contraction:
         once = partial(contracted, self.inner, deadline=deadline)
         return repeated(once, box, ratio=self._ratio, most=self._most)
-
-
-def in_sequence(parts: Sequence[Contractor]) -> Contractor:
-    """All of them (at least one), one after the other."""
-    return parts[0] if len(parts) == 1 else Then(*parts)
 
 
 def elements(contractor: Contractor) -> tuple[Contractor, ...]:

@@ -36,9 +36,9 @@ from cpcal.solver.contract import (
     Limits,
     Strategy,
     StrategyFactory,
+    Then,
     Verdict,
     contracted,
-    in_sequence,
 )
 from cpcal.solver.execution.checkpoint_file import Checkpoint
 from cpcal.solver.execution.executors import Here, Place, executor_for, linear_algebra_on_one_thread
@@ -243,12 +243,6 @@ class Choice:
     why: str
     consequences: tuple[Constraint, ...] = ()  # what follows from the equations, for the methods that ask for it
 
-    def rows(self, network: ConstraintNetwork, method: SearchMethod) -> ConstraintNetwork:
-        """What the contractors of a method work on."""
-        out = copy(network)
-        out.add(self.consequences if method.consequences else ())
-        return out
-
 
 def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:
     """What to solve a network by; what is not polynomial at `deadline` (of time.monotonic()) counts as not."""
@@ -441,7 +435,7 @@ class Network(ConstraintNetwork):
         network = self._as_asked()
         box = network.domain if box is None else box
         network.check_box(box)
-        return contracted(plugins.build(network, contractors), box)
+        return contracted(Then(*plugins.build_each(network, contractors)), box)
 
     @_or_late(_no_paving)
     def solve(
@@ -503,9 +497,11 @@ class Network(ConstraintNetwork):
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
-            parts = plugins.build_each(choice.rows(network, method), names)
+            rows = copy(network)
+            rows.add(choice.consequences if method.consequences else ())
+            parts = plugins.build_each(rows, names)
             built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
-            return in_sequence(parts)
+            return Then(*parts)
 
         def left() -> Box:
             return contracted(contracting(choice.methods[0]), network.domain, clock.deadline).box

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import ClashError, PluginError
-from cpcal.solver.contract import Contractor, in_sequence
+from cpcal.solver.contract import Contractor
 
 if TYPE_CHECKING:
     from cpcal.solver.network import ConstraintNetwork
@@ -137,8 +137,3 @@ def build_each(
     """The named contractors (or those given) for a network, at least one. Raises PluginError."""
     check_names(names)
     return [load(name)(network, objective=objective) if isinstance(name, str) else name for name in names]
-
-
-def build(network: ConstraintNetwork, names: Sequence[str | Contractor], **options: Any) -> Contractor:
-    """The same, one after the other."""
-    return in_sequence(build_each(network, names, **options))

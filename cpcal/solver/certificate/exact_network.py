@@ -195,7 +195,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
         body = exact.of(constraint.body)
     else:
         body, others = exact.of(sqr(factor) * node.args[0]), exact.of(rest)
-        signs = {c.constant > 0 for c in exact.of(factor).ravel()}
+        signs = {c.terms.get((), 0) > 0 for c in exact.of(factor).ravel()}
         if signs == {True}:
             low, high = _minus(low, others), _minus(high, others)
         elif signs == {False}:  # rest - sqrt(u) between low and high
@@ -203,10 +203,8 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
             upper, lower = lower, upper
         else:
             raise NotStated("the factor of the square root changes its sign")
-    rows = [
-        *(upper if _somewhere(constraint.upper, 1.0) else []),
-        *(lower if _somewhere(constraint.lower, -1.0) else []),
-    ]
+    bounds = ((upper, constraint.upper, np.inf), (lower, constraint.lower, -np.inf))
+    rows = [r for own, bound, none in bounds if bound.op != "constant" or (bound.data.lo != none).any() for r in own]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
     checked = [[None if p is None else _checked(p) for p in part] for part in elements]
     items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
@@ -224,11 +222,6 @@ def _root(body: Expr) -> tuple[Expr, Expr | None, Expr]:
     return factor, node, rest
 
 
-def _somewhere(bound: Expr, sign: float) -> bool:
-    """Whether the bound says something of some element."""
-    return bound.op != "constant" or not bool(np.all(bound.data.lo == sign * np.inf))
-
-
 def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
     if np.isinf(bound.data.lo).any():
@@ -241,15 +234,11 @@ def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Obje
 def _checked(p: _Poly) -> Given:
     for c in p.terms.values():
         power = 4 * HIGHEST_POWER if c.denominator & (c.denominator - 1) else c.denominator.bit_length()
-        if power > HIGHEST_POWER or abs(c) >= F(2) ** HIGHEST_POWER or _bits(c) > LONGEST:
+        n = abs(c.numerator)
+        bits = n.bit_length() - (n & -n).bit_length() + 1  # of the odd mantissa
+        if power > HIGHEST_POWER or abs(c) >= F(2) ** HIGHEST_POWER or bits > LONGEST:
             raise NotStated("a coefficient has no short exact form in binary: multiply the divisor out")
     return tuple(p.terms.items())
-
-
-def _bits(c: F) -> int:
-    """Of the odd mantissa of a dyadic number."""
-    n = abs(c.numerator)
-    return n.bit_length() - (n & -n).bit_length() + 1
 
 
 _minus: Any = np.frompyfunc(lambda a, b: None if a is None or b is None else a - b, 2, 1)
@@ -262,10 +251,6 @@ class _Poly:
 
     def __init__(self, terms: Terms) -> None:
         self.terms = {m: c for m, c in terms.items() if c}
-
-    @property
-    def constant(self) -> F:
-        return self.terms.get((), F(0))
 
     def __add__(self, other: _Poly) -> _Poly:
         out = dict(self.terms)
@@ -290,7 +275,7 @@ class _Poly:
     def __truediv__(self, other: _Poly) -> _Poly:
         if set(other.terms) != {()}:
             raise NotStated("it divides by an expression with unknowns, or by zero")
-        return _Poly({m: c / other.constant for m, c in self.terms.items()})
+        return _Poly({m: c / other.terms[()] for m, c in self.terms.items()})
 
 
 class ExactPolynomials:

@@ -39,17 +39,18 @@ class FloatRow(NamedTuple):
 
 def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
     """`Problem.row`, nearly, of constraints that have one formula; of `sure` sides, whose rows are all that it says."""
-    plan = _plan(legs[0], side)
-    found, errors = plan.settled(*plan.swept(_given(legs)), _ends(legs))
+    plan = _plan(legs[0].model, legs[0].m.uncertain, side)
+    ends = np.array([[leg.m.uncertain and sign != "0" for sign in leg.signs or "0" * READINGS] for leg in legs])
+    found, errors = _settled(*plan.swept(legs), plan.first, plan.odd, plan.alone, plan.kept, ends)
     return [FloatRow(plan.monomials, *row) for row in zip(found, errors.tolist(), strict=True)]
 
 
 def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
     """The reference readings that cost least, by the range over the box of the derivative by each reading: `legs` are
     at the centres of the sets, and have one formula."""
-    plan = _plan(legs[0], side)
+    plan = _plan(legs[0].model, legs[0].m.uncertain, side)
     chosen = np.flatnonzero(plan.linear >= 0)
-    values, alone = plan.swept(_given(legs))[0].T[chosen], plan.alone[chosen, None]
+    values, alone = plan.swept(legs)[0].T[chosen], plan.alone[chosen, None]
     low, high = np.zeros((2, READINGS, len(legs)))
     np.add.at(low, plan.linear[chosen], np.where(alone, values, -np.abs(values)))
     np.add.at(high, plan.linear[chosen], np.where(alone, values, np.abs(values)))
@@ -80,39 +81,23 @@ class _Plan:
     linear: Indices
     kept: Indices
 
-    def swept(self, given: Floats) -> tuple[Floats, Floats]:
-        """The coefficients (B, T) of constraints on one box, and their errors."""
-        return _swept(self.notes, given, self.fixed, self.numbers, self.size, self.places)
-
-    def settled(self, values: Floats, errors: Floats, ends: Bools) -> tuple[Floats, Floats]:
-        """What is left of them (B, monomials) without their readings, and the errors (B,)."""
-        return _settled(values, errors, self.first, self.odd, self.alone, self.kept, ends)
-
-
-def _given(legs: Sequence[LegConstraint]) -> Floats:
-    """(B, G) what their trace takes: one, measurements, unknowns, and where readings begin and how far they go."""
-    x, uncertain = legs[0].x.numbers, legs[0].m.uncertain
-    m, widths = np.array([leg.m.given for leg in legs], np.float64), np.array([leg.m.radii for leg in legs], np.float64)
-    floats = np.broadcast_to([value / (1 << x.power) for value in x.values], (len(legs), len(x.values)))
-    parts = [np.ones((len(legs), 1)), m, m[:, 7:] - widths[:, 6:], floats]
-    if uncertain:
-        widths[:, 3:6] *= 0.5
-        ends = np.array([[ENDS[sign] for sign in leg.signs] for leg in legs])
-        parts += [ends[:, :, 0] * widths, ends[:, :, 1] * widths]
-    return np.concatenate(parts, axis=1)
-
-
-def _ends(legs: Sequence[LegConstraint]) -> Bools:
-    """(B, 7) the readings that begin at an end."""
-    return np.array([[leg.m.uncertain and sign != "0" for sign in leg.signs or "0" * READINGS] for leg in legs])
-
-
-def _plan(leg: LegConstraint, side: str) -> _Plan:
-    return _planned(leg.model, leg.m.uncertain, side)
+    def swept(self, legs: Sequence[LegConstraint]) -> tuple[Floats, Floats]:
+        """The coefficients (B, T) of constraints on one box, and their errors. The trace takes (B, G): one,
+        measurements, unknowns, and where readings begin and how far they go."""
+        x, uncertain = legs[0].x.numbers, legs[0].m.uncertain
+        m = np.array([leg.m.given for leg in legs], np.float64)
+        widths = np.array([leg.m.radii for leg in legs], np.float64)
+        floats = np.broadcast_to([value / (1 << x.power) for value in x.values], (len(legs), len(x.values)))
+        parts = [np.ones((len(legs), 1)), m, m[:, 7:] - widths[:, 6:], floats]
+        if uncertain:
+            widths[:, 3:6] *= 0.5
+            ends = np.array([[ENDS[sign] for sign in leg.signs] for leg in legs])
+            parts += [ends[:, :, 0] * widths, ends[:, :, 1] * widths]
+        return _swept(self.notes, np.concatenate(parts, axis=1), self.fixed, self.numbers, self.size, self.places)
 
 
 @lru_cache(maxsize=64)
-def _planned(model: str, reads: bool, side: str) -> _Plan:
+def _plan(model: str, reads: bool, side: str) -> _Plan:
     formed = leg_formula(model, reads, (side,))
     trace, ((places, _),) = formed
     fixed, sums = {0: 1}, list[tuple[int, int, int]]()
@@ -255,9 +240,12 @@ class FloatRule:
         places, coefficients = list[int](), list[float]()
         beside: list[Product | Square] = [*products, *squares]
         for one in beside:
-            more = self._beside(one)
-            places += more[0]
-            coefficients += more[1]
+            known = self._known_beside.get(one)
+            if known is None:
+                terms = _terms(one)
+                known = self._known_beside[one] = [self._column(m) for m, _ in terms], [value for _, value in terms]
+            places += known[0]
+            coefficients += known[1]
         return Parts(
             start=np.cumsum([0, *sizes]),
             columns=np.concatenate([*columns, np.array(places, np.intp)]),
@@ -282,14 +270,6 @@ class FloatRule:
         kept = self._evens
         lowest, error = _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, kept, column, sign)
         return (lowest - error, error) if np.isfinite(lowest - error) else (-np.inf, np.inf)
-
-    def _beside(self, one: Product | Square) -> tuple[list[int], list[float]]:
-        """Columns and coefficients of what is added beside rows."""
-        known = self._known_beside.get(one)
-        if known is None:
-            terms = _of_product(*one) if len(one) == 4 else _of_square(*one)
-            known = self._known_beside[one] = [self._column(m) for m, _ in terms], [value for _, value in terms]
-        return known
 
     def form(self, numbers: Sequence[int]) -> None:
         """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
@@ -321,14 +301,15 @@ class FloatRule:
         return self._columns[monomial]
 
 
-def _of_product(k: int, m: int, p: int, q: int) -> list[tuple[int, float]]:
-    one, two = unknown(k), unknown(m)
+def _terms(beside: Product | Square) -> list[tuple[int, float]]:
+    """Monomials and coefficients, with a minus sign."""
+    one = unknown(beside[0])
+    if len(beside) == 2:
+        t = beside[1]
+        return [(one + one, -1.0), (one, 2.0 * t), (0, -t * t)]
+    _, j, p, q = beside
+    two = unknown(j)
     return [(0, -1.0), (one, -p), (two, -q), (one + two, -p * q)]
-
-
-def _of_square(k: int, t: float) -> list[tuple[int, float]]:
-    one = unknown(k)
-    return [(one + one, -1.0), (one, 2.0 * t), (0, -t * t)]
 
 
 @compiled
@@ -419,7 +400,8 @@ def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[s
     found = ["0" * len(problem.radii(k)) for k in numbers]
     mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
     if mine:
-        of = _Readings(problem.model, [float(v) for v in x.box.lo], *measured(problem, [numbers[n] for n in mine], x))
+        readings = measured(problem, [numbers[n] for n in mine], x)
+        of = AllReadings(problem.model, [float(v) for v in x.box.lo[:-1]], *readings)
         root = np.sqrt(np.maximum(of.square(of.w, of.c), 0.0))
         slopes = np.column_stack([*of.slopes(), -of.gain * root]) * of.radii
         for n, row in zip(mine, np.sign(slopes).astype(int).tolist(), strict=True):
@@ -433,22 +415,25 @@ def measured(problem: Problem, numbers: Sequence[int], x: Unknowns) -> tuple[Flo
     return np.array([m.given for m in of], np.float64), np.array([m.radii for m in of], np.float64)
 
 
-class _Readings:
-    """Measurements of a leg at a point (n,), eps last, in the checker's names (`held_leg`): arrays over them.
+class AllReadings:
+    """A point of a leg (n,), without eps: where it is proved to satisfy measurements for all readings of their sets.
 
-    `given` (N, 8): quaternion, position, length; `radii` (N, 7): the half-widths of position, turns, length.
+    `model`: one that the checker knows; `given` (N, 8) and `radii` (N, 7): see `measured`.
+
+    The checker's rule in float64, for all measurements at once, in its names (`held_leg`); what may be rounded is on
+    the safe side.
     """
 
     def __init__(self, model: str | None, point: Sequence[float], given: Floats, radii: Floats) -> None:
         self.radii = radii
         q, place, self.read = given[:, :4].T, given[:, 4:7], given[:, 7]
         turn = np.moveaxis(np.array(rotation_rows([*q])) / (q * q).sum(axis=0), 2, 0)
-        a, b, (self.offset, *extra) = np.array(point[:3]), np.array(point[3:6]), point[6:-1]
+        a, b, (self.offset, *extra) = np.array(point[:3]), np.array(point[3:6]), point[6:]
         self.c, self.w = turn @ b, place - a
         self.gain = 1.0 + (extra[0] if model == "gain" else 0.0)
         self.height = extra[0] if model == "lateral" else 0.0
         self.size = np.abs(b).sum()
-        own = np.abs(place).sum(axis=1) + np.abs(self.read) + np.abs(point[:-1]).sum() + self.radii.sum(axis=1)
+        own = np.abs(place).sum(axis=1) + np.abs(self.read) + np.abs(point).sum() + self.radii.sum(axis=1)
         self.rounding = _ROUNDINGS * _UNIT * own
 
     def square(self, w: Floats, c: Floats) -> Floats:
@@ -459,60 +444,33 @@ class _Readings:
         """Half the slopes (N, 3) of the square by d and s."""
         return self.w + self.c, np.cross(self.c, self.w)
 
-    def length(self, e: Floats) -> Floats:
-        """(N,) L + e + l + t."""
-        return np.asarray(self.gain * (self.read + e) + self.offset)
-
-
-def _across(p: Floats, q: Floats) -> Floats:
-    """(N, 3) the largest components of a cross product of vectors with components of these sizes."""
-    return np.asarray(np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1))
-
-
-def _rotated(s: Floats, z: Floats) -> Floats:
-    """(N, 3) R(1, s) z"""
-    across = np.cross(s, z)
-    return np.asarray(z + 2.0 * (across + np.cross(s, across)) / (1.0 + (s * s).sum(axis=1))[:, None])
-
-
-class AllReadings:
-    """A point of a leg (n,), without eps: where it is proved to satisfy measurements for all readings of their sets.
-
-    `model`: one that the checker knows; `given` and `radii`: see `measured`.
-
-    The checker's rule in float64, for all measurements at once; what may be rounded is on the safe side.
-    """
-
-    def __init__(self, model: str | None, point: Sequence[float], given: Floats, radii: Floats) -> None:
-        self._of = _Readings(model, [*point, 0.0], given, radii)
-
     def needed(self, eps: float, factor: float = 1.0) -> float:
         """If it is at most `eps`, the point with that eps holds for all readings of sets `factor` times as wide."""
-        of = self._of
-        r, t, rl = factor * of.radii[:, :3], 0.5 * factor * of.radii[:, 3:6], factor * of.radii[:, 6]
+        r, t, rl = factor * self.radii[:, :3], 0.5 * factor * self.radii[:, 3:6], factor * self.radii[:, 6]
         shift, swing = r.sum(axis=1), t.sum(axis=1)
-        change = abs(of.gain) * rl + eps
-        d, s = of.slopes()
-        c, w = np.abs(of.c), np.abs(of.w)
-        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * of.size)[:, None]
-        bent = swing * of.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
-        both = of.c * of.w
+        change = abs(self.gain) * rl + eps
+        d, s = self.slopes()
+        c, w = np.abs(self.c), np.abs(self.w)
+        moved = r + 2.0 * _across(t, c) + (3.0 * swing * swing * self.size)[:, None]
+        bent = swing * self.size * (5.0 * swing * (w.sum(axis=1) + shift) + 3.0 * shift)
+        both = self.c * self.w
         turning = c * ((t * w).sum(axis=1)[:, None] - t * w) + w * ((t * c).sum(axis=1)[:, None] - t * c)
         turning += 2.0 * t * np.abs(both.sum(axis=1)[:, None] - both) + _across(r, c) + bent[:, None]
         slack = 4.0 * (r * np.maximum(moved - np.abs(d), 0.0)).sum(axis=1)
         slack += 8.0 * (t * np.maximum(turning - np.abs(s), 0.0)).sum(axis=1)
-        end = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t), -rl if of.gain > 0.0 else rl
+        end = np.where(d > 0.0, r, -r), np.where(s > 0.0, t, -t), -rl if self.gain > 0.0 else rl
         most, least = (
-            of.square(of.w + sign * end[0], _rotated(sign * end[1], of.c)) + sign * slack for sign in (1.0, -1.0)
+            self.square(self.w + sign * end[0], _rotated(sign * end[1], self.c)) + sign * slack for sign in (1.0, -1.0)
         )
-        high, low = of.length(end[2]), of.length(-end[2])
-        good = (of.length(0.0 * rl) > change + of.rounding) & (least > 0.0)
-        good &= of.read - rl + of.offset > eps + of.rounding
+        high, low = (self.gain * (self.read + e) + self.offset for e in (end[2], -end[2]))
+        good = (self.gain * self.read + self.offset > change + self.rounding) & (least > 0.0)
+        good &= self.read - rl + self.offset > eps + self.rounding
         if not good.all():
             return math.inf
         roots = np.sqrt(most), np.sqrt(least)
         doubt = (
-            of.rounding * (1.0 + np.sqrt(most + abs(of.height)) / roots[1]) + _UNIT * (most + abs(of.height)) / roots[1]
+            self.rounding * (1.0 + np.sqrt(most + abs(self.height)) / roots[1])
+            + _UNIT * (most + abs(self.height)) / roots[1]
         )
         return float((np.maximum(roots[0] - high, low - roots[1]) + doubt).max(initial=0.0))
 
@@ -525,6 +483,17 @@ class AllReadings:
                 break
             eps = needed * (1.0 + 2.0**-50)
         return eps if needed <= eps else math.inf
+
+
+def _across(p: Floats, q: Floats) -> Floats:
+    """(N, 3) the largest components of a cross product of vectors with components of these sizes."""
+    return np.asarray(np.roll(p, -1, 1) * np.roll(q, -2, 1) + np.roll(p, -2, 1) * np.roll(q, -1, 1))
+
+
+def _rotated(s: Floats, z: Floats) -> Floats:
+    """(N, 3) R(1, s) z"""
+    across = np.cross(s, z)
+    return np.asarray(z + 2.0 * (across + np.cross(s, across)) / (1.0 + (s * s).sum(axis=1))[:, None])
 
 
 _TRIES, _ROUNDINGS = 60, 64.0  # rounds; of sums and products, in units of their sizes

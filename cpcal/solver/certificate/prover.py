@@ -351,28 +351,25 @@ class _Programs:
         kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
         self._numbers, self._scale = kept.tolist(), scale[kept]
         self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
-        size, self._width = len(center), matrix.shape[1]
+        size, self.width = len(center), matrix.shape[1]
         # (1 + p u_i) (1 + q u_j) >= 0 ties the column of a product to its factors
         pairs = enumerate(system.pairs[chosen].tolist(), start=size)
         bounds = [(k, i, j, *pq) for k, (i, j) in pairs for pq in (_TANGENTS if i == j else _CORNERS)]
-        above = np.zeros((len(bounds), self._width))
+        above = np.zeros((len(bounds), self.width))
         for row, (k, i, j, p, q) in zip(above, bounds, strict=True):
             row[i] -= p
             row[j] -= q
             row[k] = -p * q
         self._bounds = bounds
-        lower = -np.ones(self._width)
+        lower = -np.ones(self.width)
         lower[size:][system.square[chosen]] = 0.0
-        self._engine = Dense()
-        self._engine.load(
+        self.engine = Dense()
+        self.engine.load(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
             np.concatenate([np.ones(len(bounds)), rhs[kept] / self._scale]),
             lower,
-            np.ones(self._width),
+            np.ones(self.width),
         )
-
-    def minimize(self, i: int, sign: float) -> LinearSolution:
-        return self._engine.minimize(sign * (np.arange(self._width) == i))
 
     def weights(self, solution: LinearSolution, value: float) -> Proposed:
         first, multipliers = len(self._bounds), solution.multipliers
@@ -551,7 +548,8 @@ class _Pass:
         if without not in self.known:
             right = np.array([owner not in without for owner in system.owner], dtype=np.bool_)
             self.known[without] = _Programs(system, self._center, self._radius, self._columns, self._main & right)
-        solution = self.known[without].minimize(i, sign)
+        programs = self.known[without]
+        solution = programs.engine.minimize(sign * (np.arange(programs.width) == i))
         self.programs += 1
         value = math.inf
         if solution.status is LinearStatus.OPTIMAL:
@@ -563,7 +561,7 @@ class _Pass:
             return None
         if value < worth - 1.0:
             return None
-        found = [self.known[without].weights(solution, value)]
+        found = [programs.weights(solution, value)]
         owners = {system.owner[n] for n in found[0].rows} if wrong else set()
         for owner in sorted(k for k in owners if k is not None):
             more = self._family(i, side, without | {owner}, wrong - 1, worth)

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 from io import StringIO
@@ -78,7 +78,7 @@ def check_affordable(where: str, lines: BinaryIO, problem: Problem, domain: Box,
 _ROOM = "make room, or name another folder for temporary files by TMPDIR; what was found stays"
 
 
-class Recording:
+class Recording(AbstractContextManager["Recording"]):
     """Steps of one search, kept in a temporary file until `write`; use it in a `with` block.
 
     There a box is called by the serial number of the node that first stood for it, so that nothing about the boxes that
@@ -96,13 +96,7 @@ class Recording:
             self._lost = error
         self._written = Counter[str]()
 
-    def __enter__(self) -> Recording:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
         with suppress(OSError):
             self._steps.close()
 
@@ -256,16 +250,17 @@ class SearchKeeper(Checkpoint):
 
     def resumed(self) -> Saved | None:
         """Where to go on, the recording brought there; None to begin. Raises InputError."""
-        return self.restored(self._read)
 
-    def _read(self, lines: list[Line]) -> Saved:
-        found = Saved.from_lines([line["search"] for line in lines if "search" in line])
-        steps = [line for line in lines if "search" not in line]
-        if (self._recording is None) != (not steps):
-            raise ValueError("it was kept with certificates, or without, and this run is not")
-        if self._recording is not None:
-            self._recording.restore(steps)
-        return found
+        def read(lines: list[Line]) -> Saved:
+            found = Saved.from_lines([line["search"] for line in lines if "search" in line])
+            steps = [line for line in lines if "search" not in line]
+            if (self._recording is None) != (not steps):
+                raise ValueError("it was kept with certificates, or without, and this run is not")
+            if self._recording is not None:
+                self._recording.restore(steps)
+            return found
+
+        return self.restored(read)
 
     def __call__(self, saved: Callable[[], Saved]) -> None:
         """After every round: `saved` says where the search stands."""

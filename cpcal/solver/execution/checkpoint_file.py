@@ -72,16 +72,13 @@ def read_checkpoint(path: Path, of: Mapping[str, Any]) -> list[Line]:
         raise _refused(path, "is cut off or garbled: its last line does not fit the others")
     if not lines or lines[0].get("format") != FORMAT:
         raise _refused(path, f"is not of format {FORMAT}")
-    others = _different(lines[0].get("of"), json.loads(json.dumps(dict(of))))
+    stated, asked = lines[0].get("of"), json.loads(json.dumps(dict(of)))
+    if not isinstance(stated, dict):
+        raise _refused(path, "is of another run: all differ")
+    others = sorted(key for key in {*stated, *asked} if stated.get(key) != asked.get(key))
     if others:
         raise _refused(path, f"is of another run: {', '.join(others)} differ")
     return lines[1:]
-
-
-def _different(stated: Any, of: dict[str, Any]) -> list[str]:
-    if not isinstance(stated, dict):
-        return ["all"]
-    return sorted(key for key in {*stated, *of} if stated.get(key) != of.get(key))
 
 
 def _refused(path: Path, what: str) -> InputError:

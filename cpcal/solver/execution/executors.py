@@ -541,21 +541,12 @@ def _libraries(modules: int) -> Any:
     return ThreadpoolController()
 
 
-@contextmanager
-def _loaded_on_one_thread() -> Iterator[None]:
-    """Libraries that are loaded while in the block read here how many threads they may use; they stay with one."""
-    set_here = {name: "1" for name in _SAID if name not in os.environ}
-    os.environ.update(set_here)
-    try:
-        yield
-    finally:
-        for name in set_here:
-            os.environ.pop(name, None)
-
-
 def _limited(undone: ExitStack) -> None:
     undone.enter_context(_libraries(len(sys.modules)).limit(limits=1))
-    undone.enter_context(_loaded_on_one_thread())
+    for name in _SAID:  # libraries that are loaded meanwhile read here how many threads they may use, and stay with one
+        if name not in os.environ:
+            os.environ[name] = "1"
+            undone.callback(os.environ.pop, name, None)
 
 
 linear_algebra_on_one_thread = while_used(_limited)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.values import Bools, Floats, Indices
-from cpcal.solver.existence.operators import Equalities, inside
+from cpcal.solver.existence.operators import Equalities, inside, newton_all
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, rows_tape
 from cpcal.solver.network.forms import exactly_zero
@@ -38,21 +38,20 @@ class ReadingConstraint:
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
         self._extremes = Extremes(network, constraint.body)
         bounds_read = any("reading" in e.ops for e in (constraint.lower, constraint.upper))
+        self._size = math.prod(constraint.body.shape)
         self._usable = self._extremes.exclusive and not bounds_read
 
     def for_all(self, box: IntervalArray) -> Bools:
         """Which elements hold on the box for all readings."""
         slots = self._tape.forward(box)
-        size = int(np.prod(self._over.shape))
-        ends = [upper_ends(self._tape.value(slots, e), size) for e in (self._over, self._under)]
+        ends = [upper_ends(self._tape.value(slots, e), self._size) for e in (self._over, self._under)]
         return np.asarray((np.max(ends, axis=0) <= 0.0) & self._tape.continuous(slots))
 
     def excesses(self, box: IntervalArray, point: Floats) -> Floats:
         """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
         slots = self._tape.forward(box)
-        size = int(np.prod(self._over.shape))
         if not self._usable or not self._tape.continuous(slots):
-            return np.full(size, np.inf)
+            return np.full(self._size, np.inf)
         tape = self._extremes.tape
         places = {leaf: tape.reading_slots[leaf.digest] - tape.program.given for leaf in tape.readings}
         smallest, largest = (
@@ -62,7 +61,7 @@ class ReadingConstraint:
         over = self._tape.value(self._tape.forward(box, smallest), self._over)
         under = self._tape.value(self._tape.forward(box, largest), self._under)
         order = self._tape.value(slots, self._order)
-        return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
+        return np.asarray(np.max([upper_ends(x, self._size) for x in (over, under, order)], axis=0))
 
 
 def excess_for_some(constraints: Iterable[ReadingConstraint], box: IntervalArray, point: Floats) -> float:
@@ -132,13 +131,9 @@ class Inside:
             return False
         values = IntervalArray(box.lo[None], box.hi[None])
         with np.errstate(all="ignore"):
-            return _hold(self._plain, values) and excess_for_some(self._reading, values, values.mid[0]) <= 0.0
-
-
-def _hold(tape: Tape, box: IntervalArray) -> bool:
-    """Whether all roots are defined and at most zero on a box."""
-    slots = tape.forward(box)
-    return tape.continuous(slots) and highest(tape.values(slots)) <= 0.0
+            slots = self._plain.forward(values)
+            plain = self._plain.continuous(slots) and highest(self._plain.values(slots)) <= 0.0
+            return plain and excess_for_some(self._reading, values, values.mid[0]) <= 0.0
 
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
@@ -222,16 +217,10 @@ class UniquenessProver:
 
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
         """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""
-        for _ in range(_REFINEMENTS):
-            moved = self._image(x, x.mid)
-            if moved is None:
-                break
-            moved = moved.intersect(x)
-            halved = bool(((moved.hi - moved.lo) < 0.5 * (x.hi - x.lo)).any())
-            x = moved
-            if not halved or bool(x.empty.any()):
-                break
-        return x
+        box = np.stack([x.lo, x.hi], axis=1)
+        if time.monotonic() <= self._deadline:
+            newton_all(self._equalities.program, _REFINEMENTS, box[None])
+        return IntervalArray(box[:, 0], box[:, 1])
 
     def _polished(self, box: Box) -> Floats | None:
         """An approximate zero near the box, by Newton's method in floating point."""

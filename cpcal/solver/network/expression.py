@@ -10,7 +10,7 @@ import math
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import reduce
@@ -88,11 +88,6 @@ def folded(root: Expr, value: Callable[[Expr, list[T]], T], known: dict[bytes, T
         if node.digest not in known:
             known[node.digest] = value(node, [known[arg.digest] for arg in node.args])
     return known[root.digest]
-
-
-def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
-    """The variables, constants and readings under `roots`, each once."""
-    return (node for node in topological(roots) if not node.args)
 
 
 Operand = Union["Expr", float, int, Fraction, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
@@ -173,11 +168,10 @@ class Expr:
             hasher.update(arg.digest)
         fill(self, digest=hasher.digest())
 
-    def __copy__(self) -> Expr:
+    def __deepcopy__(self, memo: object = None) -> Expr:
         return self
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Expr:
-        return self
+    __copy__ = __deepcopy__
 
     def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
         """Some of the expressions below come first, from the leaves up: pickle would follow a long sum too deep."""
@@ -427,8 +421,13 @@ _TIGHT = 5
 def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
     """And how tightly it binds."""
     rank = _RANK.get(node.op, _TIGHT)
+    if node.op == "variable":
+        return node.name, _TIGHT
     if not node.args:
-        return _leaf(node), _TIGHT
+        if node.data.lo.size != 1:
+            return f"{node.op}{node.shape}", _TIGHT
+        lo, hi = format_bound(node.data.lo.item()), format_bound(node.data.hi.item())
+        return f"[{lo}, {hi}]" if lo != hi else f"({lo})" if lo.startswith("-") else lo, _TIGHT
     first = args[0][0] if args[0][1] >= rank else f"({args[0][0]})"
     if node.op in _SIGNS:
         loose = args[1][1] <= rank if node.op in ("sub", "div") else args[1][1] < rank
@@ -439,31 +438,12 @@ def _written(node: Expr, args: list[tuple[str, int]]) -> tuple[str, int]:
         base = first if args[0][1] > rank else f"({args[0][0]})"
         return f"{base}^{2 if node.op == 'sqr' else node.parameter}", rank
     if node.op == "index":
-        return _indexed(node, args[0][0]), _TIGHT
+        shape = node.args[0].shape
+        place = "..." if node.places.size != 1 else ",".join(map(str, np.unravel_index(node.places.item(), shape)))
+        return f"{first}[{place}]" if shape else first, _TIGHT
     if node.op == "sum":
         return f"sum({args[0][0]}, axis={node.parameter})", _TIGHT
     return f"{node.op}({', '.join(arg for arg, _ in args)})", _TIGHT
-
-
-def _indexed(node: Expr, inner: str) -> str:
-    if not node.args[0].shape:
-        return inner
-    if node.places.size != 1:
-        return f"{inner}[...]"
-    place = np.unravel_index(int(node.places.ravel()[0]), node.args[0].shape)
-    return f"{inner}[{','.join(str(int(k)) for k in place)}]"
-
-
-def _leaf(node: Expr) -> str:
-    if node.op == "variable":
-        return node.name
-    data = node.data
-    if data.lo.size != 1:
-        return f"{node.op}{node.shape}"
-    lo, hi = float(data.lo.ravel()[0]), float(data.hi.ravel()[0])
-    if lo == hi:
-        return format_bound(lo) if lo >= 0 else f"({format_bound(lo)})"
-    return f"[{format_bound(lo)}, {format_bound(hi)}]"
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -501,6 +481,22 @@ def cosh(x: Operand) -> Expr:
 def tanh(x: Operand) -> Expr:
     """Hyperbolic tangent."""
     return 1.0 - 2.0 / (exp(2.0 * as_expr(x)) + 1.0)
+
+
+def asinh(x: Operand) -> Expr:
+    """Inverse hyperbolic sine; the same on both sides of 0, where log(x + sqrt(x^2 + 1)) would cancel for x < 0."""
+    above, below = (maximum(side, 0.0) for side in (x, -as_expr(x)))
+    return log(above + sqrt(sqr(above) + 1.0)) - log(below + sqrt(sqr(below) + 1.0))
+
+
+def acosh(x: Operand) -> Expr:
+    """Inverse hyperbolic cosine, not negative, defined where x >= 1."""
+    return log(as_expr(x) + sqrt(sqr(x) - 1.0))
+
+
+def atanh(x: Operand) -> Expr:
+    """Inverse hyperbolic tangent, defined where -1 < x < 1."""
+    return 0.5 * (log(1.0 + as_expr(x)) - log(1.0 - as_expr(x)))
 
 
 def norm(x: Operand) -> Expr:
@@ -580,6 +576,9 @@ _UFUNCS: dict[str, _Function] = {
     "arccos": acos,
     "arctan": atan,
     "arctan2": atan2,
+    "arcsinh": asinh,
+    "arccosh": acosh,
+    "arctanh": atanh,
     "hypot": hypot,
     "sqrt": sqrt,
     "square": sqr,

@@ -30,9 +30,7 @@ from cpcal.solver.network.expression import (
     Shape,
     as_expr,
     enclosed,
-    leaves,
     pair,
-    positions,
     topological,
 )
 
@@ -107,7 +105,7 @@ class ConstraintNetwork:
 
     def check_owner(self, *roots: Expr) -> None:
         """Raises ModelError where one of the expressions holds a variable of another network (copies have the same)."""
-        for leaf in leaves(roots):
+        for leaf in topological(roots):
             own = self._variables.get(leaf.name)
             if leaf.op == "variable" and (own is None or leaf.digest != own.digest):
                 raise ModelError(
@@ -147,8 +145,9 @@ class ConstraintNetwork:
     @property
     def places(self) -> dict[bytes, Indices]:
         """Of each variable, by its digest, where its components stand in a box, in its shape."""
-        starts = np.cumsum([0, *(math.prod(leaf.shape) for leaf in self.variables)])
-        return {leaf.digest: positions(leaf.shape) + k for leaf, k in zip(self.variables, starts, strict=False)}
+        ends = np.cumsum([0, *(math.prod(leaf.shape) for leaf in self.variables)])
+        parts = zip(self.variables, ends, ends[1:], strict=False)
+        return {leaf.digest: np.arange(start, end).reshape(leaf.shape) for leaf, start, end in parts}
 
     @property
     def domain(self) -> Box:
@@ -167,10 +166,6 @@ class ConstraintNetwork:
             position = int(expr.places) if expr.op == "index" else 0
             return component_names(leaf)[position]
         raise ModelError(f"{expr!r} is not a scalar variable of this network")
-
-    def leaf_of(self, component: str) -> Expr:
-        """The variable that a component belongs to."""
-        return self._variables[self._owner[component]]
 
     @property
     def digest(self) -> str:

@@ -157,7 +157,7 @@ class Expander:
             unit = IntervalArray.point(np.eye(len(places)).reshape((1, len(places), *node.shape)))
             return PolynomialArray(node.shape, tuple((k,) for k in places), unit)
         if node.op == "constant":
-            return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
+            return PolynomialArray(node.shape, ((),), IntervalArray(*node.data.copied())[None, None])
         if node.op == "reading":
             return PolynomialArray(node.shape, ((),), readings[node.digest], reads=bool(node.shape))
         monomials, coefficients = self._operation(node, args)
@@ -236,12 +236,6 @@ def _over_readings(node: Expr, args: list[PolynomialArray]) -> Polynomial:
     known = [coef.total(arg.constant) for arg in args]
     own = [v.reshape(v.shape[1:]).broadcast_to(node.shape) for v in known]
     return ((),), own[0].apply(CODES[node.op], own[-1], node.parameter)[None, None]
-
-
-def _owned(data: IntervalArray) -> IntervalArray:
-    """A copy that may be written: kernels are compiled for such arrays."""
-    lo = data.lo.copy()
-    return IntervalArray(lo, lo if data.hi is data.lo else data.hi.copy())
 
 
 def pairs(monomials: Iterable[Monomial]) -> int:

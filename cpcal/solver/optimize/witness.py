@@ -29,7 +29,7 @@ from cpcal.solver.existence import (
 )
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, one_sided_rows, rows_tape
-from cpcal.solver.network.expression import leaves
+from cpcal.solver.network.expression import topological
 from cpcal.solver.network.rows import DecisiveReadings, Rows, shared_tape
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -270,8 +270,8 @@ class Prepared:
 
 
 def _enters(network: ConstraintNetwork, component: int, constraint: Constraint) -> bool:
-    leaf = network.leaf_of(network.names[component])
-    return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
+    leaf = next(leaf for leaf, places in network.places.items() if component in places)
+    return any(node.digest == leaf for node in topological(constraint.parts))
 
 
 # ------------------------------------------------------------------------------------------------------------------
