@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from rich.text import Text
 
@@ -246,18 +246,6 @@ class CertifyFlags:
         "bound", "Branch and bound on eps, or the paper's timeout method; that needs a time limit."
     )
 
-    def given(self) -> dict[str, Any]:
-        """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        what = "legs: give numbers with commas between them, such as 1,3"
-        legs = numbers_of(self.legs, int, what, "--legs")
-        return given | {"ranges": True, "legs": legs, "contractors": names_of(self.contractors)}
-
-    def refuse(self, names: Sequence[str], because: str) -> None:
-        """InputError for each of these options that was given."""
-        defaults = {field.name: field.default for field in fields(self)}
-        refuse_options((name for name in names if getattr(self, name) != defaults[name]), because)
-
 
 def names_of(text: str) -> tuple[str, ...]:
     """Names with commas between them."""
@@ -281,16 +269,18 @@ def certify(
 
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
-    models, given = names_of(options.model or ""), options.given()
-    if len(models) > 1:
-        options.refuse(_NOT_WITH_MODELS, "with several models")
-        of_one = ("model", "ranges", *_NOT_WITH_MODELS)
-        given = {name: value for name, value in given.items() if name not in of_one}
+    legs = numbers_of(options.legs, int, "legs: give numbers with commas between them, such as 1,3", "--legs")
+    given = asdict(options) | {"ranges": True, "legs": legs, "contractors": names_of(options.contractors)}
+    models = names_of(options.model or "")
+    several, changed = len(models) > 1, {k for k, v in asdict(CertifyFlags()).items() if getattr(options, k) != v}
+    if several:
+        refuse_options((name for name in _NOT_WITH_MODELS if name in changed), "with several models")
+        given = {name: value for name, value in given.items() if name not in ("model", "ranges", *_NOT_WITH_MODELS)}
     elif options.outliers:
-        options.refuse(_NOT_WITH_OUTLIERS, "with --outliers")
+        refuse_options((name for name in _NOT_WITH_OUTLIERS if name in changed), "with --outliers")
     loaded = warned(load_campaign(campaign))
     with where.place() as place:
-        if len(models) > 1:
+        if several:
             return _models_compared(comparison(loaded, models, **given), run, where.resume, place, talk)
         question = question_of(loaded, **given)
         return status_of(certified_into(run, question, talk=talk, place=place, resume=where.resume))

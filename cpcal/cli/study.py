@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -174,22 +174,18 @@ def demo(
     if talk.verbose:
         talk.say(*(f"Leg {f.leg}: {f.verified.sentence(name)}" for name, each in fits.items() for f in each))
     question = question_of(campaign, legs=PLAN.legs, ranges=True, tolerance=TOLERANCE)
-    result = _unless_stopped(lambda: certified_into(folder / RUN, question, talk=talk, resume=resume))
-    _unless_stopped(lambda: _timeout(campaign, folder / TIMEOUT, talk))
+    with heard(terminate=True):
+        for find in (
+            partial(certified_into, folder / RUN, question, talk=talk, resume=resume),
+            partial(_timeout, campaign, folder / TIMEOUT, talk),
+        ):
+            if (result := find()).interrupted:
+                raise typer.Exit(status_of(result))
     whole = study_found(folder)
     page = write_file(folder / REPORT_NAME, render_study(whole, folder / RUN))
     talk.say(whole.checked, f"The whole study: {page}")
-    answered = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in result.legs)
+    answered = all(leg.bracket.verdict is not Verdict.UNKNOWN for leg in whole.result.legs)
     return Status.ANSWERED if answered else Status.UNKNOWN
-
-
-def _unless_stopped(certified: Callable[[], Result]) -> Result:
-    """The result of long work; the demo ends with it where a signal stopped it."""
-    with heard(terminate=True):
-        result = certified()
-        if result.interrupted:
-            raise typer.Exit(status_of(result))
-        return result
 
 
 def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:

@@ -41,10 +41,15 @@ def told(name: str, accepted: Accepted | str) -> Statement:
     """What a certificate proves, and how much work the check was; or why it is refused."""
     if isinstance(accepted, str):
         return False, f"{name}: REFUSED, {accepted}"
-    said = sentences(accepted)
+    said, every = sentences(accepted), len(accepted.chosen) == accepted.count
     if not said:
         return True, f"{name}: {VACUOUS}"
-    return True, f"{name}: {_of(accepted)}: {'; '.join(said)}: PROVED, {accepted.steps} steps"
+    of = f"points that satisfy all {accepted.count} constraints"
+    if accepted.leg is not None:
+        model = "" if accepted.model in (None, "plain") else f", model {printable(str(accepted.model))}"
+        some = ", ".join(str(k + 1) for k in accepted.chosen)
+        of = f"leg {accepted.leg}{model}, {f'all {accepted.count} measurements' if every else f'measurements {some}'}"
+    return True, f"{name}: {of}: {'; '.join(said)}: PROVED, {accepted.steps} steps"
 
 
 def sentences(accepted: Accepted) -> list[str]:
@@ -85,17 +90,6 @@ def sentences(accepted: Accepted) -> list[str]:
         ranges = (f", {name} in [{', '.join(map(short, bracket_text(*side)))}]" for name, side in others)
         out.append(f"all{reached} within sides of {gap_text(lo, hi)}{unit}{''.join(ranges)}")
     return out
-
-
-def _of(accepted: Accepted) -> str:
-    """What the claims are about."""
-    if accepted.leg is None:
-        return f"points that satisfy all {accepted.count} constraints"
-    model = "" if accepted.model in (None, "plain") else f", model {printable(str(accepted.model))}"
-    some = ", ".join(str(k + 1) for k in accepted.chosen)
-    every = len(accepted.chosen) == accepted.count
-    which = f"all {accepted.count} measurements" if every else f"measurements {some}"
-    return f"leg {accepted.leg}{model}, {which}"
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -140,17 +134,15 @@ def checked_certificates(folder: Path) -> dict[str, Accepted | str]:
         among = certificates_of(folder)
     except Refused as reason:
         return {folder.name: str(reason)}
-    return {name: _accepted(folder / name, lambda path: among.proved(path.name)) for name in sorted(among.names)}
-
-
-def _accepted(path: Path, check: Callable[[Path], Accepted]) -> Accepted | str:
-    """What a certificate proves, or why it is refused. Raises InputError where there is nothing to check."""
-    try:
-        return check(path)
-    except Refused as reason:
-        return str(reason)
-    except Unusable as reason:
-        raise unusable(str(path), str(reason), _NAME) from None
+    found: dict[str, Accepted | str] = {}
+    for name in sorted(among.names):
+        try:
+            found[name] = among.proved(name)
+        except Refused as reason:
+            found[name] = str(reason)
+        except Unusable as reason:
+            raise unusable(str(folder / name), str(reason), _NAME) from None
+    return found
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -192,7 +184,7 @@ def statements(target: Path, *, verbose: bool = False) -> Iterator[Statement]:
                 yield True, f"{run.name}:"
                 yield from statements(run, verbose=verbose)
         elif not target.is_dir():
-            yield told(target.name, _accepted(target, check))
+            yield told(target.name, check(target))
         elif unfinished(target):
             what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
             raise unusable(str(target), what, "wait for it, or run certify again")

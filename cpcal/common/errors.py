@@ -146,7 +146,8 @@ def together(*loads: Callable[[], Any]) -> list[Any]:
             found.append(load())
         except InputError as error:
             for problem in error.problems:
-                problems.add(problem)
+                if problem not in problems.listed:
+                    problems.add(problem)
             problems.omitted += error.omitted
     problems.raise_any()
     return found

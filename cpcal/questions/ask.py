@@ -12,7 +12,7 @@ from pickle import PicklingError
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import InputError, refuse, together, unusable
 from cpcal.common.files import write_file
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -294,22 +294,22 @@ def comparison(
 ) -> list[Question]:
     """What is asked with each of the models. Raises InputError with every problem, PluginError."""
     names = [model if isinstance(model, str) else model.name for model in models]
-    widths, wrong = dict(half_widths or {}), []
-    if not names:
-        wrong.append(Problem("models", "none is named", f"name some, such as {', '.join(COMPARED)}"))
-    if len(set(names)) < len(names):
-        wrong.append(Problem("models", "one is named twice", "name each once"))
-    for name in widths:
-        if name not in names:
-            wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
-    if center not in _CENTERS:
-        wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
-    given, questions = {"center": center if center in _CENTERS else "plain", "support": "none"} | given, []
-    for name, model in zip(names, models, strict=True):
-        try:
-            questions.append(question_of(campaign, model=model, half_widths=widths.get(name, {}), **given))
-        except InputError as error:
-            wrong += error.problems
-    if wrong:
-        raise InputError(list(dict.fromkeys(wrong)))
+    widths, given = half_widths or {}, {"center": center, "support": "none"} | given
+    listed, centers = ", ".join(names), " or ".join(_CENTERS)
+    _, *questions = together(
+        partial(
+            refuse,
+            (not names, "models", "none is named", f"name some, such as {', '.join(COMPARED)}"),
+            (len(set(names)) < len(names), "models", "one is named twice", "name each once"),
+            *(
+                (name not in names, "half_widths", f"{name!r} is not compared", f"models are {listed}")
+                for name in widths
+            ),
+            (center not in _CENTERS, "center", f"{center!r} is not common to all models", f"use {centers}"),
+        ),
+        *(
+            partial(question_of, campaign, model=model, half_widths=widths.get(name, {}), **given)
+            for name, model in zip(names, models, strict=True)
+        ),
+    )
     return questions

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.calibration.fit import robust_scale
 from cpcal.common.numbers import about
-from cpcal.common.values import Bools, Floats
+from cpcal.common.values import Floats
 from cpcal.models import PLAIN, LegModel, ModelResiduals, reading_moves
 from cpcal.questions.result import Determination
 from cpcal.robot import Campaign, LegEquations
@@ -54,16 +54,6 @@ def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
     """
     if len(campaign) < _LEAST:
         return []
-    residuals, far = _far(campaign, x)
-    rows = np.flatnonzero(far.any(axis=1))
-    rows = rows[np.argsort(-np.abs(residuals[rows] * far[rows]).max(axis=1))]
-    ids = campaign.measurement_ids
-    said = [f"{ids[row]}: {_where(residuals[row], far[row])}." for row in rows[:_NAMED]]
-    return said + ([f"{len(rows) - _NAMED} more measurements are as far off."] if len(rows) > _NAMED else [])
-
-
-def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
-    """Residuals (N, n) mm, and which are far beyond the others of their leg."""
     legs = range(1, campaign.legs + 1)
     residuals = LegEquations.of(campaign, list(legs)).values(x)
     far = np.zeros(residuals.shape, dtype=np.bool_)
@@ -72,16 +62,15 @@ def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
         unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
         least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
         far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)
-    return residuals, far
-
-
-def _where(residual: Floats, far: Bools) -> str:
-    legs = np.flatnonzero(far) + 1
-    worst = about(float(np.abs(residual[far]).max()))
-    if len(legs) > 1:
-        listed = ", ".join(map(str, legs))
-        return f"its pose does not fit the readings of legs {listed} (off by up to {worst} mm)"
-    return f"leg {legs[0]} reads {worst} mm off what the others let expect"
+    worst = np.abs(residuals * far).max(axis=1)
+    rows, said = np.flatnonzero(far.any(axis=1)), []
+    for row in rows[np.argsort(-worst[rows])][:_NAMED]:
+        wrong, off_by = ", ".join(map(str, np.flatnonzero(far[row]) + 1)), about(float(worst[row]))
+        what = f"leg {wrong} reads {off_by} mm off what the others let expect"
+        if far[row].sum() > 1:
+            what = f"its pose does not fit the readings of legs {wrong} (off by up to {off_by} mm)"
+        said.append(f"{campaign.measurement_ids[row]}: {what}.")
+    return said + [f"{len(rows) - _NAMED} more measurements are as far off."] * (len(rows) > _NAMED)
 
 
 _FITTED = 20_000  # measurements

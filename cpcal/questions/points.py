@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker import Accepted
-from cpcal.common.errors import InputError, Problem, unusable
+from cpcal.common.errors import InputError, refuse, together, unusable
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import keep_beside
@@ -63,19 +64,23 @@ def certify_point(
     Raises InputError.
     """
     x = np.asarray(point, np.float64)
-    corrected, wrong = chosen_model(campaign, model, None)
-    if not 1 <= leg <= campaign.legs:
-        wrong.append(Problem("leg", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}"))
-    if not (np.isfinite(eps) and eps >= 0.0):
-        wrong.append(Problem("eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"))
-    if not wrong and (x.shape != (len(corrected.parameters),) or not np.isfinite(x).all()):
-        what = f"a point of the {corrected.name} model is {len(corrected.parameters)} finite numbers"
-        wrong.append(Problem("point", what, f"give {', '.join(corrected.parameters)}"))
-    if certificate is not None and not built_in(corrected):
-        wrong.append(Problem("certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"))
-    if not wrong:
-        wrong += beyond_legs(campaign, leg, float(x[6]), eps, "eps")
-    if wrong:
+    legs = f"choose from 1 to {campaign.legs}"
+    corrected, _ = together(
+        partial(chosen_model, campaign, model),
+        partial(
+            refuse,
+            (not 1 <= leg <= campaign.legs, "leg", f"there is no leg {leg}", legs),
+            (not 0.0 <= eps < np.inf, "eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"),
+        ),
+    )
+    names = corrected.parameters
+    misfit, what = x.shape != (len(names),) or not np.isfinite(x).all(), f"{len(names)} finite numbers"
+    custom = certificate is not None and not built_in(corrected)
+    refuse(
+        (misfit, "point", f"a point of the {corrected.name} model is {what}", f"give {', '.join(names)}"),
+        (custom, "certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"),
+    )
+    if wrong := beyond_legs(campaign, leg, float(x[6]), eps, "eps"):
         raise InputError(wrong)
     good, bad = verified_rows(campaign, leg, x, eps, corrected)
     if certificate is not None:

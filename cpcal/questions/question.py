@@ -7,13 +7,14 @@ import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cpcal.common.codec import decoded, encoded
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError, InputError, Problem, refuse, together
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
@@ -156,46 +157,46 @@ def question_of(campaign: Campaign, *, progress: Progress | None = None, **given
 
     Raises InputError with every problem at once; PluginError for a contractor that is not there.
     """
-    model, wrong = chosen_model(campaign, given.get("model"), given.get("half_widths"))
+    wanted, wrong = given.get("model"), given.get("outliers", 0)
+    below = f"give a whole number below {len(campaign)}, such as 1"
     numbers = [leg for leg in given.get("legs") or () if isinstance(leg, int)]  # what is no number the options refuse
-    wrong += [
-        Problem("legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}")
-        for leg in numbers
-        if not 1 <= leg <= campaign.legs
-    ]
-    if isinstance(given.get("model"), LegModel):
-        given["model"] = model.name
-    try:
-        options = Options(**given)
-    except InputError as error:
-        raise InputError([*wrong, *error.problems]) from None
-    if options.outliers >= len(campaign):
-        remedy = f"give a whole number below {len(campaign)}, such as 1"
-        wrong.append(Problem("outliers", f"{options.outliers} is no number of measurements that may be wrong", remedy))
-    if wrong:
-        raise InputError(wrong)
+    model, _, options = together(
+        partial(chosen_model, campaign, wanted, given.get("half_widths")),
+        partial(
+            refuse,
+            *(
+                (not 1 <= leg <= campaign.legs, "legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}")
+                for leg in numbers
+            ),
+            (
+                isinstance(wrong, int) and wrong >= len(campaign),
+                "outliers",
+                f"{wrong} is no number of measurements that may be wrong",
+                below,
+            ),
+        ),
+        partial(Options, **given | {"model": wanted.name if isinstance(wanted, LegModel) else wanted}),
+    )
     plugins.check_names(options.contractors)
     return Question(campaign=campaign, options=options, model=model, progress=progress)
 
 
 def chosen_model(
-    campaign: Campaign, model: str | LegModel | None, half_widths: Mapping[str, float] | None
-) -> tuple[LegModel, list[Problem]]:
-    """The model with its half-widths, and what is wrong with the choice; it is the plain one then.
+    campaign: Campaign, model: str | LegModel | None, half_widths: Mapping[str, float] | None = None
+) -> LegModel:
+    """The model with its half-widths. Raises InputError.
 
     Left out it is the campaign's; the campaign's half-widths count where its model is the one that is asked for.
     """
     asked = campaign.model
     if model is None:
         model = PLAIN.name if asked is None else asked.name
-    try:
-        found = leg_model(model)
-    except InputError as error:
-        return PLAIN, list(error.problems)
+    found = leg_model(model)
     stated = asked.half_widths if asked is not None and asked.name == found.name else {}
     widths = {**stated, **(half_widths or {})}
-    problems = half_width_problems(found, widths)
-    return (PLAIN, problems) if problems else (found.within(widths), [])
+    if problems := half_width_problems(found, widths):
+        raise InputError(problems)
+    return found.within(widths)
 
 
 def beyond_all_legs(question: Question, legs: Sequence[int]) -> list[Problem]:

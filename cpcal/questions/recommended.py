@@ -47,12 +47,13 @@ def conformity(
     x, why, reduced = of.plain, LEAST_SQUARES, None
     eps = of.largest(of.tightest)
     if tolerance is not None and lo <= tolerance:
-        if of.largest(of.weighted) <= tolerance:
-            x = of.weighted
+        weighted = of.fit(of.weight)
+        if of.largest(weighted) <= tolerance:
+            x = weighted
         elif eps <= tolerance:
             x, why = of.within(tolerance), CONSTRAINED
         else:
-            factor = of.factor(x, tolerance)
+            factor = _most(lambda share: of.largest(x, share) <= tolerance)
             reduced = Reduced(factor, of.certificate("reduced", x, tolerance, factor) if factor else None)
     passes = None
     if math.isfinite(eps):
@@ -67,30 +68,24 @@ class _Leg:
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, only: tuple[int, ...] | None) -> None:
         campaign, model = question.campaign, question.model
-        self._question, self._leg, self._only, self._network = question, leg, only, network
+        self._question, self._leg, self._network = question, leg, network
         self._residuals = ModelResiduals(campaign, leg, model)
         self._mine = np.arange(len(campaign)) if only is None else np.array(only, dtype=np.intp)
         self._known: dict[bytes, AllReadings] = {}
         self._statement = leg_statement(campaign, leg, only, model.name) if built_in(model) else None
         self._readings = [part[self._mine] for part in leg_readings(campaign, leg)]
         self._used = np.bincount(self._mine, minlength=len(campaign)).astype(np.float64)
+        self._rows = Rows(network, every=True)
+        self.plain = self.fit(None if only is None else self._used)
 
     @cached_property
-    def plain(self) -> Floats:
-        """Least squares, without weights."""
-        return self._fit(None if self._only is None else self._used)
-
-    @cached_property
-    def weighted(self) -> Floats:
-        """Weighted by the deviations that the half-widths state."""
-        return self._fit(self._weight)
-
-    @cached_property
-    def _weight(self) -> Floats:
+    def weight(self) -> Floats:
+        """Of residuals: one over the deviations that the half-widths state."""
         moves = np.linalg.norm(reading_moves(self._question.campaign, self._leg, self.plain), axis=1)
         return self._used / moves if moves.min() > 0.0 else self._used
 
-    def _fit(self, weight: Floats | None) -> Floats:
+    def fit(self, weight: Floats | None) -> Floats:
+        """Least squares."""
         question = self._question
         return fit_model(question.campaign, self._leg, question.model, self._residuals, weight)
 
@@ -114,10 +109,6 @@ class _Leg:
         with Recording(self._statement, Box(names, at, at)) as recording:
             write = partial(recording.write, claims=claims(eps, point=at, factor=factor))
             return written(self._question, self._leg, f".{name}", write)[0]
-
-    @cached_property
-    def _rows(self) -> Rows:
-        return Rows(self._network, every=True)
 
     @cached_property
     def tightest(self) -> Floats:
@@ -144,19 +135,15 @@ class _Leg:
         """Gauss-Newton whose steps keep every row, linearised at its worst readings, within the tolerance."""
         x, box = self.tightest, self._network.domain
         for _ in range(_STEPS):
-            slopes = self._weight[:, None] * self._residuals.jacobian(x)
+            slopes = self.weight[:, None] * self._residuals.jacobian(x)
             rows = self._rows.linearize(np.append(x, tolerance))
-            step = nearest_within(slopes, self._weight * self._residuals.values(x), rows.jacobian[:, :-1], -rows.values)
+            step = nearest_within(slopes, self.weight * self._residuals.values(x), rows.jacobian[:, :-1], -rows.values)
             if step is None:
                 break
             x = np.clip(x + step, box.lo[:-1], box.hi[:-1])
-            if float(np.max(np.abs(slopes @ step))) <= _AT_REST * tolerance * float(self._weight.max()):
+            if float(np.max(np.abs(slopes @ step))) <= _AT_REST * tolerance * float(self.weight.max()):
                 break
         return x
-
-    def factor(self, x: Floats, tolerance: float) -> float:
-        """The largest multiple of 1/1024 that, as a factor on the half-widths, is proved to keep E(x) <= tolerance."""
-        return _most(lambda factor: self.largest(x, factor) <= tolerance)
 
 
 def _most(passes: Callable[[float], bool]) -> float:

@@ -311,13 +311,8 @@ class ModelNote:
     extra: Annotated[tuple[Parameter, ...], {"json": "parameters"}] = ()
 
     def __post_init__(self) -> None:
-        if not self.is_ours and (problem := model_name_problem(self.name)):
+        if self.name not in _OURS and (problem := model_name_problem(self.name)):
             raise ValueError(problem)
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether it comes with cpcal: of others the certificates state the constraints themselves."""
-        return self.name in _OURS
 
     @property
     def summary(self) -> str:
@@ -329,7 +324,7 @@ class ModelNote:
         """A sentence beside every answer of a model that the checker does not know; empty for one that it does."""
         return (
             ""
-            if self.is_ours
+            if self.name in _OURS
             else (
                 f"The checker does not know the model {printable(self.name)}: its certificates state the constraints "
                 "themselves, which were not compared with the campaign."

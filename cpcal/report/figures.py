@@ -11,13 +11,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from cpcal.common.files import write_file
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
 from cpcal.questions import Result, verdict_of
@@ -49,10 +47,6 @@ class Svg(Markup):
         return text.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
 
     _repr_svg_ = document
-
-    def save(self, file: str | Path) -> Path:
-        """Raises InputError where it cannot be written."""
-        return write_file(file, self.document())
 
 
 class Plot:

@@ -33,7 +33,6 @@ _CHECKED = (
     "checks them again."
 )
 _FRAMES = {"eye-in-hand": ("camera in hand", "target in base"), "eye-to-hand": ("camera in base", "target in hand")}
-_FRAME_HEAD = ("frame", "x, y, z [mm]", "qw, qx, qy, qz")
 
 
 def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:
@@ -129,7 +128,7 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
             rows.append((name, frame, *map(", ".join, numbers)))
     frames = Section(
         "Frames",
-        tables=[Table(("", *_FRAME_HEAD), rows)],
+        tables=[Table(("", "frame", "x, y, z [mm]", "qw, qx, qy, qz"), rows)],
         notes=["“Best found” attains the upper end of the bracket. Numbers in full are in handeye.json."],
     )
     title = "How well the frames are known"
@@ -137,10 +136,12 @@ def known_frames(found: HandEyeResult) -> Iterator[Section]:
         said = f"No frames in the box explain every pixel to within {tolerance} px. Proved."
         yield frames if ranges is None else Section(title, [said], parts=[frames])
         return
-    known = [
-        (name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit)
-        for (name, unit), lo, hi in zip(_names(found.setup), ranges.low, ranges.high, strict=True)
-    ]
+    known = []
+    for parameter, lo, hi in zip(PARAMETERS, ranges.low, ranges.high, strict=True):
+        frame, axis = parameter.split()
+        axis, unit = (f"turn about {axis[1]}", "deg") if axis.startswith("r") else (axis, "mm")
+        name = f"{camera if frame == 'camera' else target}: {axis}"
+        known.append((name, rounded_down(lo, 4), rounded_up(hi, 4), at_most(hi - lo, 3), unit))
     yield Section(
         title,
         [f"All frames in the box that explain every pixel to within {tolerance} px have these parameters. Proved."],
@@ -181,18 +182,6 @@ def _classical(found: HandEyeResult) -> Section:
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is proved of a hand-eye study, in sentences; numbers rounded to the safe side.
-
-
-def _names(setup: str) -> list[tuple[str, str]]:
-    """Name and unit of each of PARAMETERS."""
-    camera, target = _FRAMES[setup]
-    named = {"camera": camera, "target": target}
-    found = []
-    for parameter in PARAMETERS:
-        frame, axis = parameter.split()
-        turned = axis.startswith("r")
-        found.append((f"{named[frame]}: {'turn about ' + axis[1] if turned else axis}", "deg" if turned else "mm"))
-    return found
 
 
 def known_sentence(found: HandEyeResult) -> list[str]:

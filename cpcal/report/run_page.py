@@ -145,12 +145,6 @@ def advice(campaign: Campaign, result: Result, model: LegModel) -> dict[int, Adv
 # What is said of all legs: the answer first, the proved bounds, how to read it, what it rests on.
 
 
-def _proof(leg: LegResult) -> Mark:
-    """Where a page that checks itself says whether it accepts the leg's certificates."""
-    word = "certified, not checked here" if leg.certified else "not certified"
-    return Mark(word, "proof", data={"proof": str(leg.leg)})
-
-
 def _lead(campaign: Campaign, result: Result) -> Words:
     tolerance, count = result.options.tolerance, claim(f"{len(campaign):,}", "count")
     what = (count, " measurements")
@@ -278,8 +272,10 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     said = [leg_sentence(result, leg)] if result.options.eps is not None or leg.not_certified else []
     if drawn is None:
         said.append("The residuals are not drawn: there are no parameters to draw them at.")
+    word = "certified, not checked here" if leg.certified else "not certified"
+    proof = Mark(word, "proof", data={"proof": str(leg.leg)})  # the page says there whether it accepts the certificates
     return Section(
-        (f"Leg {leg.leg} ", badge(result, leg), " ", _proof(leg)),
+        (f"Leg {leg.leg} ", badge(result, leg), " ", proof),
         said,
         figures=[] if drawn is None else [drawn],
         parts=[_behind(campaign, result, leg, found.fit)],

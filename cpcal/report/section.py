@@ -5,7 +5,6 @@ Text is text: it is escaped, and hidden characters are shown. Markup is ours alo
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -67,15 +66,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A JPEG, and its width and height."""
+    """A JPEG, in base64, and its width and height."""
 
     caption: str
-    jpeg: bytes
+    base64: str
     size: tuple[int, int]
-
-    @property
-    def base64(self) -> str:
-        return base64.b64encode(self.jpeg).decode("ascii")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from cpcal.common.values import Floats
 from cpcal.questions import Budget, CalibrationRecord, Result
 from cpcal.questions.points import Fits
 from cpcal.questions.result import check_campaign
-from cpcal.questions.study_calibration import Channel, Parameters, Rows
+from cpcal.questions.study_calibration import Channel, Parameters, RepeatRecord, Rows
 from cpcal.report.figures import DOT, ROOM, Svg, series
 from cpcal.report.run_page import render
 from cpcal.report.section import Drawing, Mark, Section, Table
@@ -58,46 +58,18 @@ PAPER = "the paper"
 EXPANDED = "U (k = 2)"
 
 
-def leg_lengths(record: CalibrationRecord) -> Table:
-    """Table 2: standard deviations of the leg readings, mm."""
-    channels = [c for c in record.repeats.channels if c.name.startswith("L")]
-    rows = _deviations(record, channels)
-    if len(channels) == len(TABLE_2):
-        rows.append(_row(PAPER, TABLE_2))
-    return Table(_legs(range(1, len(channels) + 1)), rows)
-
-
-def poses(record: CalibrationRecord) -> Table:
-    """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
-    channels = [c for c in record.repeats.channels if not c.name.startswith("L")]
-    rows = _deviations(record, channels)
-    if record.repeats.shared is not None:
-        each = zip(channels, record.repeats.shared, strict=True)
-        rows.append(("shared by all images, beside it", *(about(shown(c, value)) for c, value in each)))
-    rows.append((PAPER, *(about(TABLE_3[c.name]) for c in channels)))
-    units = (f"{c.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels)
-    return Table(("component", *units), rows)
-
-
-def _deviations(record: CalibrationRecord, channels: list[Channel]) -> list[tuple[str, ...]]:
-    """What the repeats show, robot included; and what is camera's and sensors' of it."""
-    found = [("this study", [c.sigma for c in channels])]
-    if any(record.repeats.robot_sigma):
-        found.append(("without the robot's own scatter", [c.noise for c in channels]))
-    return [(name, *(about(shown(c, v)) for c, v in zip(channels, values, strict=True))) for name, values in found]
-
-
-def shown(channel: Channel, value: float) -> float:
-    """A value of a channel in the unit that is printed: mm or degrees."""
-    return math.degrees(value) if channel.unit == "rad" else value
-
-
-def equations(record: CalibrationRecord) -> Table:
-    """Scatter of the calibration equations between repeats, and of the robot itself where it is seen, mm."""
-    found = record.repeats
-    rows = [_row("equations g between repeats", found.equation_sigma)]
-    rows += [_row("the robot itself", found.robot_sigma)] if any(found.robot_sigma) else []
-    return Table(_legs(range(1, len(found.equation_sigma) + 1)), rows)
+def scatter(
+    repeats: RepeatRecord, channels: list[Channel], shared: Sequence[float] | None = None
+) -> list[tuple[str, ...]]:
+    """Standard deviations, mm or degrees: what the repeats show, robot included; what is camera's and sensors' of it;
+    what all images share."""
+    found: list[tuple[str, Iterable[float]]] = [("this study", (c.sigma for c in channels))]
+    if any(repeats.robot_sigma):
+        found.append(("without the robot's own scatter", (c.noise for c in channels)))
+    if shared is not None:
+        found.append(("shared by all images, beside it", shared))
+    units = [math.degrees(1.0) if c.unit == "rad" else 1.0 for c in channels]
+    return [(name, *(about(u * v) for u, v in zip(units, values, strict=True))) for name, values in found]
 
 
 def _legs(numbers: Iterable[int]) -> tuple[str, ...]:
@@ -116,11 +88,6 @@ def of_legs(rows: Rows, errors: Rows | None = None) -> Table:
         if errors is not None:
             out.append(_row(EXPANDED, (2.0 * error for error in errors[k])))
     return Table(("leg", *SYMBOLS), out)
-
-
-def parameters(fit: Parameters) -> Table:
-    """x_c or x_c_sigma, mm, laid on the drawing."""
-    return of_legs(fit.drawn, fit.drawn_errors)
 
 
 def validation(record: CalibrationRecord) -> Table:
@@ -234,10 +201,20 @@ def _study(found: StudyFound) -> Section:
 
 def calibration(record: CalibrationRecord) -> Iterator[Section]:
     """Statistics of the repeats, fits and validation: the same on the terminal and on the page."""
-    yield Section("Table 2: standard deviation of the leg readings [mm]", tables=[leg_lengths(record)])
+    repeats = record.repeats
+    sensors = [c for c in repeats.channels if c.name.startswith("L")]
+    camera = [c for c in repeats.channels if c not in sensors]
+    rows = scatter(repeats, sensors)
+    if len(sensors) == len(TABLE_2):
+        rows.append(_row(PAPER, TABLE_2))
+    legs = _legs(range(1, len(sensors) + 1))
+    yield Section("Table 2: standard deviation of the leg readings [mm]", tables=[Table(legs, rows)])
+    rows = scatter(repeats, camera, repeats.shared)
+    rows.append((PAPER, *(about(TABLE_3[c.name]) for c in camera)))
+    units = (f"{c.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in camera)
     yield Section(
         "Table 3: standard deviation of the pose’s components",
-        tables=[poses(record)],
+        tables=[Table(("component", *units), rows)],
         notes=[
             "Camera frame. As in the paper, a deviation is from the mean of the configuration and holds “both "
             "measurement repeatability and robot repeatability”. Angles are components of a small rotation vector "
@@ -245,22 +222,25 @@ def calibration(record: CalibrationRecord) -> Iterator[Section]:
             "deviations are of single ones: a mean of ten scatters less by the root of ten."
         ],
     )
-    said = [record.repeats.scatter, *filter(None, [record.repeats.shared_sentence])]
-    tests = [sentence for _, sentence in record.repeats.tests]
-    yield Section(sentences=said, items=tests, tables=[equations(record)])
-    yield Section(sentences=[record.repeats.screening, record.frames, record.sets])
-    yield Section("Table 4: x_c, plain least squares [mm]", tables=[parameters(record.x_c)])
+    said = [repeats.scatter, *filter(None, [repeats.shared_sentence])]
+    rows = [_row("equations g between repeats", repeats.equation_sigma)]
+    rows += [_row("the robot itself", repeats.robot_sigma)] if any(repeats.robot_sigma) else []
+    yield Section(sentences=said, items=[sentence for _, sentence in repeats.tests], tables=[Table(legs, rows)])
+    yield Section(sentences=[repeats.screening, record.frames, record.sets])
+    plain, weighted = record.x_c, record.x_c_sigma
+    title = "Table 4: x_c, plain least squares [mm]"
+    yield Section(title, tables=[of_legs(plain.drawn, plain.drawn_errors)])
     doubt = ", which the model does not explain: errors of the model are not in it, and IT DOES NOT COVER THEM"
-    apart = np.abs(np.array(record.x_c.drawn) - np.array(record.x_c_sigma.drawn))
+    apart = np.abs(np.array(plain.drawn) - np.array(weighted.drawn))
     leg, k = np.unravel_index(int(np.argmax(apart)), apart.shape)
-    fits = [f"x_c: {record.x_c.sentence}", f"x_c_sigma: {record.x_c_sigma.sentence}"]
+    fits = [f"x_c: {plain.sentence}", f"x_c_sigma: {weighted.sentence}"]
     yield Section(
         "Table 5: x_c_sigma, weighted by the noise [mm]",
-        tables=[parameters(record.x_c_sigma)],
+        tables=[of_legs(weighted.drawn, weighted.drawn_errors)],
         notes=[
             "Laid on the drawing: base and mobile centres each moved rigidly so that they are nearest to the "
             "drawing’s. U (k = 2) is the expanded uncertainty: about 95 %, from the "
-            f"{record.x_c_sigma.source}{'' if record.x_c_sigma.explained else doubt}. The two fits differ by up to "
+            f"{weighted.source}{'' if weighted.explained else doubt}. The two fits differ by up to "
             f"{about(float(apart.max()), 2)} mm ({SYMBOLS[int(k)]} of leg {int(leg) + 1})."
         ],
         parts=[Section("The fits in words", fits, folded=True)],

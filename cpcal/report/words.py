@@ -193,7 +193,7 @@ def assumptions(campaign: Campaign, result: Result) -> dict[str, str]:
 
 
 def _model(result: Result) -> str:
-    if not result.model.is_ours:  # no formula is known to be its own
+    if result.model.not_compared:  # no formula is known to be its own
         return f"{result.model.not_compared} Its error eps is how far they are from being met, in mm. {LONGER}"
     if result.model.name == PLAIN.name:
         said = (

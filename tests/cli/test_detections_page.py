@@ -2,7 +2,7 @@
 
 from tinyhtml5.parser import HTMLParser
 
-from cpcal.cli.detections_page import MOST_ROWS, write_detections_page
+from cpcal.cli.image import MOST_ROWS, write_detections_page
 from cpcal.robot.campaign import SIMULATION
 from cpcal.vision.batch.detect import NUMBERS, Detection, Detections
 from cpcal.vision.batch.study_images import SeenImage

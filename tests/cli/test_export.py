@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import cpcal
+from cpcal.cli.report import DrawingFrames, exported, frames_of_run
 from cpcal.questions import recommendation
-from cpcal.report.export import DrawingFrames, exported, frames_of_run
 from cpcal.robot import rotation_matrix
 from tests.cli.command import refused, run
 from tests.remembered import verify_once

@@ -76,7 +76,7 @@ def test_hostile_names_and_narrow_terminals(campaign, monkeypatch):
     hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
     file = io.StringIO()
     console = Console(file=file, force_terminal=True, width=40, markup=False, highlight=False)
-    monkeypatch.setattr(Talk, "out", property(lambda _: console))
+    monkeypatch.setattr(Talk, "console", lambda *_, **__: console)
     for verbose in (True, False):
         show_result(Talk(verbose=verbose), measured, hostile, PLAIN)
     text = file.getvalue()

@@ -16,7 +16,7 @@ from cpcal.calibration.frames import on_drawing_errors
 from cpcal.calibration.statistics import study_rows
 from cpcal.files import load_study, save_study
 from cpcal.questions import Inputs, StudyCalibration, budget, calibrate_study, load_record, save_record
-from cpcal.report.study_page import poses
+from cpcal.report.study_page import calibration
 from cpcal.robot import (
     DELTALAB,
     PoseTable,
@@ -175,9 +175,10 @@ def test_the_shared_part_is_stated_and_not_divided_by_the_repeats(study: Study, 
     assert load_record(tmp_path) == record
     assert record.repeats.shared is not None
     assert record.repeats.shared == pytest.approx(SHARED)
-    named = {row[0]: row[1:] for row in poses(record).rows}
+    rows, before_rows = ([*calibration(one)][1].tables[0].rows for one in (record, without_it))  # Table 3
+    named = {row[0]: row[1:] for row in rows}
     assert named["shared by all images, beside it"][:3] == ("0.01", "0.02", "0.05")
-    assert named["this study"] == poses(without_it).rows[0][1:]
+    assert named["this study"] == before_rows[0][1:]
     assert any("No repeat shows them" in sentence for sentence in record.sentences)
     for frame in ("camera_in_base", "target_in_mobile"):
         sigma, before = (getattr(one, frame).sigma for one in (record, without_it))

@@ -194,7 +194,7 @@ def test_one_number_has_one_rounding(campaign):
     printed = io.StringIO()
     console = Console(file=printed, width=200)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Talk, "out", property(lambda _: console))
+        patch.setattr(Talk, "console", lambda *_, **__: console)
         for verbose in (True, False):
             show_result(Talk(verbose=verbose), campaign, result, PLAIN)
     for text in (render(campaign, result), printed.getvalue()):
