@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -128,19 +127,19 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs) -> Bud
         """(n, 7) standard uncertainties of the parameters laid on the drawing."""
         return on_drawing_errors(found.parameters, found.covariance, drawing)
 
-    def refitted(**readings: Any) -> Floats:
-        """(n, 7) the parameters of other readings, laid on the drawing."""
+    def moved(**readings: Any) -> Floats:
+        """(n, 7) how far other readings move the parameters, laid on the drawing."""
         other = replace(campaign, **readings)
         again = fit(other, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
-        return on_drawing(again.parameters, drawing)
+        return np.abs(on_drawing(again.parameters, drawing) - laid)
 
     def scaled(share: float) -> Floats:
-        return np.abs(refitted(position=campaign.position * (1.0 + share)) - laid) if share else nothing
+        return moved(position=campaign.position * (1.0 + share)) if share else nothing
 
     def sensors(share: float) -> Floats:
         """Each leg by itself: squares add up."""
         legs = np.eye(campaign.legs)[: campaign.legs if share else 0]
-        each = (refitted(length=campaign.length * (1.0 + share * leg)) - laid for leg in legs)
+        each = (moved(length=campaign.length * (1.0 + share * leg)) for leg in legs)
         return np.asarray(np.sqrt(sum((change**2 for change in each), nothing)))
 
     def lens(size: float) -> Floats:
@@ -333,19 +332,6 @@ class CalibrationRecord:
         """How well the frames are known, in words."""
         camera = self.camera_in_base.sentence("Camera in base")
         return f"{camera} {self.target_in_mobile.sentence('Target in mobile')}"
-
-    @property
-    def sentences(self) -> Iterator[str]:
-        """What the steps say of themselves, in their order."""
-        repeats, check = self.repeats, self.validation
-        yield from (repeats.screening, repeats.scatter, *filter(None, [repeats.shared_sentence]))
-        yield from (sentence for _, sentence in repeats.tests)
-        yield from (self.sets, self.frames, f"x_c: {self.x_c.sentence}", f"x_c_sigma: {self.x_c_sigma.sentence}")
-        yield f"Validation poses: {check.screening}"
-        yield f"Validation of x_c: {check.x_c.sentence}"
-        yield f"Validation of x_c_sigma: {check.x_c_sigma.sentence}"
-        if self.budget is not None:
-            yield self.budget.sentence
 
 
 FORMAT = "cpcal-calibration/13"

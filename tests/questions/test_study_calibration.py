@@ -179,7 +179,7 @@ def test_the_shared_part_is_stated_and_not_divided_by_the_repeats(study: Study, 
     named = {row[0]: row[1:] for row in rows}
     assert named["shared by all images, beside it"][:3] == ("0.01", "0.02", "0.05")
     assert named["this study"] == before_rows[0][1:]
-    assert any("No repeat shows them" in sentence for sentence in record.sentences)
+    assert "No repeat shows them" in record.repeats.shared_sentence
     for frame in ("camera_in_base", "target_in_mobile"):
         sigma, before = (getattr(one, frame).sigma for one in (record, without_it))
         added = np.sqrt(np.square(sigma) - np.square(before))
