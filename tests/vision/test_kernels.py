@@ -11,7 +11,7 @@ from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots.segmentation import ellipses, noise_level
 from cpcal.vision.pose import Pixels, fit, fit_pose
-from cpcal.vision.projection import centers_by_pose, placed_centers
+from cpcal.vision.projection import centers_by_pose, median, placed_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
@@ -78,3 +78,11 @@ def test_the_noise_level_is_that_of_the_pixels(kind, top):
     for noise in (0.0, 2.0, 8.0):
         image = np.clip(np.rint(100.0 + noise * rng.standard_normal((600, 800))), 0, top).astype(kind)
         assert noise_level(image) == pytest.approx(np.hypot(noise, np.sqrt(1 / 12)), rel=0.05)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10])
+def test_the_median_is_numpys_and_none_where_a_value_is_none(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert median(values) == np.median(values)
+    values[count // 2] = np.nan
+    assert np.isnan(median(values))
