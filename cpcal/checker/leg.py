@@ -202,16 +202,11 @@ def leg_problem(
     def constraint(k: int, x: Unknowns, signs: str) -> LegConstraint | Constraint:
         return LegConstraint(known(k), model, x.first(n), signs) if k < count else stated[k - count].on(x.images)
 
-    def held(x: Unknowns, k: int, signs: str, factor: F | None) -> bool:
-        if k < count:
-            return held_leg(known(k), model, x.first(n), signs, factor)
-        return stated[k - count].on(x.images).held
-
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         (*names, *(f"form {m}" for m in range(len(forms)))), n - 1, count + len(forms),
         (*chosen, *range(count, count + len(forms))), constraint, lambda k: known(k).radii if k < count else (),
-        (*SIDES, "length"), model, settled=settled_legs, held=held,
+        (*SIDES, "length"), model, settled=settled_legs,
     )  # fmt: skip
 
 
@@ -228,6 +223,71 @@ class LegConstraint:
     def sure(self) -> bool:
         """Whether at_least is not negative at any solution."""
         return self.model in _SURE
+
+    def held(self, factor: F | None) -> bool:
+        """Whether it is proved that a point satisfies it, for some reading between the end M of its set that the signs
+        name and -M; with a `factor` for all readings of sets with so many times the half-widths.
+
+        Numbers are whole, over one power of two; a product of k of them is of degree k, and so are sums of these. See
+        docs/certificate-format.md, "The claims", for every name here.
+        """
+        m, model, x, signs = self.m, self.model, self.x, self.signs
+        given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
+        p = max(given.power, radii.power + below.bit_length(), x.at.power)
+        one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.at.over(p)
+        q0, q1, q2, q3, *place, read = given.over(p)
+        r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
+        t1, t2, t3 = (width >> 1 for width in turns)
+        (a1, a2, a3, b1, b2, b3, offset), extra, eps = point[:7], point[7:-1], point[-1]
+        if eps < 0 or read - rl + offset < eps:
+            return False
+        # n = |q|^2, c = n R(q) b, w = P - a
+        n, turn = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3))
+        c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
+        w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
+        x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
+        gain, off, slack = one + extra[0] if model == "gain" else one, eps << p, 0
+        if factor is None:
+            d1, d2, d3, s1, s2, s3, e = (
+                -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
+            )
+        else:
+            change, reference = abs(gain) * rl + off, gain * read + (offset << p)
+            shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
+            bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
+            curved, slopes, swings = 3 * swing * swing * size, [], []
+            axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
+            for i in AXES:
+                (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
+                by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
+                turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
+                moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
+                slopes.append((n * wi + ci << 2 * p, moved, ri))
+                swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
+            if reference < change:
+                return False
+            slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
+            slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
+            d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
+            e = -rl if gain > 0 else rl
+        # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
+        over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
+        less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
+        square = w1 * w1 + w2 * w2 + w3 * w3 + d1 * d1 + d2 * d2 + d3 * d3 + b1 * b1 + b2 * b2 + b3 * b3
+        if model == "lateral":
+            square -= extra[0] << p
+        across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
+        even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
+        even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
+        odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
+        odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
+        slack *= over
+        most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
+        x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
+        high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
+        if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:
+            return False
+        return low <= off or kappa * (low - off) ** 2 <= least
 
 
 def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], int]:
@@ -264,14 +324,8 @@ def formed(
             yield trace.run(some), unit, batch[k : k + step]
 
 
-def settled_legs(x: Unknowns, items: Sequence[LegConstraint | Constraint], side: str) -> Iterator[Polynomial]:
+def settled_legs(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
     """Their rows at the reference readings, less the penalties, in order; legs have one formula."""
-    legs = [item for item in items if isinstance(item, LegConstraint)]
-    found = _settled(x, legs, side) if legs else iter(())
-    return (next(found) if isinstance(item, LegConstraint) else item.row(side, signed(len(x))) for item in items)
-
-
-def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
     bounded = side == "lower" and not legs[0].sure
     names = (side, "at_least", "factor") if bounded else (side,)
     formula = leg_formula(legs[0].model, legs[0].m.uncertain, names)
@@ -295,71 +349,6 @@ def _settled(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[
 
 
 _remainder = lru_cache(maxsize=4096)(Remainder)
-
-
-def held_leg(m: Measurement, model: str, x: Unknowns, signs: str, factor: F | None) -> bool:
-    """Whether it is proved that a point satisfies a measurement, for some reading between the end M of its set that the
-    signs name and -M; with a `factor` for all readings of sets with so many times the half-widths.
-
-    Numbers are whole, over one power of two; a product of k of them is of degree k, and so are sums of these. See
-    docs/certificate-format.md, "The claims", for every name here.
-    """
-    given, radii, (above, below) = dyadics(m.given), dyadics(m.radii), (factor or F(1)).as_integer_ratio()
-    p = max(given.power, radii.power + below.bit_length(), x.at.power)
-    one, more, point = 1 << p, p - radii.power - below.bit_length() + 1, x.at.over(p)
-    q0, q1, q2, q3, *place, read = given.over(p)
-    r1, r2, r3, *turns, rl = [0] * READINGS if factor == 0 else [above * width << more for width in radii.values]
-    t1, t2, t3 = (width >> 1 for width in turns)
-    (a1, a2, a3, b1, b2, b3, offset), extra, eps = point[:7], point[7:-1], point[-1]
-    if eps < 0 or read - rl + offset < eps:
-        return False
-    # n = |q|^2, c = n R(q) b, w = P - a
-    n, turn = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3, rotation_rows((q0, q1, q2, q3))
-    c1, c2, c3 = (i * b1 + j * b2 + k * b3 for i, j, k in turn)
-    w1, w2, w3 = place[0] - a1, place[1] - a2, place[2] - a3
-    x1, x2, x3 = c2 * w3 - c3 * w2, c3 * w1 - c1 * w3, c1 * w2 - c2 * w1  # of degree 4
-    gain, off, slack = one + extra[0] if model == "gain" else one, eps << p, 0
-    if factor is None:
-        d1, d2, d3, s1, s2, s3, e = (
-            -ENDS[sign][0] * r for sign, r in zip(signs, (r1, r2, r3, t1, t2, t3, rl), strict=True)
-        )
-    else:
-        change, reference = abs(gain) * rl + off, gain * read + (offset << p)
-        shift, swing, size = r1 + r2 + r3, t1 + t2 + t3, n * (abs(b1) + abs(b2) + abs(b3))
-        bent = swing * size * (5 * swing * (abs(w1) + abs(w2) + abs(w3) + shift) + (3 * shift << p))
-        curved, slopes, swings = 3 * swing * swing * size, [], []
-        axes = (c1, w1, r1, t1, x1), (c2, w2, r2, t2, x2), (c3, w3, r3, t3, x3)
-        for i in AXES:
-            (ci, wi, ri, ti, xi), (cj, wj, rj, tj, _), (ck, wk, rk, tk, _) = axes[i], axes[i - 2], axes[i - 1]
-            by_c, of_w, of_c = abs(ci), tj * abs(wj) + tk * abs(wk), tj * abs(cj) + tk * abs(ck)
-            turning = by_c * of_w + abs(wi) * of_c + 2 * ti * abs(cj * wj + ck * wk)
-            moved = (n * ri << 2 * p) + (2 * (tj * abs(ck) + tk * abs(cj)) << p) + curved
-            slopes.append((n * wi + ci << 2 * p, moved, ri))
-            swings.append((xi << 2 * p, (turning << p) + (rj * abs(ck) + rk * abs(cj) << 2 * p) + bent, ti))
-        if reference < change:
-            return False
-        slack = sum((4 * r * max(far - abs(g), 0) << p for g, far, r in slopes), 0)
-        slack = -(-slack - sum(8 * t * max(far - abs(g), 0) for g, far, t in swings) >> p)
-        d1, d2, d3, s1, s2, s3 = (r if g > 0 else -r for g, _, r in (*slopes, *swings))
-        e = -rl if gain > 0 else rl
-    # at this reading and at the opposite one, with (1 + s.s): what is even in the reading, and what is odd
-    over = (one << p) + s1 * s1 + s2 * s2 + s3 * s3
-    less, kappa, sc = (one << p + 1) - over, n * over, s1 * c1 + s2 * c2 + s3 * c3
-    square = w1 * w1 + w2 * w2 + w3 * w3 + d1 * d1 + d2 * d2 + d3 * d3 + b1 * b1 + b2 * b2 + b3 * b3
-    if model == "lateral":
-        square -= extra[0] << p
-    across = s1 * (c2 * d3 - c3 * d2) + s2 * (c3 * d1 - c1 * d3) + s3 * (c1 * d2 - c2 * d1)
-    even = kappa * square + 2 * less * (w1 * c1 + w2 * c2 + w3 * c3)
-    even += 4 * (sc * (s1 * w1 + s2 * w2 + s3 * w3) + (across << p))
-    odd = 2 * (kappa * (w1 * d1 + w2 * d2 + w3 * d3) + less * (c1 * d1 + c2 * d2 + c3 * d3))
-    odd += 4 * (sc * (s1 * d1 + s2 * d2 + s3 * d3) + (s1 * x1 + s2 * x2 + s3 * x3 << p))
-    slack *= over
-    most, least = (even + odd << 2 * p) + slack, (even - odd << 2 * p) - slack  # of degree 8
-    x.spend(POINT_WORK + (most.bit_length() ** 2 >> _POINT_BITS))
-    high, low = gain * (read + e) + (offset << p), gain * (read - e) + (offset << p)
-    if high + off < 0 or most > kappa * (high + off) ** 2 or least < 0:
-        return False
-    return low <= off or kappa * (low - off) ** 2 <= least
 
 
 class LegFormula(NamedTuple):

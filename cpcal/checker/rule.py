@@ -142,8 +142,7 @@ class Constraint:
             return high.times(-1)
         return body.times(-1) if side == "body" and factor is not None else body.times(0)
 
-    @property
-    def held(self) -> bool:
+    def held(self, factor: F | None) -> bool:
         """At a point."""
         return all(self.row(side, 0).constant <= 0 for side in SIDES)
 
@@ -158,16 +157,6 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
-def _untagged(side: str, k: int) -> int | None:
-    """Of rows that nothing may spoil."""
-    return None
-
-
-def _exact(k: int) -> tuple[float | F, ...]:
-    """Of constraints without readings."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Problem:
     """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
@@ -177,16 +166,16 @@ class Problem:
     count: int
     chosen: tuple[int, ...]
     constraint: Callable[[int, Unknowns, str], Any]  # k on a box, its reading's signs
-    radii: Callable[[int], tuple[float | F, ...]] = _exact  # of the readings of k: 0 where they are exact
+    radii: Callable[[int], tuple[float | F, ...]] = lambda k: ()  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
-    settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] | None = None  # rows; None: of Constraints
-    held: Callable[[Unknowns, int, str, F | None], bool] | None = None  # None: there are no readings
+    # rows of what is no Constraint; of some that have one formula
+    settled: Callable[[Unknowns, Sequence[Any], str], Iterable[Polynomial]] = lambda x, items, side: ()
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
     # so many tags of rows may be wrong: a step then has several sets of weights, and these spoil no more than some
     wrong: int = 0
-    tag: Callable[[str, int], int | None] = _untagged  # of a row
+    tag: Callable[[str, int], int | None] = lambda side, k: None  # of a row; None: nothing spoils it
 
     @staticmethod
     def of_rows(unknowns: int, count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]) -> Problem:
@@ -202,19 +191,21 @@ class Problem:
 
     def rows(self, x: Unknowns, table: Sequence[tuple[str, int, str]]) -> Iterator[tuple[int, Polynomial]]:
         """`row` of several, each with its place in the table."""
-        groups: dict[tuple[str, bool], list[int]] = {}
-        for n, (side, k, _) in enumerate(table):
-            groups.setdefault((side, any(self.radii(k))), []).append(n)
-        for (side, _), places in groups.items():
-            items = [self.constraint(k, x, signs) for _, k, signs in map(table.__getitem__, places)]
-            settled = self.settled or (lambda x, items, side: (item.row(side, signed(len(x))) for item in items))
-            yield from zip(places, settled(x, items, side), strict=True)
+        groups: dict[tuple[str, bool], list[tuple[int, Any]]] = {}
+        for n, (side, k, signs) in enumerate(table):
+            item = self.constraint(k, x, signs)
+            if isinstance(item, Constraint):
+                yield n, item.row(side, signed(len(x)))
+            else:
+                groups.setdefault((side, any(self.radii(k))), []).append((n, item))
+        for (side, _), group in groups.items():
+            places, items = zip(*group, strict=True)
+            yield from zip(places, self.settled(x, items, side), strict=True)
 
     def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]], factor: F | None = None) -> int | None:
         """The first of these numbers that it is not proved of that the point, a box of width zero, satisfies it: for
         some reading between the end that its signs name and the opposite one, or with a `factor` for all readings."""
-        held = self.held or (lambda x, k, signs, factor: self.constraint(k, x, signs).held)
-        return next((k for k, signs in points if not held(x, k, signs, factor)), None)
+        return next((k for k, signs in points if not self.constraint(k, x, signs).held(factor)), None)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""
