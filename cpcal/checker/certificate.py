@@ -10,13 +10,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from hashlib import sha256
-from math import prod
 from pathlib import Path
 from typing import Any
 
 from .files import A_FILE, WORK, Budget, Lines, opened
-from .leg import EXTRA, ExactCampaign, beside, check_model, leg_problem
-from .polynomial import READINGS, Polynomial, Spend, constant, dyadics, unknown
+from .leg import EXTRA, NAME, ExactCampaign, check_model, leg_problem
+from .polynomial import READINGS, Polynomial, Spend, constant, least, substituted, unknown
 from .readers import (
     Reader,
     Refused,
@@ -34,7 +33,7 @@ from .readers import (
     text,
     whole,
 )
-from .rule import Box, Constraint, Problem, Row, Rule, Unknowns, Weights, meeting
+from .rule import Box, Constraint, Images, Problem, Row, Rule, Unknowns, Weights, meeting
 
 # what a certificate claims, and what of it was accepted --------------------------------------------------------------
 
@@ -144,9 +143,9 @@ def _leg(
         header = dict(header)
         forms = _FORMS(header.pop("forms"))
     _, digest, leg, model, count, only, lo, hi = _LEG(header)
-    campaign = beside(certificate, digest) if given is None else given
-    if isinstance(campaign, Path):
-        campaign = ExactCampaign(campaign)
+    own = certificate.parent / f"{digest[:12]}.{NAME}"  # which is named after its digest
+    beside = own if digest[:12].isalnum() and own.exists() else certificate.parent / NAME
+    campaign = given if isinstance(given, ExactCampaign) else ExactCampaign(given or beside)
     if digest != campaign.sha256:
         raise Refused("the campaign is another one: its SHA-256 differs", "campaign")
     if count != len(campaign) or leg > campaign.legs or (only or (0,))[-1] >= count:
@@ -160,19 +159,16 @@ def _leg(
     root = _box(lo, hi, len(problem.unknowns) - len(forms))
     if root.lo[-1] < 0:
         raise Refused("eps is negative in the box of the problem")
-    return replace(problem, forms=forms), with_forms(root, forms)
+    return replace(problem, forms=forms), with_forms(root, stated, lines.spend)
 
 
-def with_forms(root: Box, forms: Sequence[Given]) -> Box:
+def with_forms(root: Box, forms: Sequence[Polynomial], spend: Spend) -> Box:
     """With a power of two for each form that none of its values on the box is above."""
-    most, ends = dyadics([max(-a, b) for a, b in zip(root.lo, root.hi, strict=True)]), list[F]()
-    for form in forms:
-        by, degree = dyadics([abs(c) for _, c in form]), max((len(m) for m, _ in form), default=0)
-        sizes = (
-            c * prod(most.values[v] for v in m) << most.power * (degree - len(m))
-            for c, (m, _) in zip(by.values, form, strict=True)
-        )
-        ends.append(F(1 << (sum(sizes) >> by.power + most.power * degree).bit_length()))
+    most, ends = tuple(max(-a, b) for a, b in zip(root.lo, root.hi, strict=True)), list[F]()
+    images = Images(Box(tuple(-v for v in most), most), spend)
+    for form in (substituted(form, images) for form in forms):
+        largest = -min(least(form, -1), least(form.times(-1), -1))  # the sum of the sizes of its terms
+        ends.append(F(1 << largest.__floor__().bit_length()))
     return Box((*root.lo, *(-end for end in ends)), (*root.hi, *ends))
 
 

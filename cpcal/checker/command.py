@@ -88,7 +88,7 @@ def _legs(run: Path, work: int) -> Iterator[tuple[bool, str]]:
         said = f"PROVED: {claims}" if claims else "not certified"
         yield leg.refused is None, f"leg {leg.leg}: {said if leg.refused is None else f'REFUSED: {leg.refused}'}"
     yield True, f"{_NOT_JUDGED} whether the measurements determine the parameters; {_COMPUTES} again."
-    if not any(leg.refused is not None or leg.certified for leg in legs):
+    if not any(leg.refused is not None or leg.accepted or leg.points or leg.robust for leg in legs):
         raise Unusable("no leg of the run is certified")
 
 
@@ -96,7 +96,7 @@ def _outliers(leg: RobustChecked) -> str:
     """Of a leg of whose measurements some may be wrong."""
     found = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
     found += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
-    return "; ".join([*found, f"at most {leg.outliers} wrong"]) if found else ""
+    return "; ".join([*found, f"at most {leg.outliers} wrong"])
 
 
 def stated(accepted: Accepted) -> str:

@@ -192,15 +192,12 @@ class Rows:
         else:
             image, j = divmod(k, 12)
             above, below = self.sets[image][sign > 0][j].as_integer_ratio()
-            found = below * self.pose(image)[j] - self._scale(image, j) * above
+            scale = self.study.motion(image)[1] if self.stage == "frames" else 1  # of the pose, but for its units
+            found = below * self.pose(image)[j] - (scale << (self._mm if j >= 9 else 0)) * above
         found = found * sign
         if limit:
             found = found * (1 << _FINE) - (limit * (1 << _FINE)).__ceil__()
         return found.terms
-
-    def _scale(self, image: int, j: int) -> int:
-        """What `pose` is times an entry of the board's pose."""
-        return (self.study.motion(image)[1] if self.stage == "frames" else 1) << (self._mm if j >= 9 else 0)
 
     def pose(self, image: int) -> list[Form]:
         """The board's turn (9) and place (3) before the camera: unknowns, or by the frames and times n; in units."""

@@ -140,7 +140,8 @@ def _check_lens(study: Study, pixels: Sequence[Sequence[F]], distortion: Sequenc
 
 
 def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F | None]:
-    """For each point the larger excess `|residual| - half-width` of its two axes, px; None where it is not in front.
+    """For each image the largest excess `|residual| - half-width` of its points on either axis, from 0, px; None where
+    a point is not in front of the camera.
 
     `placed` (14): position and quaternion of X, then of F; `readings`: (d, w) of each pose, or at the stated ones.
     """
@@ -155,26 +156,21 @@ def errors(study: Study, placed: Sequence[F], readings: Readings = ()) -> list[F
             turn = transposed(turn)
             place = [-v for v in applied(turn, place)]
         maps.append(before_camera(x_turn, [F(0)] * 3, f_turn, f_place, turn, minus(place, x_place)))
-    found: list[F | None] = []
+    found: list[F | None] = [F(0)] * len(maps)
     for image, ray, p, width in zip(study.image, study.rays, study.points, study.half_width, strict=True):
         x, y, z = plus(applied(maps[image][0], p), maps[image][1])
         off = (
             abs(f * a / z - (v - c)) if z else F(0)
             for f, a, v, c in zip(study.focal, (x, y), ray, study.center, strict=True)
         )
-        found.append(max(off) - width if z > 0 else None)
+        before = found[image]
+        found[image] = max(before, max(off) - width) if z > 0 and before is not None else None
     return found
 
 
 def _turn(q: Sequence[F]) -> Sequence[Sequence[F]]:
     rows, norm = rotation(q)
     return [[F(v, norm) for v in row] for row in rows]
-
-
-def largest(excess: Iterable[F | None]) -> F | None:
-    """The largest of them, from 0; None where some point is not in front of the camera."""
-    found = list(excess)
-    return None if None in found else max([F(0), *(one for one in found if one is not None)])
 
 
 def parameter_ranges(lo: Sequence[F], hi: Sequence[F], about: Sequence[F]) -> tuple[list[float], list[float]]:
@@ -369,8 +365,8 @@ class _Run:
             raise Refused("has groups of images that so many wrong ones could spoil")
         return claims
 
-    def excess(self, placed: Sequence[F], given: Any) -> list[F | None]:
-        """The errors of all points at frames and the readings that are stated with them."""
+    def errors(self, placed: Sequence[F], given: Any) -> list[F | None]:
+        """Those of all images at frames and the readings that are stated with them."""
         readings = [[exact(v) for v in array(one, 6)] for one in array(given)]
         if readings and not self.study.uncertain:
             raise Refused("states readings of poses that are exact")
@@ -380,10 +376,6 @@ class _Run:
             if any(abs(v) > width for v, width in zip(one, widths, strict=True)):
                 raise Refused("states a reading of a pose that is beyond its half-width")
         return errors(self.study, placed, readings)
-
-    def largest(self, excess: Sequence[F | None], images: Iterable[int]) -> F | None:
-        chosen = set(images)
-        return largest(one for k, one in zip(self.study.image, excess, strict=True) if k in chosen)
 
     # statements
 
@@ -438,10 +430,11 @@ class _Run:
 
     def upper_end(self) -> str:
         """eps_hi, computed again at the point."""
-        point = _placed(self.result["point"])
-        worst = self.largest(self.excess(point, self.result["readings"]), self.kept())
-        if worst is None:
-            raise Refused("states a point that puts the target behind the camera")
+        point, kept, worst = _placed(self.result["point"]), self.kept(), F(0)
+        for k, one in enumerate(self.errors(point, self.result["readings"])):
+            if one is None and k in kept:
+                raise Refused("states a point that puts the target behind the camera")
+            worst = worst if one is None or k not in kept else max(worst, one)
         if exact(self.result["eps_hi"]) != F(up(worst)):
             raise Refused("states an eps_hi that is not the largest error of a pixel at the point")
         if not holds(point, self.center, self.reach, self.angle):
@@ -450,10 +443,9 @@ class _Run:
 
     def least_squares(self) -> str:
         said, eps, kept = self.result["classical"], self.tolerance(), set(self.kept())
-        excess, each = self.excess(self.center, said["readings"]), []
-        same("number of images", len(said["images"]), len(self.study.images))
-        for k, (name, verdict) in enumerate(zip(self.study.images, said["images"], strict=True)):
-            one = self.largest(excess, [k])
+        worst, failing, found = F(0), 0, self.errors(self.center, said["readings"])
+        same("number of images", len(said["images"]), len(found))
+        for k, (name, verdict, one) in enumerate(zip(self.study.images, said["images"], found, strict=True)):
             if one is None and k in kept:
                 raise Refused(f"puts points of {shown(name)} behind the camera")
             stated, ok = verdict["largest"], one is not None and one <= eps
@@ -461,11 +453,9 @@ class _Run:
                 ("image", verdict["image"], name), ("verdict on an image", verdict["ok"], ok),
                 ("error in an image", None if stated is None else exact(stated), None if one is None else F(up(one))),
             ])  # fmt: skip
-            each.append((k in kept, one, ok))
-        worst = max((one for fitted, one, _ in each if fitted and one is not None), default=F(0))
+            worst, failing = max(worst, one or F(0)) if k in kept else worst, failing + (not ok)
         same("largest error", exact(said["largest"]), F(up(worst)))
-        failing = sum(not ok for *_, ok in each)
-        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(each)} images"
+        return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(found)} images"
 
     def wrong_images(self) -> str:
         blamed, count = array(self.result["blamed"]), self.outliers()

@@ -479,9 +479,3 @@ def _depth(value: Any) -> int:
     if not isinstance(value, dict | list):
         return 0
     return 1 + max(map(_depth, value.values() if isinstance(value, dict) else value), default=0)
-
-
-def beside(certificate: Path, sha256: str) -> ExactCampaign:
-    """The campaign beside a certificate: the file that is named after its digest, where there is one."""
-    own = certificate.parent / f"{sha256[:12]}.{NAME}"
-    return ExactCampaign(own if sha256[:12].isalnum() and own.exists() else certificate.parent / NAME)

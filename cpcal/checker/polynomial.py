@@ -6,7 +6,7 @@ is the sum of their integers. The first READINGS variables are those of a readin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction as F
 from functools import lru_cache, reduce
 from operator import add, itemgetter, mul, or_, sub
@@ -18,7 +18,6 @@ FIELD = 6
 READINGS = 7
 MOST_TERMS = 100_000  # of one polynomial
 MOST_HELD = 500_000  # terms of all polynomials that one sum, or the rows of a step, hold: each for every 512 bits of it
-_MOST_KEPT = 100_000  # of all that are remembered of one kind
 _LONG = 1024  # bits behind the point
 _MOST_BITS = 4096  # of a coefficient over the common power of two
 Spend = Callable[[int], None]
@@ -121,7 +120,7 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomia
     return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
 
 
-def substituted(p: Polynomial, images: Kept) -> Polynomial:
+def substituted(p: Polynomial, images: Mapping[int, Polynomial]) -> Polynomial:
     """With what is put for each monomial."""
     return combined(((c, images[monomial]) for monomial, c in p.terms.items()), p.spend).times(1, p.exponent)
 
@@ -200,24 +199,6 @@ def transposed(matrix: Sequence[Row]) -> list[Row]:
 
 def cross(x: Row, y: Row) -> list[Any]:
     return [x[k - 2] * y[k - 1] - x[k - 1] * y[k - 2] for k in range(3)]
-
-
-class Kept(dict[int, Polynomial]):
-    """Polynomials that are formed when first used, and forgotten when they are too many."""
-
-    _size = 0
-
-    def form(self, key: int) -> Polynomial:
-        raise NotImplementedError
-
-    def __missing__(self, key: int) -> Polynomial:
-        found = self.form(key)
-        self._size += found.size
-        if self._size > _MOST_KEPT:
-            self.clear()
-            self._size = found.size
-        self[key] = found
-        return found
 
 
 def too_many(most: int, what: str) -> Refused:

@@ -14,7 +14,6 @@ from .polynomial import (
     MOST_HELD,
     MOST_TERMS,
     READINGS,
-    Kept,
     Numbers,
     Polynomial,
     Spend,
@@ -31,6 +30,7 @@ from .polynomial import (
 # constraints with readings, and what they say in the coordinates of a box --------------------------------------------
 
 SIDES = ("upper", "lower", "sign", "body")
+_MOST_KEPT = 100_000  # terms of what is put for monomials
 
 
 @dataclass(frozen=True)
@@ -90,26 +90,33 @@ class Unknowns:
         return self._parts[count]
 
     @cached_property
-    def images(self) -> Kept:
+    def images(self) -> Images:
         """What is put for each monomial in x."""
-        return _Images(self.box, self.spend)
+        return Images(self.box, self.spend)
 
 
-class _Images(Kept):
-    """By monomial in x, the product of the variables of its fields in the coordinates of a box."""
+class Images(dict[int, Polynomial]):
+    """By monomial in x, the product of the variables of its fields in the coordinates of a box: formed when first used,
+    all forgotten when they are too many."""
 
     def __init__(self, box: Box, spend: Spend) -> None:
-        self._box, self._spend = box, spend
+        self._box, self._spend, self._size = box, spend, 0
 
-    def form(self, monomial: int) -> Polynomial:
+    def __missing__(self, monomial: int) -> Polynomial:
+        field = max((monomial & -monomial).bit_length() - 1, 0) // FIELD  # the first
+        one, x, i = 1 << FIELD * field, Unknowns(self._box, self._spend), field - READINGS
         if not monomial:
-            return constant(F(1), self._spend)
-        field = ((monomial & -monomial).bit_length() - 1) // FIELD
-        one = 1 << FIELD * field
-        if monomial != one:
-            return self[monomial - one] * self[one]
-        x, i = Unknowns(self._box, self._spend), field - READINGS
-        return x.variable(field, x.center(i), x.radius(i))
+            found = constant(F(1), self._spend)
+        elif monomial == one:
+            found = x.variable(field, x.center(i), x.radius(i))
+        else:
+            found = self[monomial - one] * self[one]
+        self._size += found.size
+        if self._size > _MOST_KEPT:
+            self.clear()
+            self._size = found.size
+        self[monomial] = found
+        return found
 
 
 @dataclass(frozen=True)
@@ -124,7 +131,7 @@ class Constraint:
     at_most: Polynomial | None
     factor: Polynomial | None = None
 
-    def on(self, images: Kept) -> Constraint:
+    def on(self, images: Images) -> Constraint:
         """With what is put for each monomial."""
         low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
         return Constraint(substituted(self.body, images), low, high, self.factor)

@@ -44,26 +44,18 @@ class LegChecked:
     refused: str | None = None
     ranges: Accepted | None = None  # of the parameters at a tolerance
     points: tuple[tuple[str, Accepted], ...] = ()  # by the keys of the result: what points meet whatever the readings
-    robust: RobustChecked | None = None  # with outliers: then no accepted or ranges
-
-    @property
-    def certified(self) -> bool:
-        return bool(self.accepted or self.points or (self.robust and self.robust.certified))
+    robust: RobustChecked | None = None  # with outliers: then no accepted or ranges; None where nothing is certified
 
 
 @dataclass(frozen=True)
 class RobustChecked:
-    """What is proved of a leg of whose measurements some may be wrong; None where it is not certified."""
+    """What is proved of a leg of whose measurements some may be wrong; None where an end is not certified."""
 
     outliers: int
     lo: F | None
     hi: F | None
     left_out: tuple[str, ...]
     proofs: int
-
-    @property
-    def certified(self) -> bool:
-        return self.lo is not None or self.hi is not None
 
 
 def check_run(folder: Path, *, work: int = 0) -> list[LegChecked]:
@@ -170,7 +162,10 @@ class _Leg:
         found = ranges = None
         if stated is not None and stated["certificate"] is not None:
             ranges = self.accepted(stated["certificate"], every, stated["eps"])
-            compare(self.of_the_ranges(stated, ranges))
+            same("eps of the ranges", exact(stated["eps"]), ranges.claims.cap)
+            if stated["certificate"] != name:  # of one eps that was asked about
+                same("point of the ranges", None, ranges.claims.point)
+            compare(self.of_the_hull(stated["box"], ranges, empty=ranges.claims.infeasible))
         if name is None:
             nothing_beside(bracket, "status", "lo", "hi", "point", "center", "enclosure", "left_out")
         else:
@@ -276,13 +271,6 @@ class _Leg:
             return refuted, claims.cap if refuted else 0
         return refuted, "inf" if refuted else claims.eps_lo or 0
 
-    def of_the_ranges(self, stated: Json, accepted: Accepted) -> Stated:
-        """The parameters at one eps."""
-        yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
-        if stated["certificate"] != self.leg["bracket"]["certificate"]:  # of one eps that was asked about
-            yield "point of the ranges", None, accepted.claims.point
-        yield from self.of_the_hull(stated["box"], accepted, empty=accepted.claims.infeasible)
-
     def of_the_hull(self, box: Json, accepted: Accepted, *, empty: bool) -> Stated:
         yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in self.result["model"]["parameters"])]
         sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
@@ -329,7 +317,8 @@ class _Leg:
             same("eps_hi", hi, claims.eps_hi)  # which a point proves that holds at all of these
             at = () if claims.point is None else claims.point.at[:-1]
             same("point", [exact(v) for v in bracket["point"]], list(at))
-        return LegChecked(self.leg["leg"], None, robust=RobustChecked(outliers, lo, hi, names, len(proofs)))
+        proved = None if lo is hi is None else RobustChecked(outliers, lo, hi, names, len(proofs))
+        return LegChecked(self.leg["leg"], None, robust=proved)
 
 
 def where(key: str, of: Json) -> Any:

@@ -113,10 +113,6 @@ class Sight:
         swing = half_turn(matrix(turned(moved[:9], turn, pose[3:])))
         return [*plus(away, more), *(2 * v.size for v in swing)]
 
-    def rooted(self, parts: Vector) -> Box:
-        """Outward; t in [-1, 1] behind them."""
-        return box_of([*parts, *[UNIT] * self.cameras.size], _OUTWARD)
-
 
 def sight_of(inputs: Any) -> Sight:
     """What is assumed, read and checked. Raises Refused."""
@@ -435,11 +431,12 @@ def joined(parts: Sequence[Part], outliers: int) -> tuple[tuple[F, ...], Box | N
 
 def rows_of(sight: Sight, dots: Sequence[int], turn: Sequence[F], before: tuple[Sequence[F], Box] | None) -> Rows:
     """Of a certificate about a quaternion: a first one, or one that begins with a box about another quaternion."""
-    if before is None:
-        return Rows(sight, dots, turn, sight.rooted([*[UNIT] * 9, *[ZERO.around(FARTHEST)] * 3]), placed=False)
-    about, box = before
-    held = bounds_of(box)
-    return Rows(sight, dots, turn, sight.rooted([*turned(held[:9], about, turn), *held[9:12]]), placed=True)
+    parts = [*[UNIT] * 9, *[ZERO.around(FARTHEST)] * 3]
+    if before is not None:
+        about, held = before[0], bounds_of(before[1])
+        parts = [*turned(held[:9], about, turn), *held[9:12]]
+    root = box_of([*parts, *[UNIT] * sight.cameras.size], _OUTWARD)  # t behind them
+    return Rows(sight, dots, turn, root, placed=before is not None)
 
 
 class PoseCertificates(Certificates):

@@ -67,7 +67,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool 
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:
             yield False, f"leg {leg.leg}: REFUSED, {leg.refused}"
-        elif leg.robust is not None and leg.robust.certified:
+        elif leg.robust is not None:
             yield True, f"leg {leg.leg}, at most {leg.robust.outliers} wrong: {'; '.join(_outliers(leg.robust))}"
         elif leg.accepted is None:
             yield True, f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"
@@ -82,7 +82,7 @@ def of_run(run: Path, checked: Callable[[], list[LegChecked]], *, verbose: bool 
             yield from ((True, f"leg {leg.leg}: {sentence}") for sentence in contractors_sentences(found))
     if verbose:
         yield True, INFORMATION
-    if not any(leg.accepted or leg.refused or (leg.robust and leg.robust.certified) for leg in legs):
+    if not any(leg.accepted or leg.refused or leg.robust for leg in legs):
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise NothingCertifiedError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
 

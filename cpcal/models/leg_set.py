@@ -24,14 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.checker.certificate import Given, with_forms
+from cpcal.checker.certificate import Given, polynomial, with_forms
 from cpcal.checker.platform import DIRECTION_BITS, Commanded, direction_form
 from cpcal.common.errors import unusable
 from cpcal.common.values import Floats
 from cpcal.models import PLAIN, ModelResiduals, leg_box, leg_network, leg_statement, of_measurements
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import exact_box, leg_sides
+from cpcal.solver.certificate.exact_network import exact_box, free, leg_sides
 from cpcal.solver.certificate.prover import WeightProver, write_steps
 from cpcal.solver.contract import Repeat, SupportFunction, elements, gives_weights, shrunk
 from cpcal.solver.interval import Box, IntervalArray
@@ -166,7 +166,7 @@ def enclosed_leg(asked: AskedSet, *, poses: Sequence[Commanded], certificate: Pa
     forms = (*(pose.form(known) for pose in poses), *map(direction_form, directions))
     statement = leg_statement(asked.campaign, asked.leg, asked.only, forms=forms)
     plain = asked.network()
-    root = with_forms(exact_box(plain.domain), forms)
+    root = with_forms(exact_box(plain.domain), [polynomial(form, free) for form in forms], free)
     names = (*plain.names, *(f"form {k}" for k in range(len(forms))))
     box = Box(names, [float(v) for v in root.lo], [float(v) for v in root.hi])
     steps: list[dict[str, Any]] = []

@@ -22,7 +22,6 @@ from cpcal.checker.hand_eye import (
     check_hand_eye,
     errors,
     known_point,
-    largest,
     parameter_ranges,
 )
 from cpcal.checker.polynomial import applied, plus
@@ -341,8 +340,8 @@ def certify_hand_eye(
     if not asked.holds(point):
         raise unusable("option --within", "leaves out the best frames found", "give a larger box")
     readings, own = (_stated_readings(study, kept, of.readings) for of in (best, classical))
-    at_point = [error for k, error in enumerate(_image_errors(study, point, readings)) if k in kept]
-    eps_hi = max(up(error) for error in at_point if error is not None)  # the fit keeps all points in front
+    at_point = errors(exact_study(study), point.numbers, tuple(map(exact, readings)))
+    eps_hi = max(up(at_point[k] or F(0)) for k in kept)  # the fit keeps all points in front
     tell(f"some frames explain every pixel of {len(kept)} images to {at_most(eps_hi, 7)} px")
     eps = _BEYOND * eps_hi if tolerance is None else tolerance
     judged = _judged(study, kept, asked.center, own, eps)
@@ -404,17 +403,11 @@ def _stated_readings(study: HandEyeStudy, kept: Sequence[int], values: Floats) -
     return tuple(map(tuple, readings.tolist())) if study.uncertain else ()
 
 
-def _image_errors(study: HandEyeStudy, placed: PlacedFrames, readings: Sequence[Reading]) -> list[F | None]:
-    """The largest error in each image, exactly; None where some point is behind the camera."""
-    excess = errors(exact_study(study), placed.numbers, tuple(map(exact, readings)))
-    return [largest(excess[n] for n in np.flatnonzero(study.image == k)) for k in range(len(study.images))]
-
-
 def _judged(
     study: HandEyeStudy, kept: Sequence[int], placed: PlacedFrames, readings: tuple[Reading, ...], eps: float
 ) -> Classical:
     """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
-    worst = _image_errors(study, placed, readings)
+    worst = errors(exact_study(study), placed.numbers, tuple(map(exact, readings)))
     for k in kept:
         if worst[k] is None:
             what = f"puts points of {study.images[k]} behind the camera"

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import cpcal.checker
 from cpcal.checker.frames import E_, R_X, T_X
-from cpcal.checker.hand_eye import errors, known_point, largest, parameter_ranges
+from cpcal.checker.hand_eye import errors, known_point, parameter_ranges
 from cpcal.checker.readers import dyadic
 from cpcal.cli import app
 from cpcal.common.errors import InputError
@@ -226,8 +226,8 @@ def test_the_wrong_image_is_named_and_proved(wrong):
 def test_the_point_explains_the_pixels_at_its_readings_and_not_at_the_stated_poses(uncertain):
     study, result = exact_study(uncertain.study), uncertain.result
     point = result.point.numbers
-    assert largest(errors(study, point, tuple(map(exact, result.readings)))) <= result.eps_hi
-    assert largest(errors(study, point)) > result.eps_hi
+    assert max(errors(study, point, tuple(map(exact, result.readings)))) <= result.eps_hi
+    assert max(errors(study, point)) > result.eps_hi
     assert (np.abs(np.array(result.readings)) <= uncertain.study.pose_half_width).all()
 
 
