@@ -365,7 +365,11 @@ class _Check:
         if lo is not None and (least is None or not least <= lo <= cap or (self.problem.model and least != 0)):
             raise Refused("eps_lo lies between the least eps of the problem, which is 0 for a leg, and cap")
         point = None if given is None else self._point(*given)
-        if hi is not None and not (lo <= hi and point is not None and self._attains(point, hi)):
+        attained = False
+        if o is not None and point is not None and point.factor is None:
+            everywhere = self.root.holds(point.at, point.at) and point.holds == self.problem.chosen
+            attained = everywhere and point.at[o] == hi
+        if hi is not None and not (lo <= hi and attained):
             raise Refused("eps_hi is not proved: no point of the box with it satisfies every measurement", "proof")
         return Claims(cap, infeasible, lo, hi, None if hull is None else tuple(hull), point)
 
@@ -398,11 +402,6 @@ class _Check:
             if not p.fails(x, *row):
                 raise Refused(f"it is not proved that the point fails at measurement {row[1]}", "proof")
         return Point(at, good, bad, factor)
-
-    def _attains(self, point: Point, value: F) -> bool:
-        o = self.problem.objective
-        everywhere = self.root.holds(point.at, point.at) and point.holds == self.problem.chosen
-        return o is not None and everywhere and point.factor is None and point.at[o] == value
 
     # the steps ----------------------------------------------------------------------------------------------------
 

@@ -181,7 +181,10 @@ class Rows:
             raise Refused(f"there is no row {side} {k}")
         kind, sign, limit = side[:-1], 1 if side[-1] == "+" else -1, F(0)
         if kind in "uv":
-            return self._pixel(k, "uv".index(kind), sign).terms
+            axis, pose, p = "uv".index(kind), self.pose(self.study.image[k]), self._points[k]
+            x, z = (inner(pose[3 * a : 3 * a + 3], p) + pose[9 + a] for a in (axis, 2))
+            pixel: Form = x * (sign * self._focal[axis]) - z * (sign * self._off[2 * k + axis] + self._width[k])
+            return pixel.terms
         if kind == "turn":
             part, k = divmod(k, EQUATIONS)
             found = turn_equations(self.first[part - 2] if part > 1 else (R_X, R_F)[part][0])[k]
@@ -216,12 +219,6 @@ class Rows:
     def _mms(self, unknowns: Iterable[int]) -> list[Form]:
         """In units of 2^-mm."""
         return [v * (1 << self._mm) for v in forms(unknowns)]
-
-    def _pixel(self, n: int, axis: int, sign: int) -> Form:
-        pose, p = self.pose(self.study.image[n]), self._points[n]
-        x, z = (inner(pose[3 * a : 3 * a + 3], p) + pose[9 + a] for a in (axis, 2))
-        found: Form = x * (sign * self._focal[axis]) - z * (sign * self._off[2 * n + axis] + self._width[n])
-        return found
 
     def links(self, image: int) -> list[tuple[Form, F]]:
         """The 12 equations R_X (A, t) + t_X = T F for the reading T of a pose, and what they may be off.

@@ -84,19 +84,6 @@ _ASKED = record(
 # the study ----------------------------------------------------------------------------------------------------------
 
 
-def read_study(path: Path, work: int) -> tuple[Study, str, Budget]:
-    """The study of a file, its SHA-256, and what is left to spend on its run. Raises Unusable, Refused."""
-    given = content(path)
-    with reading(STUDY_NAME):
-        data = parsed(given, finite)
-        points = len(array(data["points"]))
-        budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
-        if points > _MOST_POINTS:
-            raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
-        budget.spend(_ERRORS_WORK * points)
-        return _study(data), sha256(given).hexdigest(), budget
-
-
 def _study(data: Json) -> Study:
     same("format", data["format"], STUDY_FORMAT)
     camera, setup = data["camera"], choice(*_SETUPS)(data["setup"])
@@ -305,10 +292,17 @@ class _Run:
     """A study, a box, and what is stated of the images that are not left out, from certificates or at given frames."""
 
     def __init__(self, folder: Path, work: int) -> None:
-        self.study, digest, budget = read_study(folder / STUDY_NAME, work)
-        given = content(folder / HAND_EYE_NAME)
-        self.certificates = HandEyeCertificates(folder, self.study, digest, budget)
-        self.result = parsed(given, finite)
+        given = content(folder / STUDY_NAME)
+        with reading(STUDY_NAME):
+            data = parsed(given, finite)
+            points = len(array(data["points"]))
+            budget = Budget(work or WORK + _POINT_WORK * max(0, points - _POINTS))
+            if points > _MOST_POINTS:
+                raise Refused(f"holds more than {_MOST_POINTS} points", "limit")
+            budget.spend(_ERRORS_WORK * points)
+            self.study = _study(data)
+        self.certificates = HandEyeCertificates(folder, self.study, sha256(given).hexdigest(), budget)
+        self.result = parsed(content(folder / HAND_EYE_NAME), finite)
         with reading(HAND_EYE_NAME):
             same("format", self.result["format"], HAND_EYE_FORMAT)
             asked: Json = self.result["asked"]

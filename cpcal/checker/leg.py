@@ -177,11 +177,6 @@ class Measurement:
         self.given, self.radii = given, tuple(widths)
         self.uncertain = any(self.radii)
 
-    @property
-    def shortest(self) -> F:
-        """Of the lengths that the reading may stand for."""
-        return F(self.given[-1]) - F(self.radii[-1])
-
 
 def leg_problem(
     rows: Callable[[int], Measurement],
@@ -442,21 +437,18 @@ class ExactCampaign:
             raise Refused("it is nested too deeply")
         if isinstance(data["robot"], dict):
             self.robot = data["robot"].get("name")
-        for cells in array(data["measurements"]):
-            self._add(array(cells))
+        for cells in map(array, array(data["measurements"])):
+            self.legs = self.legs or (len(cells) - 15) // 2
+            if self.legs < 1 or len(cells) != 15 + 2 * self.legs:
+                raise Refused(f"a list of {15 + 2 * max(self.legs, 1)} is needed here")
+            name, numbers = f"{text(cells[0])}/{text(cells[1])}", decimals(cells[2:])
+            if not any(numbers[3:7]) or min(numbers[7 + self.legs :]) < 0:
+                raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
+            if self.place.setdefault(name, len(self.place)) * len(numbers) < len(self._numbers):
+                raise Refused(f"two measurements have the name {shown(name)}")
+            self._numbers.extend(numbers)
         if not self.place:
             raise Refused("it lacks measurements")
-
-    def _add(self, cells: list[Any]) -> None:
-        self.legs = self.legs or (len(cells) - 15) // 2
-        if self.legs < 1 or len(cells) != 15 + 2 * self.legs:
-            raise Refused(f"a list of {15 + 2 * max(self.legs, 1)} is needed here")
-        name, numbers = f"{text(cells[0])}/{text(cells[1])}", decimals(cells[2:])
-        if not any(numbers[3:7]) or min(numbers[7 + self.legs :]) < 0:
-            raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
-        if self.place.setdefault(name, len(self.place)) * len(numbers) < len(self._numbers):
-            raise Refused(f"two measurements have the name {shown(name)}")
-        self._numbers.extend(numbers)
 
     def __len__(self) -> int:
         return len(self.place)
@@ -471,7 +463,8 @@ class ExactCampaign:
     def shortest(self, leg: int) -> F:
         """Of all lengths that the readings of a leg may stand for."""
         if leg not in self._shortest:
-            self._shortest[leg] = min(self.measurement(k, leg).shortest for k in range(len(self)))
+            every = (self.measurement(k, leg) for k in range(len(self)))
+            self._shortest[leg] = min(F(m.given[-1]) - F(m.radii[-1]) for m in every)
         return self._shortest[leg]
 
 

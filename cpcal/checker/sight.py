@@ -215,16 +215,14 @@ class Rows:
 
     def seen(self, k: int) -> _Seen:
         if k not in self._seen:
-            self._seen[k] = self._looked(k)
+            dot = self.sight.dots[k]
+            v = applied(self._turn, dot.at)
+            whole = [(c.middle + multiple(1, _FORM + 1)).floor(_FORM) for c in v]
+            off = total((c - multiple(w, _FORM)).size for c, w in zip(v, whole, strict=True))
+            seen = tuple(Form({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole)}) for i in AXES)
+            pixels = self._moved(dot, v) if self.sight.of_images else dot.pixels
+            self._seen[k] = _Seen(seen, off, self._planes(pixels))
         return self._seen[k]
-
-    def _looked(self, k: int) -> _Seen:
-        dot = self.sight.dots[k]
-        v = applied(self._turn, dot.at)
-        whole = [(c.middle + multiple(1, _FORM + 1)).floor(_FORM) for c in v]
-        off = total((c - multiple(w, _FORM)).size for c, w in zip(v, whole, strict=True))
-        seen = tuple(Form({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole)}) for i in AXES)
-        return _Seen(seen, off, self._planes(self._moved(dot, v) if self.sight.of_images else dot.pixels))
 
     def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
         """The box of pixels of a dot's centre, of one of the centre of its image."""

@@ -200,10 +200,18 @@ class Prover:
         boxes: int,
     ) -> Contracted:  # fmt: skip
         rows = Rows(self.exact, stage, images, F(eps), self.hand, self.board, sets, frames)
+
+        def every(i: int, j: int) -> bool:
+            return True
+
+        def lifted(i: int, j: int) -> bool:
+            """Poses of images are known so well that their products with the frames' rotations need no columns."""
+            return (i in _ROTATIONS and j in _ROTATIONS) or (i in R_X and j in E_)
+
         system = {
-            "image": lambda: System(rows, _all, range(12), range(9)),
-            "links": lambda: System(rows, _lifted, (*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
-            "frames": lambda: System(rows, _all, (*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
+            "image": lambda: System(rows, every, range(12), range(9)),
+            "links": lambda: System(rows, lifted, (*_ROTATIONS, *T_X, *E_, *F_), _ROTATIONS, T_F),
+            "frames": lambda: System(rows, every, (*_ROTATIONS, *E_, *F_), _ROTATIONS, (*T_F, *T_X)),
         }[stage]()
         return Descent(system, _GAIN[stage], boxes, end=end, tell=self._told(stage)).over(rows.root)
 
@@ -214,15 +222,6 @@ class Prover:
                 self.tell(f"{stage}: {'nothing is left' if width is None else f'rotations +-{at_most(width, 2)}'}")
 
         return say
-
-
-def _all(i: int, j: int) -> bool:
-    return True
-
-
-def _lifted(i: int, j: int) -> bool:
-    """Of links: poses of images are known so well that their products with the frames' rotations need no columns."""
-    return (i in _ROTATIONS and j in _ROTATIONS) or (i in R_X and j in E_)
 
 
 def _origins(study: HandEyeStudy, near: HandEyeFrames) -> tuple[tuple[F, ...], tuple[F, ...]]:

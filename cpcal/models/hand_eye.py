@@ -369,12 +369,6 @@ def _table(path: Path, required: list[str], optional: list[str], problems: Probl
 
 def save_hand_eye(study: HandEyeStudy, folder: str | os.PathLike[str]) -> Path:
     """Write the study's four files into `folder`; floats so that they are read back bit for bit. Raises InputError."""
-    write_folder(Path(folder), hand_eye_files(study), head=HANDEYE_NAME)
-    return Path(folder)
-
-
-def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
-    """The bytes of the four files, by name."""
     settings = document(HANDEYE_FORMAT, {"study": {"setup": study.setup, "camera": CAMERA_NAME}}, study.provenance)
     pose_columns, point_columns = POSE_COLUMNS, POINT_COLUMNS
     poses, points = [study.poses.position, study.poses.quaternion], [study.pixels, study.points]
@@ -384,12 +378,14 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
         point_columns, points = [*point_columns, "du"], [*points, study.half_width[:, None]]
     places, seen = (np.concatenate(parts, axis=1).tolist() for parts in (poses, points))
     named = zip(study.image, study.names, seen, strict=True)
-    return {
+    files = {
         HANDEYE_NAME: settings,
         CAMERA_NAME: camera_bytes(study.camera),
         POSES_NAME: csv_table(pose_columns, ([name, *row] for name, row in zip(study.images, places, strict=True))),
         POINTS_NAME: csv_table(point_columns, ([study.images[k], name, *row] for k, name, row in named)),
     }
+    write_folder(Path(folder), files, head=HANDEYE_NAME)
+    return Path(folder)
 
 
 # ------------------------------------------------------------------------------------------------------------------

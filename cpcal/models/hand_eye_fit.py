@@ -272,7 +272,11 @@ def classical_answer(study: HandEyeStudy) -> ClassicalAnswer:
         at, covariance, _ = _weighted_fit(model, at, max(alone, _LEAST_PIXEL), deviation)
         residuals = model(at)
     elif 0.0 < _APART * alone < rms:
-        weak = [*weak, _robot(alone, rms)]
+        weak.append(
+            f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses "
+            "are off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs "
+            "them"
+        )
     return ClassicalAnswer(
         frames=at.frames,
         readings=at.readings,
@@ -377,14 +381,6 @@ def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:
         part = _NAMES[int(np.argmax(np.abs(vectors[:, 0]))) // 3]
         weak.append(f"the pixels leave a combination undetermined that moves the {part} most")
     return variance * inverse_ / np.outer(scale, scale), weak
-
-
-def _robot(alone: float, rms: float) -> str:
-    """What single images fit to, beside all together."""
-    return (
-        f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses are "
-        "off by more than the pixels. cpcal handeye study --of STUDY --off estimated makes a study that weighs them"
-    )
 
 
 # ------------------------------------------------------------------------------------------------------------------

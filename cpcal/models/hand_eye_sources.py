@@ -234,11 +234,15 @@ _SHORTEST = 1e-6  # of a quaternion
 def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
     """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
     document = yaml_document(path, _REMEDY)
-    scale, names = 1000.0 if metres else 1.0, ("", "")
+    scale, names, both = 1000.0 if metres else 1.0, ("", ""), list[list[tuple[Floats, Floats]]]()
     try:
         if isinstance(document, dict) and "R_gripper2base" in document:
-            lists = ([_opencv(document[f"{part}_{name}"]) for part in "Rt"] for name in ("gripper2base", "target2cam"))
-            both = [[_motion(*motion) for motion in zip(*one, strict=True)] for one in lists]
+            for name in ("gripper2base", "target2cam"):
+                lists = [
+                    [value["data"] if isinstance(value, dict) else value for value in document[f"{part}_{name}"]]
+                    for part in "Rt"
+                ]
+                both.append([_motion(*motion) for motion in zip(*lists, strict=True)])
         else:
             samples = document.get("samples") if isinstance(document, dict) else document
             if not isinstance(samples, list) or not samples:
@@ -251,10 +255,6 @@ def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = 
         raise unusable(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY) from None
     hand, seen = (Pose(scale * np.array([t for t, _ in one]), np.array([q for _, q in one])) for one in both)
     return inverse(hand) if setup == "eye-to-hand" and names[0] == "robot" else hand, seen
-
-
-def _opencv(values: Any) -> list[Any]:
-    return [value["data"] if isinstance(value, dict) else value for value in values]
 
 
 def _pose(value: Any) -> tuple[Floats, Floats]:

@@ -74,14 +74,6 @@ def turned_pose(s: IntervalArray, center: Pose) -> IntervalArray:
     return (turn[..., :, :, None] * before[..., None, :, :]).sum(-2)[:, None]
 
 
-def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
-    """The gradient in s, (..., 3), of what changes by m.omega under a small turn omega of R(1, s).
-
-    R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), hence 2 (m - s x m) / (1 + s.s).
-    """
-    return (2.0 / (1.0 + s.sqr().sum(-1)))[..., None] * (m - cross(s, m))
-
-
 def crossing(v: IntervalArray) -> IntervalArray:
     """The matrices (..., 3, 3) of s -> s x v."""
     nothing = IntervalArray.of(np.zeros(v.shape[:-1]))
@@ -229,7 +221,10 @@ class Equations:
         unit = (self.vector / self.length[..., None])[:, :, None]
         of_position = turned_b - tau[..., :3] - unit * tau[..., 6:]
         of_turn = cross(turned_b, self.vector[:, :, None]) + cross(self.arm[:, :, None], of_position)
-        return joined([of_position, along_turn(self.cells.reach[:, None, None, 3:], of_turn)])
+        # R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), which changes it by of_turn.omega
+        s = self.cells.reach[:, None, None, 3:]
+        of_s = (2.0 / (1.0 + s.sqr().sum(-1)))[..., None] * (of_turn - cross(s, of_turn))
+        return joined([of_position, of_s])
 
     def bounds(self, deviation: IntervalArray) -> PoseBounds:
         """From F(0) without errors e."""
@@ -416,10 +411,6 @@ class Workspace:
         half = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
         return IntervalArray(lo * half, hi * half)  # halves of floats are exact
 
-    def sample(self, count: int) -> Pose:
-        """`count` poses drawn from it, always the same."""
-        return rotated(np.random.default_rng(1).uniform(self.lo, self.hi, (count, 6)))
-
 
 def rotated(rows: Floats) -> Pose:
     """Poses P, R(1, S) of rows (P, 2 S)."""
@@ -459,7 +450,8 @@ def cover(
     `tell` is called with the bracket of the worst bound, mm.
     """
     dividing = _Dividing(sets, workspace.box, gap, held)
-    search = Search(dividing.pieces(first_grid(workspace.box)), dividing, dividing.priority, abreast=_AT_ONCE)
+    first = dividing.pieces(first_grid(workspace.box))
+    search = Search(first, dividing, lambda node: -float(node.state.worth), abreast=_AT_ONCE)
     while True:
         if tell is not None:
             waits = 0.0 if search.lowest is None else max(-search.lowest, 0.0)
@@ -495,10 +487,6 @@ class _Dividing:
         self._sets, self._gap, self._held = sets, gap, held
         self._width = np.where(whole.hi > whole.lo, whole.hi - whole.lo, np.inf)
         self.at, self.attained, self.highest_kept = whole.mid, 0.0, 0.0
-
-    @staticmethod
-    def priority(node: Node) -> float:
-        return -float(node.state.worth)
 
     def pieces(self, boxes: IntervalArray) -> list[Piece]:
         """Cells (K, 6) with their bounds."""

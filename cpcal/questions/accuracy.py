@@ -271,7 +271,9 @@ def certify_accuracy(
     named = poses or NamedPoses((), Pose(np.zeros((0, 3)), np.zeros((0, 4))))
     pairs = zip(named.poses.position, named.poses.quaternion, strict=True)
     commanded = [Commanded(_exact(position), _exact(quaternion)) for position, quaternion in pairs]
-    places = [named.poses] if workspace is None else [named.poses, workspace.sample(_SAMPLE)]
+    places = [named.poses]
+    if workspace is not None:
+        places.append(rotated(np.random.default_rng(1).uniform(workspace.lo, workspace.hi, (_SAMPLE, 6))))
     away = [distance_from_measured(campaign, inverse_kinematics(robot, some)) for some in places]
     far = np.concatenate(away).max(axis=0, initial=0.0).tolist()
     rows = [_kept(campaign, leg.bracket.left_out) for leg in result.legs]

@@ -19,7 +19,7 @@ from cpcal.common.errors import InputError
 from cpcal.files import campaign_sha256
 from cpcal.files.folders import save_campaign_json
 from cpcal.models import PARAMETERS, fit_model
-from cpcal.models.platform import Workspace
+from cpcal.models.platform import Workspace, rotated
 from cpcal.questions.accuracy import (
     FAR,
     NamedPoses,
@@ -116,7 +116,7 @@ def test_what_is_asked_by_default_is_measured_or_needs_no_readings_beyond_and_u_
     assert not distance_from_measured(known.campaign, known.campaign.length).any()
     space, said = proposed_workspace(known.campaign, known.controller, ())
     assert "% of the measured positions' range" in said
-    poses = space.sample(50)
+    poses = rotated(np.random.default_rng(1).uniform(space.lo, space.hi, (50, 6)))
     length = inverse_kinematics(known.controller, poses)
     assert (known.campaign.length.min(axis=0) <= length).all()
     assert (length <= known.campaign.length.max(axis=0)).all()
@@ -233,7 +233,7 @@ def test_a_workspace_of_a_planar_robot_is_bounded_where_it_is_turned(robots):
     found = certify_accuracy(campaign, result, assume=0.01, workspace=turned, next_poses=0)
     space = found.workspace
     assert not space.left_out
-    sample = Workspace(space.lo, space.hi).sample(100)
+    sample = rotated(np.random.default_rng(1).uniform(space.lo, space.hi, (100, 6)))
     controller = Robot.from_parameters("controller", found.parameters)
     true = solved(true_robot(campaign), inverse_kinematics(controller, sample), sample, [0, 1, 5])
     position, angle = distances(true, sample)
