@@ -24,28 +24,29 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from math import isqrt, prod
 from pathlib import Path
+from typing import Any
 
 from .certificate import Accepted, Given
 from .files import ACCURACY_NAME, content, leg_work, parsed
 from .frames import AXES, Form, forms, rotation
 from .leg import NAME, ExactCampaign
 from .polynomial import Spend, applied, cross, inner, minus, plus, product, transposed
-from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, up, whole
+from .readers import Json, Refused, Stated, array, compare, exact, finite, many, reading, same, shown, up, whole
 from .run import INFORMATION, LegCertificates, of_the_campaign
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")  # of (p, 2 s)
 MOST_LEGS = 12  # the largest ||p|| is sought at 2^n corners
 DIRECTION_BITS = 40
 _LENGTH_BITS, _BOX_BITS = 40, 60
-_CENTERINGS = 2
 _PASSES = 100
 _SETTLED = 0.98  # of a size: passes go on while some becomes smaller
 _ROW_WORK, _PASS_WORK = 10_000, 10_000
-ACCURACY_FORMAT = "cpcal-accuracy/11"
+ACCURACY_FORMAT = "cpcal-accuracy/12"
 POSE_WORK = 1_000_000  # of a run, for each pose, beyond that of its legs
 _BOUNDS = ("lo", "hi", "position_bound", "rotation_bound")
 _POSITION, _QUATERNION, _PARAMETERS = (many(exact, count) for count in (3, 4, 7))
 _DIRECTIONS = many(_PARAMETERS, 7)
+_MOST = 2**60  # of numbers of which any will do
 _ROUNDED, _TINY = 1.0 + 2.0**-30, 2.0**-200
 Vector = Sequence[F]
 
@@ -110,21 +111,15 @@ def direction_form(direction: Vector) -> Given:
 
 
 def pose_bounds(
-    pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, spend: Spend, held: Sequence[int] = ()
-) -> PoseBounds | None:
+    pose: Commanded, legs: Sequence[Leg], reach: F, half_turn: F, center: Vector, inverse: Sequence[Vector],
+    spend: Spend, held: Sequence[int] = (),
+) -> PoseBounds | None:  # fmt: skip
     """Of all (p, s) with |p_i| <= reach (mm), |s_i| <= half_turn, and 0 where `held`, that the legs allow; None where
-    nothing is proved."""
+    nothing is proved. `center` of (p, s), and a left `inverse` of the equations' slopes there over |q|^2, in mm: what
+    they prove holds whatever they are."""
     asked = [F(0) if i in held else reach if i < 3 else half_turn for i in range(6)]
-    rows, center = [_Row(pose, leg, spend) for leg in legs], [F(0)] * 6
-    for step in range(_CENTERINGS + 1):
-        forms = [_About(row, center) for row in rows]
-        lines = _left_inverse([[form.slopes[i] for i in range(6) if asked[i]] for form in forms])
-        if lines is None:
-            return None
-        inverse = [lines.pop(0) if most else [F(0)] * len(rows) for most in asked]
-        if step < _CENTERINGS:
-            middle = [(a + b) / 2 for a, b in (form.value for form in forms)]
-            center = [_cut(c + inner(line, middle)) for c, line in zip(center, inverse, strict=True)]
+    center, inverse = list(map(_cut, center)), [[_cut(v) / pose.norm for v in line] for line in inverse]
+    forms = [AboutCenter(LegEquation(pose, leg, spend), center) for leg in legs]
     bounds = _legwise(forms, center, inverse, asked, spend)
     if bounds is None:
         return None
@@ -142,7 +137,7 @@ def pose_bounds(
     return PoseBounds(lo, hi, position, turn)
 
 
-class _Row:
+class LegEquation:
     """The equation of a leg, times |q|^2: a polynomial in (p, s) is (1 + s.s) times what lies in `value`, but for terms
     with what x is off the middle of its set, which `beside` bounds."""
 
@@ -204,10 +199,10 @@ class _Row:
         return float(rest)
 
 
-class _About:
+class AboutCenter:
     """A row about a centre: slopes.w + (terms of w of degree two and more) is in `value`, but for what is beside."""
 
-    def __init__(self, row: _Row, center: Vector) -> None:
+    def __init__(self, row: LegEquation, center: Vector) -> None:
         self.row, form = row, row.about(center).terms
         constant = form.pop((), F(0))
         self.value = row.value[0] - constant, row.value[1] - constant
@@ -253,7 +248,7 @@ class _Square:
 
 
 def _legwise(
-    forms: Sequence[_About], center: Vector, inverse: Sequence[Vector], asked: Vector, spend: Spend
+    forms: Sequence[AboutCenter], center: Vector, inverse: Sequence[Vector], asked: Vector, spend: Spend
 ) -> list[tuple[F, F]] | None:
     """A box of y, for all (p, s) = c + C y in the box that is asked for; None where there is none.
 
@@ -294,31 +289,6 @@ def _longest(center: Vector, moves: Sequence[Sequence[tuple[F, F]]]) -> F:
     return _root(max(inner(one, one) for one in sums))
 
 
-def _left_inverse(matrix: Sequence[Vector]) -> list[list[F]] | None:
-    """Nearly, as short numbers: whatever they are, what they prove holds. With more rows than columns that of least
-    squares."""
-    n, rows = len(matrix[0]), [list(map(float, row)) for row in matrix]
-    columns = list(zip(*rows, strict=True))
-    lines = (
-        [[*(inner(a, b) for b in columns), *a] for a in columns]
-        if len(rows) > n
-        else [[*row, *(float(i == j) for j in range(n))] for i, row in enumerate(rows)]
-    )
-    for k in range(n):
-        pivot = max(range(k, n), key=lambda i: abs(lines[i][k]))
-        lines[k], lines[pivot] = lines[pivot], lines[k]
-        if not abs(lines[k][k]) > 1e-300:
-            return None
-        lines[k] = [v / lines[k][k] for v in lines[k]]
-        for i in range(n):
-            if i != k:
-                lines[i] = [a - lines[i][k] * b for a, b in zip(lines[i], lines[k], strict=True)]
-    try:
-        return [[F(v) for v in line[n:]] for line in lines]
-    except (ValueError, OverflowError):
-        return None
-
-
 def _root(square: F) -> F:
     """Rounded up."""
     return F(isqrt((square * 4**_BOX_BITS).__ceil__()) + 1, 2**_BOX_BITS)
@@ -346,6 +316,12 @@ def stated(bounds: PoseBounds) -> tuple[tuple[float, ...], tuple[float, ...], fl
     lo = tuple(-up(-f * v) for f, v in zip(twice, bounds.lo, strict=True))
     hi = tuple(up(f * v) for f, v in zip(twice, bounds.hi, strict=True))
     return lo, hi, up(bounds.position), up(2 * bounds.half_turn)
+
+
+def _any(value: Any) -> F:
+    if abs(exact(value)) >= _MOST:
+        raise Refused(f"holds {shown(value)} where a smaller number is needed")
+    return F(value)
 
 
 def check_accuracy(folder: Path, *, work: int = 0) -> list[tuple[bool, str]]:
@@ -396,7 +372,8 @@ def _statements(folder: Path, result: Json, campaign: ExactCampaign, work: int) 
             lo, hi = accepted.claims.enclosure or ((), ())
             ranges = list(zip(lo[8:], hi[8:], strict=True))
             at.append(Leg(row, lo[:7], hi[:7], own, ranges[len(poses) :], accepted.lo[7], ranges[k]))
-        bounds = pose_bounds(pose, at, reach, turn / 2, certificates.budget.spend, held)
+        about = many(_any, 6)(one[INFORMATION]["center"]), many(many(_any, legs), 6)(one[INFORMATION]["inverse"])
+        bounds = pose_bounds(pose, at, reach, turn / 2, *about, certificates.budget.spend, held)
         if bounds is None:
             raise Refused(f"states bounds of pose {k} that are not proved")
         *sides, position_bound, rotation_bound = stated(bounds)

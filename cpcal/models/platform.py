@@ -22,15 +22,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction as F
 from typing import NamedTuple
 
 import numpy as np
 
+from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation
 from cpcal.common.errors import unusable
 from cpcal.common.values import Bools, Floats
 from cpcal.models.leg import rotations
 from cpcal.models.leg_set import CertifiedSet
 from cpcal.robot import Pose, Robot, leg_vectors, normalised, pose_jacobian, small_rotation
+from cpcal.solver.certificate.exact_network import free
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.numbers import Intervals as Numbers
@@ -119,6 +122,7 @@ class Cells:
 _TRIES = 20  # inflations of Y
 _REFINED = 30  # images after the proof
 _INFLATE = 1.1
+_CENTERINGS = 2
 _ROUNDED, _LOST = 1.0 + 1e-12, 1e-13
 
 
@@ -152,6 +156,18 @@ def pose_inverse(jacobian: Floats, held: Sequence[int] = ()) -> Floats:
     free, out = np.setdiff1d(np.arange(6), held), np.zeros(np.swapaxes(jacobian, -1, -2).shape)
     out[..., free, :] = np.linalg.pinv(jacobian[..., free])
     return out
+
+
+def centered(pose: Commanded, legs: Sequence[Leg], held: Sequence[int] = ()) -> tuple[Floats, Floats]:
+    """What the checker's `pose_bounds` takes: a center (6,) of (p, s), nearly the middle of what the legs allow, and a
+    left inverse (6, n) of their equations' slopes there over |q|^2."""
+    equations, center = [LegEquation(pose, leg, free) for leg in legs], np.zeros(6)
+    for left in range(_CENTERINGS, -1, -1):
+        about = [AboutCenter(one, [F(v) for v in center.tolist()]) for one in equations]
+        inverse = pose_inverse(np.array([[float(v / pose.norm) for v in one.slopes] for one in about]), held)
+        middle = [float(sum(one.value, F(0)) / (2 * pose.norm)) for one in about]
+        center = center + inverse @ middle if left else center
+    return center, inverse
 
 
 class Equations:

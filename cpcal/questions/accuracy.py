@@ -24,7 +24,7 @@ from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.models import PLAIN, beyond_legs
 from cpcal.models.leg_set import AskedSet, CertifiedSet, EnclosedLeg, certified_set, enclosed_leg
-from cpcal.models.platform import Cells, Workspace, cell_bounds, cover, first_grid, pose_inverse, rotated
+from cpcal.models.platform import Cells, Workspace, cell_bounds, centered, cover, first_grid, pose_inverse, rotated
 from cpcal.questions.next_measurement import NextPose, Polytope, attained, leg_changes
 from cpcal.questions.next_measurement import next_poses as chosen_next
 from cpcal.questions.result import CampaignNote, Result
@@ -47,7 +47,7 @@ from cpcal.solver.certificate.exact_network import free
 # What an `AssumedLeg` says is assumed, `PoseAccuracy` and `CellAccuracy` are proved under it, estimates are neither.
 # Lengths in mm, angles in rad.
 
-FORMAT = "cpcal-accuracy/11"
+FORMAT = "cpcal-accuracy/12"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -91,6 +91,8 @@ class PoseAccuracy:
 
     Estimates, mm: 95 % of poses are off by no more than `u_position`, by the residuals of least squares; to first order
     some parameters that the measurements allow, and errors up to eps, move the platform by `attained`.
+
+    `center` (6) of (p, s), and `inverse` (6, n): about what, and in which coordinates, bounds are computed; any serve.
     """
 
     name: Informed[str]
@@ -104,6 +106,8 @@ class PoseAccuracy:
     far: Informed[float]
     u_position: Informed[float]
     attained: Informed[float]
+    center: Informed[tuple[float, ...]]
+    inverse: Informed[tuple[tuple[float, ...], ...]]
 
 
 @dataclass(frozen=True)
@@ -312,7 +316,9 @@ def certify_accuracy(
                 Leg(_exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
                 for row, one, eps in legs
             ]
-            bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, free, held)
+            center, inverse = centered(commanded[k], rest, held)
+            about = _exact(center), list(map(_exact, inverse))
+            bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, *about, free, held)
             lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
             x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
             at.append(
@@ -328,6 +334,8 @@ def certify_accuracy(
                     far=float(away[0][k].max()),
                     u_position=float(u[k]),
                     attained=float(reached[k]),
+                    center=tuple(center.tolist()),
+                    inverse=tuple(map(tuple, inverse.tolist())),
                 )
             )
         worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]

@@ -15,8 +15,9 @@ import pytest
 
 import cpcal
 from cpcal.checker import Refused
-from cpcal.checker.platform import Commanded, Leg, _About, _left_inverse, _Row, check_accuracy, pose_bounds
+from cpcal.checker.platform import AboutCenter, Commanded, Leg, LegEquation, check_accuracy, pose_bounds
 from cpcal.files.folders import save_campaign_json
+from cpcal.models.platform import centered
 from cpcal.models.platform import pose_bounds as uncertified_bounds
 from cpcal.questions.accuracy import (
     ACCURACY_NAME,
@@ -205,7 +206,12 @@ def bounded(robot, poses, k, reach, turn, eps=0.0):
     pose = Commanded(exact(poses.position[k]), exact(poses.quaternion[k]))
     rows = map(exact, robot.parameters)
     sure = [known_leg(row, row, row, F(eps), (F(0), F(0))) for row in rows]
-    return pose_bounds(pose, sure, F(reach), F(turn), free)
+    return bounds_of(pose, sure, reach, turn)
+
+
+def bounds_of(pose, legs, reach=20, turn=0.05):
+    center, inverse = centered(pose, legs)
+    return pose_bounds(pose, legs, F(reach), F(turn), exact(center), list(map(exact, inverse)), free)
 
 
 @pytest.mark.parametrize(("joints", "seed"), [("base", 9), ("mobile", 3), ("mobile", 4)])
@@ -224,7 +230,7 @@ def test_other_parameters_with_known_deviations_lead_into_the_box(run, known, jo
             form, x = dict(pose.form(exact(row))), exact(there)
             value = sum((c * math.prod((x[i] for i in m), start=F(1)) for m, c in form.items()), F(0))
             legs.append(known_leg(exact(row), exact(row - far), exact(row + far), F(0), (value, value)))
-        found = pose_bounds(pose, legs, F(20), F(1, 20), free)
+        found = bounds_of(pose, legs)
         inside = [*(true.position[k] - poses.position[k]), *(turn[k, 1:] / turn[k, 0])]
         assert all(lo - 1e-7 <= v <= hi + 1e-7 for lo, v, hi in zip(found.lo, inside, found.hi, strict=True))
         assert np.linalg.norm(inside[:3]) <= found.position + 1e-7
@@ -248,7 +254,7 @@ def test_any_directions_are_sound_with_ranges_that_are_true_of_them(run, known, 
         along = [(v - width, v) for v, width in zip(at, (F(1, 10), *[F(1, 1000)] * 6), strict=True)]
         lo, hi = exact(there - 0.01), exact(there + 0.01)
         legs.append(Leg(exact(row), lo, hi, directions, along, F(0), (value, value)))
-    found = pose_bounds(pose, legs, F(20), F(1, 20), free)
+    found = bounds_of(pose, legs)
     inside = true.position[0] - run[1].position[0]
     assert all(lo - 1e-7 <= v <= hi + 1e-7 for lo, v, hi in zip(found.lo, inside, found.hi, strict=False))
 
@@ -266,7 +272,7 @@ def test_an_error_moves_a_leg_by_its_square_as_well(run, known):
         exact(known.controller.parameters[0]),
         F(4),
     )
-    found = _Row(pose, known_leg(row, row, row, e, (F(0), F(0))), free)
+    found = LegEquation(pose, known_leg(row, row, row, e, (F(0), F(0))), free)
     least = pose.norm * e * (2 * pose.length(row) + e)
     assert all(least <= size <= least * (1 + F(1, 10**9)) for size in (-found.value[0], found.value[1]))
 
@@ -282,9 +288,9 @@ def test_the_linear_part_of_a_legs_equation_is_where_it_says(run, known, seed):
     errors = np.abs(inverse_kinematics(controller, moved) - inverse_kinematics(controller, commanded))[0]
     rows = []
     for row, error in zip(map(exact, controller.parameters), errors, strict=True):
-        rows.append(_Row(pose, known_leg(row, row, row, F(float(error) + 1e-9), (F(0), F(0))), free))
-    forms = [_About(row, [F(0)] * 6) for row in rows]
-    inverse = _left_inverse([form.slopes for form in forms])
+        rows.append(LegEquation(pose, known_leg(row, row, row, F(float(error) + 1e-9), (F(0), F(0))), free))
+    forms = [AboutCenter(row, [F(0)] * 6) for row in rows]
+    inverse = list(map(exact, np.linalg.inv(np.array([form.slopes for form in forms], np.float64))))
     linear = [sum(map(mul, form.slopes, exact(w))) for form in forms]
     y = [abs(float(v)) for v in linear]
     for form, value in zip(forms, linear, strict=True):
