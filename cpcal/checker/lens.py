@@ -17,7 +17,6 @@ from .polynomial import inner, plus
 from .readers import Refused
 
 CELLS, NEAREST = 24, 40
-_NEWTON = 12
 _PAIRS = ((0, 0), (0, 1), (1, 1))
 _HALF, _QUARTER = number(F(1, 2)), number(F(1, 4))
 Forms = list[tuple[Bounds, Vector]]  # of quantities that are linear in k1, k2, p1, p2, k3: constants and coefficients
@@ -70,7 +69,6 @@ class Linear:
     """A pixel to the first order: F = value + slope (x - x0) + by . t + e with |e| <= rest, for directions x in the
     field and cameras t for which F is in the box of pixels."""
 
-    ray: tuple[F, F]
     value: Vector
     slope: Sequence[Vector]
     by: Sequence[Vector]
@@ -91,7 +89,6 @@ class Cameras:
         self.radius, self.size = number(radius), len(spread[0])
         self.reach = list(map(longest, self.spread))
         self.numbers = [c.around(r) for c, r in zip(self.center, self.reach, strict=True)]
-        self._floats = list(map(float, center))
         if min(self.numbers[0].lo, self.numbers[1].lo, self.radius.lo) <= 0:
             raise Refused("a focal length or the field may be zero", "run", 0)
 
@@ -128,37 +125,14 @@ class Cameras:
             raise Refused("the lens may turn back within its field", "run", 0)
         return Bounds(least, least)
 
-    def ray(self, pixels: Vector) -> tuple[F, F]:
-        """A direction near the one that the centre of the cameras shows in the middle of a box of pixels."""
-        fx, fy, cx, cy, k1, k2, p1, p2, k3 = self._floats
-        a, b = (float(p.middle.ends[0]) for p in pixels)
-        u, v = du, dv = (a - cx) / fx, (b - cy) / fy
-        for _ in range(_NEWTON):
-            s = u * u + v * v
-            g, g1 = 1.0 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2.0 * k2 + s * 3.0 * k3)
-            x = u * g + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) - du
-            y = v * g + 2.0 * p2 * u * v + p1 * (s + 2.0 * v * v) - dv
-            along, mixed = g + 2.0 * g1 * u * u + 2.0 * p1 * v + 6.0 * p2 * u, 2.0 * (g1 * u * v + p1 * u + p2 * v)
-            down = g + 2.0 * g1 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
-            det = along * down - mixed * mixed
-            if not 1e-6 < abs(det) < 1e6:
-                break
-            u, v = u - (down * x - mixed * y) / det, v - (along * y - mixed * x) / det
-        try:
-            found = F(u), F(v)
-        except (ValueError, OverflowError):
-            found = F(0), F(0)
-        if found[0] ** 2 + found[1] ** 2 > self.radius.ends[0] ** 2:
-            raise Refused("a box of pixels shows nothing of the camera's field", "run", 0)
-        return found
-
-    def linear(self, pixels: Vector) -> Linear:
-        """About the middle of a box of pixels.
+    def linear(self, pixels: Vector, ray: tuple[F, F]) -> Linear:
+        """Of a box of pixels, about a direction x0 that should be near its middle's.
 
         With |F(x, t) - F(x0, t)| <= a there, |x - x0| <= a / (f m) = rho, m the lens's least slope in the field, and
         then that within rho of x0: the field and a disc are convex.
         """
-        ray = self.ray(pixels)
+        if ray[0] ** 2 + ray[1] ** 2 > self.radius.ends[0] ** 2:
+            raise Refused("a direction of a dot is beside the camera's field", "run", 0)
         x0 = numbers(ray)
         form, slope_form = values(x0), slopes(x0)
         d, (along, mixed, down) = self.at_center(form), self.at_center(slope_form)
@@ -186,7 +160,7 @@ class Cameras:
             changed = total((wide[k] * anywhere[k + i] - slope[k][i]).size for i in range(2)) if self.size else ZERO
             bent = curved[k] + 2 * curved[k + 1] + curved[k + 2]
             rest.append((second[k] + changed * rho + _HALF * wide[k].size * bent * rho.square).most)
-        return Linear(ray, value, slope, by, rest, rho)
+        return Linear(value, slope, by, rest, rho)
 
     @cached_property
     def field_bias(self) -> list[Bounds]:

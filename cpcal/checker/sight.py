@@ -72,7 +72,13 @@ _INPUTS = record(
         "name": text,
         "files": many(record({"name": text, "sha256": text})),
         "pixels": record(
-            {"of": choice("images", "centers"), "numbers": many(whole(1 << 30)), "lo": many(_PAIR), "hi": many(_PAIR)}
+            {
+                "of": choice("images", "centers"),
+                "numbers": many(whole(1 << 30)),
+                "lo": many(_PAIR),
+                "hi": many(_PAIR),
+                "rays": many(_PAIR),
+            }
         ),
         "camera": record({"numbers": many(dyadic, 9), "spread": many(many(dyadic), 9), "field": dyadic}),
         "target": record(
@@ -84,11 +90,12 @@ _INPUTS = record(
 
 @dataclass(frozen=True)
 class Dot:
-    """Its place with the half-widths of its box (mm, target frame), and its box of pixels."""
+    """Its place with the half-widths of its box (mm, target frame), its box of pixels, and a direction near."""
 
     at: Vector
     widths: Vector
     pixels: Vector
+    ray: tuple[F, F]
 
 
 @dataclass(frozen=True)
@@ -117,11 +124,11 @@ class Sight:
 def sight_of(inputs: Any) -> Sight:
     """What is assumed, read and checked. Raises Refused."""
     _, _, pixels, camera, target = _INPUTS(inputs)
-    of, named, lo, hi = pixels
+    of, named, lo, hi, rays = pixels
     radius, dots, widths, scale = target
     count = len(named)
-    if {len(lo), len(hi), len(dots), len(widths)} != {count} or len(set(named)) < count or not count:
-        raise Refused("there is not one box of pixels, one place and one box of places for each dot")
+    if {len(lo), len(hi), len(rays), len(dots), len(widths)} != {count} or len(set(named)) < count or not count:
+        raise Refused("there is not one box of pixels, one direction, one place and one box of places for each dot")
     if any(a > b for one, other in zip(lo, hi, strict=True) for a, b in zip(one, other, strict=True)):
         raise Refused("a box of pixels is empty")
     if radius <= 0 or not 0 <= scale < 1 or any(w < 0 for one in widths for w in one):
@@ -130,9 +137,8 @@ def sight_of(inputs: Any) -> Sight:
     if len({len(row) for row in spread}) != 1 or len(spread[0]) > _MOST_SPREAD:
         raise Refused("the camera's spread is no matrix")
     boxes = ([between(*ends) for ends in zip(*one, strict=True)] for one in zip(lo, hi, strict=True))
-    listed = tuple(
-        Dot(numbers([*dot, 0]), numbers(width), box) for dot, width, box in zip(dots, widths, boxes, strict=True)
-    )
+    given = zip(dots, widths, boxes, rays, strict=True)
+    listed = tuple(Dot(numbers([*dot, 0]), numbers(width), box, ray) for dot, width, box, ray in given)
     return Sight(listed, of == "images", _cameras(values, spread, field), number(radius), number(scale))
 
 
@@ -221,7 +227,7 @@ class Rows:
             off = total((c - multiple(w, _FORM)).size for c, w in zip(v, whole, strict=True))
             seen = tuple(Form({(PLACE[i],): 1 << _FORM} | {(3 * i + b,): w for b, w in enumerate(whole)}) for i in AXES)
             pixels = self._moved(dot, v) if self.sight.of_images else dot.pixels
-            self._seen[k] = _Seen(seen, off, self._planes(pixels))
+            self._seen[k] = _Seen(seen, off, self._planes(pixels, dot.ray))
         return self._seen[k]
 
     def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
@@ -235,15 +241,15 @@ class Rows:
         x = [at[0] / depth, at[1] / depth]
         return minus(dot.pixels, cameras.bias(x, sight.radius / depth, [row[2] for row in self._held]))
 
-    def _planes(self, pixels: Vector) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
+    def _planes(self, pixels: Vector, ray: tuple[F, F]) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
         """g . X + Z k . t <= 0 for all points X whose pixel is in the box, by side."""
-        one, found = self.sight.cameras.linear(pixels), []
+        one, found = self.sight.cameras.linear(pixels, ray), []
         for k in range(2):
             slope, shared = ([v.middle.floor(_PLANE) for v in part] for part in (one.slope[k], one.by[k]))
             own, cut = ([multiple(v, _PLANE) for v in part] for part in (slope, shared))
             # what is cut off counts for |x - x0| <= rho and |t_j| <= 1
             lost = one.rest[k] + total(sizes(minus(one.slope[k], own))) * one.size + total(sizes(minus(one.by[k], cut)))
-            middle = one.value[k] - inner(own, numbers(one.ray))
+            middle = one.value[k] - inner(own, numbers(ray))
             above, below = middle - pixels[k].most - lost, pixels[k].least - middle - lost
             found.append(((*slope, above.floor(_PLANE)), tuple(shared)))
             found.append(((*(-s for s in slope), below.floor(_PLANE)), tuple(-b for b in shared)))
@@ -281,7 +287,7 @@ class Rows:
 # dots that no pose of the box where it begins shows: these are wrong for sure. Several first ones of different dots
 # give a box together: no more than q of them have a wrong dot.
 
-POSE_SET_FORMAT = "cpcal-pose-set/4"
+POSE_SET_FORMAT = "cpcal-pose-set/5"
 _MOST_DOTS = 10_000
 _MOST_CERTIFICATES = 64
 # 133 dots take 7,000,000 units; with an uncertain camera and plate 20,000,000, and 42,000,000 if two may be wrong

@@ -197,6 +197,7 @@ def _sight(
     """All that is assumed, as a claim states it and as the checker reads it. `sources`: the bytes of the files that the
     numbers came from, by name. Raises InputError."""
     target, radius = targets.target, _field_radius(cameras)
+    rays = cameras.camera.normalised(0.5 * (boxes.lo + boxes.hi))
     inputs = {
         "name": name,
         "files": [
@@ -207,6 +208,7 @@ def _sight(
             "numbers": boxes.numbers.tolist(),
             "lo": _hex(boxes.lo),
             "hi": _hex(boxes.hi),
+            "rays": _hex(np.nan_to_num(rays)),
         },
         "camera": {
             "numbers": _hex(cameras.camera.numbers),
@@ -232,7 +234,6 @@ def _sight(
     else:
         what = "has a lens that bends too much within the image"
         raise unusable("camera", what, "pose sets need a lens whose image does not turn back")
-    rays = cameras.camera.normalised(0.5 * (boxes.lo + boxes.hi))
     beside = np.flatnonzero(~(np.hypot(rays[:, 0], rays[:, 1]) < radius))
     if len(beside):
         what, remedy = "shows nothing of the camera's field of view", "give pixels inside the image of this camera"

@@ -52,7 +52,9 @@ def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: f
         x = [a + b for a, b in zip(place, x, strict=True)]
         edges = [rng.choice([-half, half, drawn(0.05)]) for _ in range(2)]
         pixels = [between(v + e - half, v + e + half) for v, e in zip(pixel(true, x), edges, strict=True)]
-        dots.append(Dot([number(v) for v in p], [number(F(off))] * 3, pixels))
+        beside = F(rng.choice([-1, 0, 1]), 100) if spread or off else F(0)  # any direction of the field is sound
+        ray = x[0] / x[2] + beside, x[1] / x[2] - beside
+        dots.append(Dot([number(v) for v in p], [number(F(off))] * 3, pixels, ray))
         reach.append(any(abs(e) == half for e in edges))
     sight = Sight(tuple(dots), False, Cameras([F(v) for v in numbers], by, F(6, 10)), number(F(6)), number(0))
     at = [v for row in times(seen, across(rotation_of(about))) for v in row] + place + t
@@ -82,6 +84,7 @@ def test_a_dot_that_no_pose_shows_fails_and_unknown_rows_are_refused() -> None:
             [*(number(F(v)) for v in p), number(0)],
             [number(0)] * 3,
             [between(F(v) - F(1, 9), F(v) + F(1, 9)) for v in u],
+            (F(p[0]) / 700, -F(p[1]) / 700),
         )
         for p, u in zip(places, pixels.tolist(), strict=True)
     )
@@ -108,8 +111,6 @@ def test_the_slopes_of_the_field_are_bounded_from_below(numbers: tuple[float, ..
     for x in rng.uniform(-0.42, 0.42, (40, 2)).tolist():
         at = [number(F(v)) for v in x]
         assert cameras.least.lo <= cameras.least_slope(at).lo
-        found = cameras.linear([number(v) for v in pixel([F(n) for n in numbers], [*map(F, x), F(1)])])
-        assert np.abs(np.array([float(v) for v in found.ray]) - x).max() < 1e-9
 
 
 def test_a_lens_that_turns_back_in_its_field_is_refused() -> None:
