@@ -235,8 +235,8 @@ def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, 
     try:
         header = lines.following("the header")
         return _Check(lines, *formed(header)).accepted(header)
-    except Refused as refused:
-        raise refused.at(lines.line) from None
+    except Refused as refused:  # in that line, unless it is known to be elsewhere
+        raise Refused(refused.reason, refused.code, lines.line if refused.line is None else refused.line) from None
     except (OverflowError, MemoryError, RecursionError):
         raise Refused("the values are too large, or nested too deeply", "limit", lines.line) from None
 

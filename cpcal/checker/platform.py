@@ -157,19 +157,17 @@ class LegEquation:
             (_sizes(by[:3]), [inner(map(float, map(abs, row)), _sizes(by[3:6])) for row in pose.turn])
             for by in (off, lost)
         )
-        self.gradients = [
-            self._gradient(direction[:3], applied(pose.turn, direction[3:6])) for direction in leg.directions
-        ]
+        # in (p, s) at 0, along each direction: a moves by `base`, and |q|^2 R b by `arm`
+        self.gradients = []
+        for direction in leg.directions:
+            base, arm = direction[:3], applied(pose.turn, direction[3:6])
+            turned = minus(cross(arm, self._place), cross(self._arm, base))
+            self.gradients.append([2 * (b - n * a) for a, b in zip(base, arm, strict=True)] + [4 * v for v in turned])
         scale, length = pose.scale(believed), believed - leg.controller[6]
         longest = max(abs(length + leg.lo[6]), abs(length + leg.hi[6]))
         error = leg.eps + F(2, 2**_LENGTH_BITS)
         most = n * error * (2 * longest + error)
         self.value = -leg.form[1] * scale - most, -leg.form[0] * scale + most
-
-    def _gradient(self, base: Vector, arm: Vector) -> list[F]:
-        """In (p, s) at 0: of what the equation changes by, where a moves by `base` and |q|^2 R b by `arm`."""
-        turned = minus(cross(arm, self._place), cross(self._arm, base))
-        return [2 * (b - self._norm * a) for a, b in zip(base, arm, strict=True)] + [4 * v for v in turned]
 
     def about(self, center: Vector) -> Form:
         """(1 + s.s) (|p|^2 + 2 p.v - h) + 4 (w + p).(s x r + s x (s x r)) + h, with the middle h of `value`, in what

@@ -218,17 +218,13 @@ def signed(unknowns: int, signs: str = "") -> int:
 
 def least(p: Polynomial, mask: int) -> F:
     """A lower bound: a monomial lies in [0, 1] if its variables under the mask have even exponents, else in [-1, 1]."""
-    return _dyadic(_least(p.terms, mask), p.exponent)
-
-
-def _least(terms: dict[int, int], mask: int) -> int:
-    low = terms.get(0, 0)
-    for monomial, c in terms.items():
+    low = p.terms.get(0, 0)
+    for monomial, c in p.terms.items():
         if monomial & mask:
             low -= abs(c)
         elif c < 0 and monomial:
             low += c
-    return low
+    return _dyadic(low, p.exponent)
 
 
 class Remainder:

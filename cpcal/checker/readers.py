@@ -24,10 +24,6 @@ class Refused(Exception):
         self.reason, self.code, self.line = reason, code, line
         super().__init__(f"line {line}: {reason}" if line else reason)
 
-    def at(self, line: int) -> Refused:
-        """In that line, unless it is known to be elsewhere."""
-        return Refused(self.reason, self.code, line if self.line is None else self.line)
-
 
 class Unusable(Exception):
     """There is nothing to check: a file is missing or cannot be read."""

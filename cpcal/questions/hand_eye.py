@@ -32,7 +32,7 @@ from cpcal.common.numbers import at_least, at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.models.frames import PlacedFrames, Proof, Prover, exact, exact_study
-from cpcal.models.hand_eye import HandEyeFrames, HandEyeStudy, load_study_json
+from cpcal.models.hand_eye import HandEyeStudy, load_study_json
 from cpcal.models.hand_eye_fit import (
     ClassicalAnswer,
     PixelModel,
@@ -357,6 +357,7 @@ def certify_hand_eye(
         if min(_least_error(study, group) for group in with_k) > eps:
             reasons = _refuted(prover, f"{WRONG}-{k + 1}", with_k, eps, math.inf)
             blamed |= {} if reasons is None else {k: reasons}
+    support = dict.fromkeys(k for _, proof in lower for side, k in proof.last if side[0] in "uv")
     proofs = [] if wide is None else [wide]
     proofs += [proof for found in (lower, *blamed.values()) for _, proof in found]
     for proof in proofs:
@@ -373,7 +374,7 @@ def certify_hand_eye(
         point=point,
         readings=readings,
         lower=_groups(study, lower),
-        support=_support(study, lower),
+        support=tuple((study.images[study.image[k]], study.names[k]) for k in support),
         tolerance=tolerance,
         eps=eps,
         ranges=None if wide is None else _ranges(wide, point, prover.hand, at),
@@ -492,12 +493,6 @@ def _groups(study: HandEyeStudy, proofs: _Refuted) -> tuple[RefutedGroup, ...]:
     )
 
 
-def _support(study: HandEyeStudy, proofs: _Refuted) -> tuple[tuple[str, str], ...]:
-    """Image and point of the pixel rows of the last steps."""
-    points = dict.fromkeys(k for _, proof in proofs for side, k in proof.last if side[0] in "uv")
-    return tuple((study.images[study.image[k]], study.names[k]) for k in points)
-
-
 def _ranges(wide: Proof, point: PlacedFrames, hand: Sequence[F], at: Sequence[float] | None) -> FrameRanges:
     file = wide.certificate or ""
     if wide.left is None:
@@ -527,7 +522,10 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
                 frames = classical_answer(study.part(chosen)).frames
             except InputError:
                 break
-            squares = _by_image(study, frames)
+            model = PixelModel(study)
+            each = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
+            number = np.bincount(study.image, minlength=count)
+            squares = np.bincount(study.image, weights=each, minlength=count) / np.maximum(number, 1)  # the mean
             order = np.argsort(squares, kind="stable")
             kept = np.sort(order[: count - outliers])
             value = float(squares[kept].sum())
@@ -539,14 +537,6 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
     if best is None:
         raise unusable("study", "has no images that determine the frames", "check poses and points")
     return best[1]
-
-
-def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
-    """Mean square of the residuals of each image."""
-    model = PixelModel(study)
-    squares = (model(model.stated(frames)) ** 2).reshape(2, -1).sum(axis=0)
-    number = np.bincount(study.image, minlength=len(study.images))
-    return np.asarray(np.bincount(study.image, weights=squares, minlength=len(study.images)) / np.maximum(number, 1))
 
 
 # ------------------------------------------------------------------------------------------------------------------
