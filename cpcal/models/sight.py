@@ -308,7 +308,11 @@ class _Search:
         for k in range(_ROUNDS):
             if now.left is None:
                 return now
-            wrong, few = self._wrong(now), k < rounds - 1
+            wrong, few = tuple[int, ...](), k < rounds - 1
+            if self.outliers:  # dots that no pose of the box shows
+                every = range(len(self.sight.dots))
+                rows = rows_of(self.sight, every, now.turn, (now.turn, now.left))
+                wrong = tuple(n for n in every if rows.fails(n))
             if len(wrong) > self.outliers:
                 return _Ended(now.turn, None, wrong, now.after)
             after = self._narrowed(now, wrong, few)
@@ -338,14 +342,6 @@ class _Search:
             parts.append(Part(tuple(chosen), turn, (), found.left))
         about, box = joined(parts, self.outliers)
         return _Ended(about, box, (), tuple(file for file, *_ in self.written))
-
-    def _wrong(self, now: _Ended) -> tuple[int, ...]:
-        """Dots that no pose of a box shows."""
-        if not self.outliers or now.left is None:
-            return ()
-        every = range(len(self.sight.dots))
-        rows = rows_of(self.sight, every, now.turn, (now.turn, now.left))
-        return tuple(k for k in every if rows.fails(k))
 
     def _narrowed(self, now: _Ended, wrong: tuple[int, ...], few: bool) -> _Ended | None:
         """By all other dots, or a few; None where too many may be wrong, or nothing is gained."""
@@ -481,7 +477,15 @@ def enclose_pose(
     begin = time.perf_counter()
     targets = target if isinstance(target, TargetSet) else TargetSet(target)
     cameras = camera if isinstance(camera, CameraSet) else CameraSet(camera)
-    _check(boxes, targets.target, outliers)
+    name, count = targets.target.name, len(targets.target.dots)
+    problems = [
+        Problem(f"pixel box of dot {k}", f"{name!r} has dots 0 to {count - 1}", "number dots from 0")
+        for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= count)]
+    ]
+    if outliers < 0:
+        problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
+    if problems:
+        raise InputError(problems)
     stem = None if certificate is None else Path(certificate)
     named = "" if stem is None else stem.name
     inputs, sight = _sight(boxes, targets, cameras, named, sources or {})
@@ -520,17 +524,6 @@ def enclose_pose(
             }
         )
     return answer(Verdict.REFUTED if radii is None else Verdict.PROVED, pose, radii, found.wrong)
-
-
-def _check(boxes: PixelBoxes, target: Target, outliers: int) -> None:
-    problems = [
-        Problem(f"pixel box of dot {k}", f"{target.name!r} has dots 0 to {len(target.dots) - 1}", "number dots from 0")
-        for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= len(target.dots))]
-    ]
-    if outliers < 0:
-        problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
-    if problems:
-        raise InputError(problems)
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -316,9 +316,9 @@ def certify_accuracy(
                 Leg(_exact(row), one.lo, one.hi, one.directions, one.along, F(eps), one.forms[k])
                 for row, one, eps in legs
             ]
-            center, inverse = centered(commanded[k], rest, held)
-            about = _exact(center), list(map(_exact, inverse))
-            bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, *about, free, held)
+            middle, inverse = centered(commanded[k], rest, held)
+            coordinates = _exact(middle), list(map(_exact, inverse))
+            bounds = pose_bounds(commanded[k], rest, F(WITHIN[0]), F(WITHIN[1]) / 2, *coordinates, free, held)
             lo, hi, *most = ((), (), np.inf, np.inf) if bounds is None else stated(bounds)
             x, y, z, *q = np.concatenate([named.poses.position[k], named.poses.quaternion[k]]).tolist()
             at.append(
@@ -334,7 +334,7 @@ def certify_accuracy(
                     far=float(away[0][k].max()),
                     u_position=float(u[k]),
                     attained=float(reached[k]),
-                    center=tuple(center.tolist()),
+                    center=tuple(middle.tolist()),
                     inverse=tuple(map(tuple, inverse.tolist())),
                 )
             )
