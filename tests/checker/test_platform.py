@@ -237,11 +237,9 @@ def test_other_parameters_with_known_deviations_lead_into_the_box(run, known, jo
         assert max(map(float, np.subtract(found.hi, found.lo)[:3])) < 2.0
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("seed", range(4))
-def test_any_directions_are_sound_with_ranges_that_are_true_of_them(run, known, seed, noise):
-    """Parameters that lie at the ends of their ranges, far off along one random direction."""
-    rng, controller = np.random.default_rng(seed), known.controller.parameters
+def off_along_one_direction(run, known, rng, noise):
+    """A pose, its legs, whose parameters lie at the ends of their ranges along random directions, and where it is."""
+    controller = known.controller.parameters
     basis = np.linalg.qr(rng.normal(size=(7, 7)))[0] + noise * rng.uniform(-1, 1, (7, 7))
     directions = tuple(map(exact, np.rint(basis * 2.0**20) / 2.0**20))
     other = Robot.from_parameters("other", controller + rng.uniform(-3, 3, (6, 1)) * basis[0])
@@ -254,9 +252,27 @@ def test_any_directions_are_sound_with_ranges_that_are_true_of_them(run, known, 
         along = [(v - width, v) for v, width in zip(at, (F(1, 10), *[F(1, 1000)] * 6), strict=True)]
         lo, hi = exact(there - 0.01), exact(there + 0.01)
         legs.append(Leg(exact(row), lo, hi, directions, along, F(0), (value, value)))
+    return pose, legs, true.position[0] - run[1].position[0]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("seed", range(4))
+def test_any_directions_are_sound_with_ranges_that_are_true_of_them(run, known, seed, noise):
+    pose, legs, inside = off_along_one_direction(run, known, np.random.default_rng(seed), noise)
     found = bounds_of(pose, legs)
-    inside = true.position[0] - run[1].position[0]
     assert all(lo - 1e-7 <= v <= hi + 1e-7 for lo, v, hi in zip(found.lo, inside, found.hi, strict=False))
+
+
+@pytest.mark.parametrize(("noise", "proves"), [(1e-9, True), (1e-3, True), (3.0, False)])
+def test_any_center_and_inverse_are_sound(run, known, noise, proves):
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        pose, legs, inside = off_along_one_direction(run, known, rng, 0.0)
+        center, inverse = (one * (1.0 + noise * rng.uniform(-1, 1, one.shape)) for one in centered(pose, legs))
+        found = pose_bounds(pose, legs, F(20), F(1, 20), exact(center), list(map(exact, inverse)), free)
+        assert (found is not None) is proves
+        ends = zip(found.lo, inside, found.hi, strict=False) if proves else ()
+        assert all(lo - 1e-7 <= v <= hi + 1e-7 for lo, v, hi in ends)
 
 
 def test_known_parameters_leave_the_pose_itself(run, known):
