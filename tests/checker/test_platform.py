@@ -108,7 +108,16 @@ def changed(stated, key, by):
         stated["poses"][1][key] = value + by
 
 
+def about(stated):
+    """What the bounds of a pose are computed with."""
+    return stated["poses"][1]["information"]
+
+
 FORGED = {
+    "another center": (lambda s, _: about(s)["center"].__setitem__(0, 1.0), "another bounds of pose 1"),
+    "a center of long numbers": (lambda s, _: about(s)["center"].__setitem__(0, 1e300), "a smaller number is needed"),
+    "an inverse of nothing": (lambda s, _: about(s).update(inverse=[[0] * 6] * 6), "pose 1 that are not proved"),
+    "an inverse without a line": (lambda s, _: about(s)["inverse"].pop(), "a list of 6 is needed"),
     "a wider end, which nobody proves so": (lambda s, _: changed(s, "lo", -1e-9), "another bounds of pose 1"),
     "an angle": (lambda s, _: changed(s, "rotation_bound", -1e-12), "another bounds of pose 1"),
     "another pose": (lambda s, _: changed(s, "position", 1.0), "another forms of poses"),

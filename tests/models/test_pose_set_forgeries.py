@@ -96,6 +96,8 @@ SPOILED = "so many wrong dots could spoil all of its certificates"
 EDITS: dict[str, tuple[Edit, str]] = {
     "pixels a tenth beside": (all_dots_moved, PROVES),
     "another camera": (scaled(*CAMERA, "numbers", 0, **HARDLY), PROVES),
+    "other directions": (scaled(INPUTS, "pixels", "rays", by=1.01), PROVES),
+    "directions beside the field": (scaled(INPUTS, "pixels", "rays", by=9.0), "beside the camera's field"),
     "another scale": (put(INPUTS, "target", "scale", to=(4e-4).hex()), "prove a wider box"),
     "a narrower box": (scaled("position_radius", by=0.99), "prove a wider box"),
     "a wider box": (scaled("rotation_radius", by=1.01), "states a wider box"),
