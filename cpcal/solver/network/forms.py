@@ -109,13 +109,13 @@ class CentredForm:
             return natural
         value = tape.values(tape.forward(boxes, self._centers))[0]
         moves = tape.leaves() - tape.leaves(self._centers)
-        total = tape.moved(tape.derivatives(slots[0]), value, moves)
+        total = tape.moved(slots[0], value, moves)
         return natural.intersect(_or_line(total, tape.continuous_rows(slots[0]) & ~total.empty & ~value.empty))
 
     def jacobian(self, box: Box) -> IntervalArray:
         """Enclosure (K, n) of the derivatives over the box and all readings; the whole line where there is none."""
         slots = self._tape.forward(box.array[None])[0]
-        matrix = self._tape.jacobian(self._tape.derivatives(slots))
+        matrix = self._tape.jacobian(slots)
         return _or_line(matrix, self._tape.continuous_rows(slots)[:, None] & ~matrix.empty)
 
 

@@ -215,7 +215,7 @@ class DecisiveReadings:
         slots = tape.forward(IntervalArray(box.lo[None], box.hi[None]))
         if not tape.continuous(slots):  # monotone on either side of a pole is not monotone
             return whole
-        g = tape.gradients(tape.derivatives(slots[0]))
+        g = tape.gradients(slots[0])
         parts = [self._sets(tape.rows(root), g) for root in tape.roots]
         decided, able = (sum(counts[k] for _, *counts in parts) for k in (0, 1))
         return [sets for sets, *_ in parts] if decided >= least * able else whole

@@ -150,27 +150,24 @@ class Tape:
         row = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(start))[entry]
         return Reach(start, order, entry, row, order[entry])
 
-    def derivatives(self, slots: IntervalArray) -> Floats:
-        """Bounds of every operation's partial derivatives over slots (M,), for `gradients`: shape (P, 4)."""
-        out = np.empty((len(self.program.code), 4))
-        sweeps.all_partials(self.program, _both(slots), out)
-        return out
-
-    def gradients(self, factors: Floats) -> IntervalArray:
-        """Derivatives of all roots' elements along `reach.order`: those at `reach.entry` mean something."""
+    def gradients(self, slots: IntervalArray) -> IntervalArray:
+        """Derivatives of all roots' elements over slots (M,) along `reach.order`: those at `reach.entry` mean
+        something."""
+        partials = np.empty((len(self.program.code), 4))  # of every operation
+        sweeps.all_partials(self.program, _both(slots), partials)
         out = np.zeros(len(self.reach.order)), np.zeros(len(self.reach.order))
-        sweeps.gradients(self.program, self.reach, factors, out)
+        sweeps.gradients(self.program, self.reach, partials, out)
         return IntervalArray(*out)
 
-    def moved(self, factors: Floats, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
+    def moved(self, slots: IntervalArray, start: IntervalArray, moves: IntervalArray) -> IntervalArray:
         """`start` (K,) plus the derivatives by all readings times their `moves` (constants and readings)."""
-        g, out = self.gradients(factors), (start.lo.copy(), start.hi.copy())
+        g, out = self.gradients(slots), start.copied()
         sweeps.add_moves(self.program, self.reach, _both(g), _both(moves), out)
         return IntervalArray(*out)
 
-    def jacobian(self, factors: Floats) -> IntervalArray:
-        """Derivatives of all roots' elements by the box's components: (K, n)."""
-        g, paths = self.gradients(factors), self.reach
+    def jacobian(self, slots: IntervalArray) -> IntervalArray:
+        """Derivatives of all roots' elements over slots (M,) by the box's components: (K, n)."""
+        g, paths = self.gradients(slots), self.reach
         lo, hi = np.zeros((2, self.count, self.size))
         of_box = paths.leaf < self.size
         row, column, entry = paths.row[of_box], paths.leaf[of_box], paths.entry[of_box]
