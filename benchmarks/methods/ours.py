@@ -16,7 +16,7 @@ from cpcal.checker import check
 from cpcal.files import campaign_sha256
 from cpcal.questions import LegResult
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Then, Verdict
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.optimize.bound import minimize, run
 
 
@@ -55,10 +55,10 @@ class Cpcal:
     def _search(self, question: TaskQuestion) -> MethodAnswer:
         eps = question.eps
         network = question.problem.network(eps)
-        contractor = Then(*plugins.build_each(network, self._contractors, objective="eps"))
+        named = plugins.build_each(network, self._contractors, objective="eps")
         limits = Limits(seconds=question.limit, gap=question.task.value if eps is None else 1e-6)
         start = question.problem.start
-        found = run(minimize(network, "eps", contractor, limits=limits, start=start), None)
+        found = run(minimize(network, "eps", named, limits=limits, start=start), None)
         bounds = {"lo": found.lo, "hi": found.hi} if eps is None else {}  # else nothing is said of eps*
         wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
         figures = {**bounds, "nodes": found.nodes, "programs": found.programs}

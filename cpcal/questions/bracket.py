@@ -83,7 +83,7 @@ class PreparedLeg:
     def alone(self, only: tuple[int, ...]) -> PreparedLeg:
         """The same for some measurements, without a certificate."""
         network = of_measurements(self.problem.network, only)
-        named = _named(self.question, network)
+        named = plugins.build_each(network, self.question.options.contractors, objective="eps")
         return replace(self, problem=Prepared(network, "eps"), named=named, only=only, statement=None)
 
     def stated(self, domain: Box) -> Statement | None:
@@ -92,11 +92,6 @@ class PreparedLeg:
         if question.certificates is None or not Contracting(self.named).gives_weights:
             return None
         return self.statement or model_statement(question.campaign, self.leg, question.model, domain, self.only)
-
-
-def _named(question: Question, network: ConstraintNetwork) -> list[tuple[str, Contractor]]:
-    names = question.options.contractors
-    return list(zip(names, plugins.build_each(network, names, objective="eps"), strict=True))
 
 
 def prepared_leg(
@@ -116,7 +111,7 @@ def prepared_leg(
         leg=leg,
         center=center,
         problem=Prepared(network, "eps"),
-        named=_named(question, network),
+        named=plugins.build_each(network, question.options.contractors, objective="eps"),
         only=only,
     )
     return replace(found, statement=found.stated(network.domain)) if built_in(question.model) else found

@@ -435,7 +435,8 @@ class Network(ConstraintNetwork):
         network = self._as_asked()
         box = network.domain if box is None else box
         network.check_box(box)
-        return contracted(Then(*plugins.build_each(network, contractors)), box)
+        parts = (part for _, part in plugins.build_each(network, contractors))
+        return contracted(Then(*parts), box)
 
     @_or_late(_no_paving)
     def solve(
@@ -495,23 +496,23 @@ class Network(ConstraintNetwork):
         of = {} if checkpoint is None else checkpoint_of(network, options)
         keeper = Checkpoint(checkpoint, of, resume=resume)
 
-        def contracting(method: SearchMethod) -> Contractor:
+        def contracting(method: SearchMethod) -> list[tuple[str, Contractor]]:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
             rows = copy(network)
             rows.add(choice.consequences if method.consequences else ())
-            parts = plugins.build_each(rows, names)
-            built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
-            return Then(*parts)
+            built[method] = plugins.build_each(rows, names)
+            return built[method]
 
         def left() -> Box:
-            return contracted(contracting(choice.methods[0]), network.domain, clock.deadline).box
+            parts = (part for _, part in contracting(choice.methods[0]))
+            return contracted(Then(*parts), network.domain, clock.deadline).box
 
         with compiling_until(clock.deadline):
             finest, reach, unit = resolution(network, left, width)
 
         def search(method: SearchMethod, place: Place) -> Search:
             by = named_strategy(network, strategy or method.strategy, finest, reach, unit)
-            every = Contracting([("", contracting(method))], deadline=clock.deadline)
+            every = Contracting(contracting(method), deadline=clock.deadline)
             elsewhere = None if isinstance(place[0], Here) else place
             process = Divide(every, by, inside=inside, outside=inner, place=elsewhere)
             return Search([network.domain], process, priority, outside=inner, abreast=_ABREAST, batch=process.batch)
@@ -583,8 +584,7 @@ class Network(ConstraintNetwork):
             if contractors is None:
                 contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
             network._check_bounded(name, contractors, chosen=why != "asked for")
-            parts = plugins.build_each(stated, contractors, objective=name)
-            named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+            named = plugins.build_each(stated, contractors, objective=name)
         if exact and not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")

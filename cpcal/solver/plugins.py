@@ -123,17 +123,16 @@ def check_names(names: Sequence[str | Contractor]) -> None:
             raise PluginError(f"{name!r} is no contractor: give its name or an object with contract(box)")
 
 
-def name_of(contractor: str | Contractor) -> str:
-    """What a contractor is called in results: the name it was asked for by, or its class."""
-    return contractor if isinstance(contractor, str) else type(contractor).__name__
-
-
 def build_each(
     network: ConstraintNetwork,
     names: Sequence[str | Contractor],
     *,
     objective: str | None = None,
-) -> list[Contractor]:
-    """The named contractors (or those given) for a network, at least one. Raises PluginError."""
+) -> list[tuple[str, Contractor]]:
+    """The named contractors (or those given) for a network, at least one, with what they are called in results: the
+    name that one was asked for by, or its class. Raises PluginError."""
     check_names(names)
-    return [load(name)(network, objective=objective) if isinstance(name, str) else name for name in names]
+    return [
+        (name, load(name)(network, objective=objective)) if isinstance(name, str) else (type(name).__name__, name)
+        for name in names
+    ]

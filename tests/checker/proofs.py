@@ -155,7 +155,7 @@ def short(
     point: Sequence[float],
 ) -> Proof:
     """A proof in the network's small box about the best point: one pass with bounds of the objective and two others."""
-    (lifted,) = plugins.build_each(network, ("lifted",), objective=goal)
+    ((_, lifted),) = plugins.build_each(network, ("lifted",), objective=goal)
     domain, o = network.domain, network.names.index(goal)
     record = json.loads(json.dumps(WeightProver(statement)(domain, lifted.contract(domain)).record))
     lo, hi = [float(v) for v in domain.lo], [float(v) for v in domain.hi]

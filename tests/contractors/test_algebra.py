@@ -45,7 +45,9 @@ def test_operators_compose_with_a_foreign_contractor_on_either_side(network: Con
 
 
 def test_the_core_composes_contractors_that_know_nothing_of_composition(network: ConstraintNetwork) -> None:
-    result = Then(*plugins.build_each(network, [Foreign(), Foreign()])).contract(network.domain)
+    named = plugins.build_each(network, [Foreign(), Foreign()])
+    assert [name for name, _ in named] == ["Foreign", "Foreign"]
+    result = Then(*(part for _, part in named)).contract(network.domain)
     assert result.box["x"].hi == 1.0
     assert result.programs == 4
     assert Repeat(Foreign(), most=5).contract(network.domain).programs == 4  # the second call changes nothing
