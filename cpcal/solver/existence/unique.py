@@ -247,7 +247,10 @@ class UniquenessProver:
         """Epsilon-inflation: a region that grows until N(region) lies in its interior."""
         region = self._inflated(start)
         for _ in range(tries):
-            moved = self._image(region, center)
+            box = self._domain.with_bounds(region.lo, region.hi)
+            if not box.is_bounded or time.monotonic() > self._deadline:
+                return None
+            moved = self._equalities.image(box, center, self._columns)
             if moved is None or bool(moved.empty.any()):
                 return None
             if inside(moved, region, self._columns):
@@ -275,13 +278,6 @@ class UniquenessProver:
         point = np.where(tight.lo < lo, lo, np.where(tight.hi > hi, hi, np.clip(tight.mid, lo, hi)))
         zero = exactly_zero(self._network, self._equalities.roots, point)
         return tight.with_bounds(point, point) if zero and point in tight else Box.empty(tight.names)
-
-    def _image(self, region: IntervalArray, center: Floats) -> IntervalArray | None:
-        """N(region); None where it is not defined or not bounded."""
-        box = self._domain.with_bounds(region.lo, region.hi)
-        if not box.is_bounded or time.monotonic() > self._deadline:
-            return None
-        return self._equalities.image(box, center, self._columns)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""
