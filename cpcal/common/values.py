@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import partial
 from types import MappingProxyType
-from typing import Any, Self, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -80,26 +81,15 @@ class ByValue:
 
 
 class Value(ByValue):
-    """Base of frozen dataclasses with frozen fields: copies are the value itself, pickles stay read-only.
+    """Base of frozen dataclasses with frozen fields: copies, and what pickles bring back, are made anew of the fields
+    and read-only; what else was kept (a cached property) is computed again."""
 
-    Only fields are pickled; what else was kept (a cached property) is computed again.
-    """
-
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
-
-    def __getstate__(self) -> dict[str, Any]:
-        held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
-        return {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in held.items()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-        fill(self, **{name: MappingProxyType(v) if isinstance(v, dict) else v for name, v in state.items()})
+    def __reduce__(self) -> tuple[Any, ...]:
+        given, kept = dict[str, Any](), dict[str, Any]()
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            (given if f.init else kept)[f.name] = dict(value) if isinstance(value, MappingProxyType) else value
+        return partial(type(self), **given), (), kept or None
 
 
 def same(one: object, other: object) -> bool:

@@ -89,11 +89,14 @@ def read_table(
     return table
 
 
+@dataclass
 class _Reader:
     """Checks the header, then checks and gathers the rows below it."""
 
-    def __init__(self, content: bytes, where: str, problems: Problems) -> None:
-        self.content, self.where, self.problems, self.line = content, where, problems, 0
+    content: bytes
+    where: str
+    problems: Problems
+    line: int = 0
 
     def wrong(self, what: str, remedy: str, *, always: bool = False) -> None:
         """Of the line that was read last."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
@@ -99,10 +98,6 @@ class Truth(Value):
         for name in ("camera", "target"):
             pose: Pose = getattr(self, name)
             fill(self, **{name: Pose(frozen_array(pose.position), frozen_array(pose.quaternion))})
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
-        self.__post_init__()  # arrays of an unpickled pose can be written to
 
     def mobile_in_base(self, table: PoseTable) -> Pose:
         """The poses (N) of the mobile frame in the base frame that the table's poses mean."""

@@ -97,7 +97,11 @@ def measure_pose(
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
-    _check_size(np.asarray(image), camera)
+    shape = np.shape(image)
+    if len(shape) >= 2 and shape[1::-1] != (camera.width, camera.height):  # else the next station says what an image is
+        raise NotMeasured(
+            f"the image is {shape[1]} x {shape[0]} pixels, the camera's images are {camera.width} x {camera.height}"
+        )
     dots, identification = points_in(image, target, camera, near)
     try:
         identification = turned(identification, dots.centers, target, first_row, camera)
@@ -143,13 +147,3 @@ def points_in(
         raise why
     except Unidentified as reason:
         raise NotMeasured(f"not identified: {reason}") from None
-
-
-def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:
-    if image.ndim < 2:
-        return  # the next station says what an image is
-    height, width = image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise NotMeasured(
-            f"the image is {width} x {height} pixels, the camera's images are {camera.width} x {camera.height}"
-        )

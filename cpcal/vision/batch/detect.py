@@ -150,11 +150,6 @@ class Journal:
             kept.add(row, stamp)
         return kept
 
-    def get(self, name: str, stamp: str) -> Detection | None:
-        """The row of that image, if it is still the same image."""
-        known, row = self.rows.get(name, ("", None))
-        return row if row is not None and known == stamp else None
-
     def add(self, row: Detection, stamp: str) -> None:
         if self.file is not None:
             self.file.write(json.dumps({"stamp": stamp, **encoded(row)}) + "\n")
@@ -230,7 +225,8 @@ def detect(
     names = list(source.names)
     with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance), first_row)) as kept:
         work = partial(_measured, source, target, camera, camera_covariance, first_row)
-        done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
+        stamps = {name: source.stamp(name) for name in names}
+        done = {name: row for name, (of, row) in kept.rows.items() if stamps.get(name) == of}  # still the same image
         todo = [name for name in names if name not in done]
         seconds = 0.0
         if progress is not None:
@@ -238,7 +234,7 @@ def detect(
         for rows, spent in in_parallel(work, todo, workers):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
-                    kept.add(row, source.stamp(row.file))
+                    kept.add(row, stamps[row.file])
                 done[row.file] = row
             seconds += spent
             if progress is not None:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -116,8 +117,9 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
     """The fits of spots under the light of all, or under one of their own; `light` and what it leaves are those of
     `light_growth`."""
     room = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE)  # pixels beyond its edge that are a dot's own
+    each_alone = partial(fitted_edges, grey, found.center, found.spread, room, np.zeros((len(found), 2)), LINEAR)
     if np.isnan(light).any():
-        return _all_alone(grey, found, room)
+        return each_alone()
     edges = fitted_edges(grey, found.center, found.spread, room, light)
     fitted = ~np.isnan(edges.noise)
     if not fitted.any():
@@ -134,7 +136,7 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
     (squares, worth, common), noise = _excess(edges), median(edges.noise[fitted])
     moved = median(np.where(worth, squares, 0.0)[fitted]) / _MEDIAN
     if moved > _ALL_WRONG or (moved > _BENT and left > _LEFT * noise):
-        return _all_alone(grey, found, room)
+        return each_alone()
     noisy = ~(edges.noise < _STRANGE * np.maximum(noise, _IMPERFECT * np.abs(edges.contrast)))
     # where all dots differ by more than noise says (a lens's asymmetry, a camera's processing) that is the measure. All
     # dots, not those alone that light has moved: a wide shadow's edge would be its own measure
@@ -149,20 +151,9 @@ def fitted_under(grey: Grey, found: Spots, gap: Floats, light: Floats, left: flo
     return edges.replaced(again[better], own.kept(better))
 
 
-def _all_alone(grey: Grey, found: Spots, room: Floats) -> Edges:
-    return fitted_edges(grey, found.center, found.spread, room, np.zeros((len(found), 2)), LINEAR)
-
-
-class _Excess(NamedTuple):
+def _excess(edges: Edges) -> tuple[Floats, Bools, Floats]:
     """Chi-squares (n,) of the light's growth against what dots have in common, 0 where there is nothing to tell;
     whether the move of the centre that it would make is worth to be known; and what is common to all."""
-
-    squares: Floats
-    worth: Bools
-    common: Floats
-
-
-def _excess(edges: Edges) -> _Excess:
     information, moves = edges.odd[:, :, :TERMS], edges.odd[:, :, TERMS + 1 :]
     trace = np.trace(information, axis1=1, axis2=2)
     known = (trace > 0.0) & np.isfinite(trace)
@@ -180,7 +171,7 @@ def _excess(edges: Edges) -> _Excess:
     worth = told & (spread < _HOPELESS * np.trace(edges.covariance, axis1=1, axis2=2))
     worth &= (move * move).sum(axis=1) > _WORTH**2
     squares = believed * (off[:, None] @ information @ off[..., None])[:, 0, 0]
-    return _Excess(np.where(told, squares, 0.0), worth, common)
+    return np.where(told, squares, 0.0), worth, common
 
 
 FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise

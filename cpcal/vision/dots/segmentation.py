@@ -207,15 +207,11 @@ def surveys(image: Grey8, half: Grey8, bright: bool) -> Iterator[Survey]:
         least, mean = max(_NOISE * noise_level(half), _LEAST), opencv().blur(half, (_WIDEST, _WIDEST))
         some = _standing_out(_excess(half, mean, bright), least, bright)
         sizes = _by_size(Spots(2.0 * some.center + 0.5, 4.0 * some.spread, bright))
-        if _first_number(sizes) < _ENOUGH or median(sizes[0].radius) < _SMALL:
+        if not sizes or len(sizes[0]) < _ENOUGH or median(sizes[0].radius) < _SMALL:
             least = max(_NOISE * noise_level(image), _LEAST)
             near = _by_size(_standing_out(_excess(image, _mean(image, half, _NARROW), bright), least, bright))
-            sizes = max(sizes, near, key=_first_number)
+            sizes = max(sizes, near, key=lambda found: len(found[0]) if found else 0)
         yield from (_survey(image, half, mean, found) for found in sizes)
-
-
-def _first_number(sizes: list[Spots]) -> int:
-    return len(sizes[0]) if sizes else 0
 
 
 def _by_size(found: Spots) -> list[Spots]:
@@ -262,10 +258,6 @@ def halved(image: Image) -> Image:
     return half
 
 
-def _none(bright: bool) -> Spots:
-    return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
-
-
 def _excess(image: Grey8, mean: Grey8, bright: bool, out: Grey8 | None = None) -> Grey8:
     """By how much pixels are brighter (or darker) than the mean around, at least 0; `out` may be the mean."""
     cv2 = opencv()
@@ -278,11 +270,11 @@ def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None
     (or darker) than around: of an excess that is used up, because fresh memory would take longer than the threshold."""
     cv2 = opencv()
     mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
-    if _too_many(mask):
-        return _none(bright)
-    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)  # corners do
+    outlines = (
+        () if _too_many(mask) else cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
+    )  # corners do
     if not outlines:
-        return _none(bright)
+        return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
     center, spread, keep = ellipses(outlines, mask.shape[1], mask.shape[0])
     found = Spots(center[keep], spread[keep], bright)
     radius = found.radius

@@ -7,7 +7,6 @@ import re
 import stat
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,11 +49,23 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[n
     Raises UnreadableImageError, MissingExtraError.
     """
     cv2 = opencv()
-    _check_file(path)
+    try:  # before anything is opened: a pipe would wait for ever, a device would never end
+        status = path.stat()
+    except OSError as error:
+        raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise UnreadableImageError("is no regular file")
+    if not status.st_size:
+        raise UnreadableImageError("is empty")
+    if status.st_size > BYTES_MAX:
+        raise UnreadableImageError(f"is a file of {status.st_size:,} bytes, more than {BYTES_MAX:,}")
     _check_header(path, size)
     try:
         content = np.fromfile(path, dtype=np.uint8)
-        _check_end(content.tobytes())
+        read = content.tobytes()
+        if any(read.startswith(begin) and end not in read[-_TAIL:] for begin, end in _ENDS):
+            # OpenCV fills up what is missing, and says nothing
+            raise UnreadableImageError("is truncated: the end of the file is missing")
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except (OSError, cv2.error, MemoryError) as error:
         raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
@@ -65,20 +76,6 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[n
     return image[..., :3] if image.ndim == 3 else np.asarray(image)
 
 
-def _check_file(path: Path) -> None:
-    """Before anything is opened: a pipe would wait for ever, a device would never end."""
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
-    if not stat.S_ISREG(status.st_mode):
-        raise UnreadableImageError("is no regular file")
-    if not status.st_size:
-        raise UnreadableImageError("is empty")
-    if status.st_size > BYTES_MAX:
-        raise UnreadableImageError(f"is a file of {status.st_size:,} bytes, more than {BYTES_MAX:,}")
-
-
 def _check_header(path: Path, size: tuple[int, int] | None) -> None:
     """Before anything is decoded: a small file may claim to hold a huge image. A truncated one is refused."""
     from PIL import Image
@@ -87,7 +84,9 @@ def _check_header(path: Path, size: tuple[int, int] | None) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of large images, and of odd metadata
             with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as header:
-                (width, height), decoded = header.size, _decoded_bytes(header)
+                (width, height), bands = header.size, len(header.getbands())
+                # of a pixel, at most: Pillow does not tell 16 bits of a colour from 8
+                deep = 4 if header.mode in ("I", "F") else 1 if header.format == "JPEG" else 2
     except OSError as error:
         raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
     except Image.DecompressionBombError:
@@ -100,21 +99,8 @@ def _check_header(path: Path, size: tuple[int, int] | None) -> None:
         )
     if width * height > PIXELS_MAX:
         raise UnreadableImageError(f"has {width} x {height} pixels, more than {PIXELS_MAX:,}")
-    if decoded > BYTES_MAX:
+    if (decoded := width * height * bands * deep) > BYTES_MAX:
         raise UnreadableImageError(f"would take {decoded:,} bytes when decoded, more than {BYTES_MAX:,}")
-
-
-def _decoded_bytes(header: Any) -> int:
-    """At most, of the pixels of an image whose header Pillow read: it does not tell 16 bits of a colour from 8."""
-    deep = 4 if header.mode in ("I", "F") else 1 if header.format == "JPEG" else 2
-    return int(header.size[0] * header.size[1] * len(header.getbands()) * deep)
-
-
-def _check_end(content: bytes) -> None:
-    """OpenCV fills up what is missing of a truncated file, and says nothing."""
-    for begin, end in _ENDS:
-        if content.startswith(begin) and end not in content[-_TAIL:]:
-            raise UnreadableImageError("is truncated: the end of the file is missing")
 
 
 def _first_line(error: BaseException) -> str:

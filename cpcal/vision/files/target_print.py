@@ -125,14 +125,15 @@ def page_bytes(target: Target, kind: str, paper: str | None = None) -> bytes:
         axes.set_axis_off()
         axes.set_xlim(on.corner[0], on.corner[0] + on.size[0])
         axes.set_ylim(on.corner[1], on.corner[1] + on.size[1])
-        _draw(axes, target)
+        title = "".join(c if c.isprintable() else " " for c in target.name)
+        _draw(axes, target, title)
         buffer = io.BytesIO()
         none = {"CreationDate": None, "Creator": None, "Producer": None} if kind == "pdf" else {"Date": None}
-        figure.savefig(buffer, format=kind, metadata={"Title": _title(target), **none})
+        figure.savefig(buffer, format=kind, metadata={"Title": title, **none})
     return buffer.getvalue()
 
 
-def _draw(axes: Axes, target: Target) -> None:
+def _draw(axes: Axes, target: Target, title: str) -> None:
     ground, ink = ("black", "white") if target.bright else ("white", "black")
     low, high = _plate(target)
     axes.add_patch(Rectangle(low.tolist(), *(high - low).tolist(), facecolor=ground, linewidth=0.0))
@@ -146,24 +147,16 @@ def _draw(axes: Axes, target: Target) -> None:
     axes.plot(ends, [y, y], **thin)
     for end in ends:
         axes.plot([end, end], [y - _TICK, y + _TICK], **thin)
+    size = np.format_float_positional(round(2.0 * target.radius, 6), trim="-")
+    what = f"{len(target.dots)} " + ("corners" if target.printed else f"dots of {size} mm")
     axes.text(
         middle,
         y - _CAPTION,
-        _caption(target),
+        f"{title}: {what}; the bar is {_BAR:g} mm: print at 100 %",
         fontsize=_TEXT * _POINTS_PER_MM,
         horizontalalignment="center",
         parse_math=False,
     )
-
-
-def _caption(target: Target) -> str:
-    size = np.format_float_positional(round(2.0 * target.radius, 6), trim="-")
-    what = f"{len(target.dots)} " + ("corners" if target.printed else f"dots of {size} mm")
-    return f"{_title(target)}: {what}; the bar is {_BAR:g} mm: print at 100 %"
-
-
-def _title(target: Target) -> str:
-    return "".join(c if c.isprintable() else " " for c in target.name)
 
 
 def dark_squares(board: Board) -> Floats:
