@@ -19,7 +19,7 @@ import numpy.typing as npt
 from cpcal.common.errors import CpcalError, InputError, printable
 from cpcal.common.least_squares import Blocks, least_squares
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.plate_and_camera import CameraRecord
@@ -53,13 +53,11 @@ class State:
 
     def moved(self, step: Floats) -> State | None:
         """By a step (9 + 6 v,); None where that makes no camera."""
-        own = step[9:].reshape(-1, 6)
         try:
             camera = self.camera.with_numbers(self.camera.numbers + step[:9])
         except InputError:
             return None
-        turned = quaternion_product(quaternion_from_rotation_vector(own[:, 3:]), self.poses.quaternion)
-        return State(camera, Pose(self.poses.position + own[:, :3], normalised(turned)))
+        return State(camera, self.poses.moved(step[9:].reshape(-1, 6)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,16 +95,8 @@ class CameraFit:
         """Without these views (v,) and dots (v, n), and then without views of too few dots."""
         factor = np.where(dots[..., None, None], 0.0, self.factor)
         keep = ~views & (factor.any(axis=(2, 3)).sum(axis=1) >= DOTS_MIN)
-        poses = Pose(self.state.poses.position[keep], self.state.poses.quaternion[keep])
-        state = replace(self.state, poses=poses)
+        state = replace(self.state, poses=self.state.poses.rows(keep))
         return replace(self, state=state, rows=self.rows[keep], centers=self.centers[keep], factor=factor[keep])
-
-    def adjusted(self) -> CameraFit:
-        """At the least sum of squared deviations nearby, if it settles there."""
-        found = least_squares(
-            self.deviations, self.blocks, self.state, tolerance=_SETTLED, moved=State.moved, steps=_STEPS
-        )
-        return replace(self, state=found.at, settled=found.settled)
 
     def blocks(self, state: State) -> Blocks:
         """The normal equations: nine numbers of the camera that all views share, and each view's pose."""
@@ -131,22 +121,17 @@ class CameraFit:
         if not (scale > 0.0).all():
             return None
         values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-        if not values[0] > _CONDITION_MIN * values[-1]:
-            return None
-        half = vectors / scale[:, None] / np.sqrt(values)
-        full = half @ half.T
-        return np.asarray(0.5 * (full + full.T))
-
-    def excess(self) -> float:
-        """The residuals' root mean square in stated standard deviations, degrees of freedom counted."""
-        freedom = 2 * int(self.used.sum()) - 6 * len(self.rows) - 9
-        return float(np.sqrt((self.deviations() ** 2).sum() / max(freedom, 1)))
+        half = vectors / scale[:, None] / np.sqrt(np.abs(values))
+        return half @ half.T if values[0] > _CONDITION_MIN * values[-1] else None
 
 
 def robust_fit(fit: CameraFit) -> CameraFit:
     """The fit without the views and dots that do not belong, which go one after the other, the worst first."""
     while len(fit.rows) >= _VIEWS_MIN:
-        fit = fit.adjusted()
+        found = least_squares(
+            fit.deviations, fit.blocks, fit.state, tolerance=_SETTLED, moved=State.moved, steps=_STEPS
+        )
+        fit = replace(fit, state=found.at, settled=found.settled)
         off = np.where(fit.used, np.linalg.norm(fit.deviations(), axis=2), np.nan)
         medians = np.nanmedian(off, axis=1) / _MEDIAN
         views = medians >= max(_VIEW_LIMIT * max(float(np.median(medians)), _SCALE_MIN), medians.max())
@@ -262,7 +247,8 @@ def calibrate_camera(views: Sequence[TargetView], target: Target, size: tuple[in
     bad = set(start.rows.tolist()) - set(fit.rows.tolist())
     reasons.update(dict.fromkeys(bad, "its dots do not fit the other views: moved, blurred, or wrong numbers?"))
     _enough(len(fit.rows), reasons, named)
-    scale, spread = fit.excess(), fit.covariance()
+    freedom = 2 * int(fit.used.sum()) - 6 * len(fit.rows) - 9
+    scale, spread = float(np.sqrt((fit.deviations() ** 2).sum() / max(freedom, 1))), fit.covariance()
     if spread is None or not fit.settled:
         raise NotCalibratedError(f"the views leave the camera open: {_REMEDY}")
     spread *= max(scale, 1.0) ** 2
@@ -275,8 +261,7 @@ def calibrate_camera(views: Sequence[TargetView], target: Target, size: tuple[in
         CalibratedView(v.name, reasons.get(k, ""), None, np.full(v.centers.shape, np.nan)) for k, v in enumerate(named)
     ]
     for k, row in enumerate(fit.rows.tolist()):
-        pose = Pose(poses.position[k], poses.quaternion[k])
-        every[row] = replace(every[row], pose=pose, residuals=residuals[k][named[row].numbers])
+        every[row] = replace(every[row], pose=poses.rows(k), residuals=residuals[k][named[row].numbers])
     rms = float(np.sqrt(np.nanmean(residuals**2)))
     return Calibration(fit.state.camera, spread, rms, scale, tuple(every))
 
@@ -296,7 +281,15 @@ def _start(views: list[TargetView], target: Target, size: tuple[int, int], reaso
             reasons[row] = "its dots are not where those of a plane can be: wrong numbers?"
     _enough(len(rows), reasons, views)
     some, count = [views[row] for row in rows], len(target.dots)
-    camera = _first_camera(some, target, size)
+    points = [target.points[view.numbers].astype(np.float32) for view in some]
+    seen = [view.centers.astype(np.float32) for view in some]
+    side = float(max(size))
+    focal = np.array([side, side])  # where the homographies say nothing
+    for aspect in (1.0, 0.0):  # of one focal length for both, else of fx and fy
+        found = np.diag(opencv().initCameraMatrix2D(points, seen, size, aspect))[:2]
+        if ((found > _FOCAL_RANGE[0] * side) & (found < _FOCAL_RANGE[1] * side)).all():
+            focal = found
+    camera = Camera(*size, focal, 0.5 * (np.array(size) - 1.0), np.zeros(5))
     poses = [plane_poses(target.dots[view.numbers], camera.normalised(view.centers))[0] for view in some]
     centers, factor = np.zeros((len(rows), count, 2)), np.zeros((len(rows), count, 2, 2))
     for k, view in enumerate(some):
@@ -304,20 +297,6 @@ def _start(views: list[TargetView], target: Target, size: tuple[int, int], reaso
         factor[k, view.numbers] = np.linalg.inv(np.linalg.cholesky(view.covariance))
     stacked = Pose(np.stack([pose.position for pose in poses]), np.stack([pose.quaternion for pose in poses]))
     return CameraFit(np.array(rows), centers, factor, State(camera, stacked), target)
-
-
-def _first_camera(views: list[TargetView], target: Target, size: tuple[int, int]) -> Camera:
-    """From the views' homographies, with the principal point in the middle of the image; where these say nothing of fx
-    and fy, or of one focal length for both, as long as the image."""
-    points = [target.points[view.numbers].astype(np.float32) for view in views]
-    centers = [view.centers.astype(np.float32) for view in views]
-    side = float(max(size))
-    focal = np.array([side, side])
-    for aspect in (1.0, 0.0):
-        found = np.diag(opencv().initCameraMatrix2D(points, centers, size, aspect))[:2]
-        if ((found > _FOCAL_RANGE[0] * side) & (found < _FOCAL_RANGE[1] * side)).all():
-            focal = found
-    return Camera(*size, focal, 0.5 * (np.array(size) - 1.0), np.zeros(5))
 
 
 def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> None:
