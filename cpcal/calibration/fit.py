@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import unusable
+from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.least_squares import least_squares
 from cpcal.common.values import Floats, fill, frozen_array
@@ -55,13 +55,13 @@ class Noise:
     def __post_init__(self) -> None:
         fill(self, pose=frozen_array(self.pose), length=frozen_array(self.length))
         pose, length = self.pose, self.length
-        if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
-            what, remedy = f"has the shapes {pose.shape} and {length.shape}", "give pose (N, 6, 6) and length (N, n)"
-        elif not (np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()):
-            what, remedy = "holds a negative or non-finite number", "give finite numbers >= 0"
-        else:
-            return
-        raise unusable("noise", what, remedy)
+        shaped = pose.ndim == 3 and pose.shape[1:] == (6, 6) and length.ndim == 2 and len(length) == len(pose)
+        good = np.isfinite(pose).all() and np.isfinite(length).all() and (length >= 0).all()
+        shapes = f"has the shapes {pose.shape} and {length.shape}"
+        refuse(
+            (not shaped, "noise", shapes, "give pose (N, 6, 6) and length (N, n)"),
+            (shaped and not good, "noise", "holds a negative or non-finite number", "give finite numbers >= 0"),
+        )
 
     @classmethod
     def from_sigmas(
@@ -346,12 +346,16 @@ def fit(
     chosen = tuple(range(1, campaign.legs + 1)) if legs is None else tuple(legs)
     columns = [leg - 1 for leg in chosen]
     known_legs, shape = set(range(1, campaign.legs + 1)), (len(campaign), campaign.legs)
-    if not chosen or len(set(chosen)) < len(chosen) or not set(chosen) <= known_legs:
-        raise unusable("option legs", f"has no meaning: {legs}", f"give different numbers from 1 to {campaign.legs}")
-    if noise is None and (weighted or covariance == "noise"):
-        raise unusable("option noise", "is missing", "give noise=Noise.of(campaign)")
-    if noise is not None and noise.length.shape != shape:
-        raise unusable("option noise", "is for other leg readings", f"give {shape}")
+    senseless = not chosen or len(set(chosen)) < len(chosen) or not set(chosen) <= known_legs
+    lacking, other = (
+        noise is None and (weighted or covariance == "noise"),
+        noise is not None and noise.length.shape != shape,
+    )
+    refuse(
+        (senseless, "option legs", f"has no meaning: {legs}", f"give different numbers from 1 to {campaign.legs}"),
+        (lacking, "option noise", "is missing", "give noise=Noise.of(campaign)"),
+        (other, "option noise", "is for other leg readings", f"give {shape}"),
+    )
     first = campaign.robot.parameters[columns] if start is None else np.array(start)
     known = None if noise is None else replace(noise, length=noise.length[:, columns])
     equations = LegEquations.of(campaign, chosen)

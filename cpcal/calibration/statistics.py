@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.fit import Noise
-from cpcal.common.errors import unusable
+from cpcal.common.errors import refuse, unusable
 from cpcal.common.files import listed
 from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import (
@@ -163,10 +163,10 @@ def averaged(
     The new campaign's `run` is "mean", and its provenance says how it was made. Raises InputError when nothing is
     repeated, or for options without a meaning.
     """
-    if of not in ("single", "mean"):
-        raise unusable("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")
-    if not 0 < factor < np.inf:
-        raise unusable("option factor", f"has no meaning: {factor!r}", "give a number > 0")
+    refuse(
+        (of not in ("single", "mean"), "option of", f"has no meaning: {of!r}", "give 'single' or 'mean'"),
+        (not 0 < factor < np.inf, "option factor", f"has no meaning: {factor!r}", "give a number > 0"),
+    )
     given = None if sigma is None else np.asarray(sigma, dtype=np.float64)
     group, names = grouped(campaign.pose, repeated=given is None)
     widths = np.tile(factor * (campaign_deviations(campaign).sigma if given is None else given), (len(names), 1))

@@ -15,7 +15,7 @@ from cpcal.checker import LegChecked, Refused, RobustChecked
 from cpcal.checker.platform import check_accuracy
 from cpcal.cli.verify import NothingCertifiedError, Statement, told
 from cpcal.common.documents import JSON_MAX, json_object, unguarded
-from cpcal.common.errors import InputError, PluginError, Problem, Problems
+from cpcal.common.errors import InputError, PluginError, Problem
 from cpcal.common.files import small_file
 from cpcal.common.numbers import about, at_least, at_most
 from cpcal.files import load_campaign_json
@@ -181,9 +181,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
     """What the table of a folder states that its claims do not; "" where both agree, number by number."""
     from cpcal.models.sight import stem_of
 
-    problems = Problems()
-    content = small_file(path, problems, "", most=JSON_MAX)
-    problems.raise_any()
+    content = small_file(path, "", most=JSON_MAX)
     claims: dict[str, tuple[str, list[F]]] = {}
     for one in found:
         if one.radii is not None:
@@ -191,7 +189,7 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
         elif one.refused is None:
             claims[one.name] = Verdict.REFUTED.value, []
     try:
-        for row in csv.DictReader((content or b"").decode().splitlines(), strict=True):
+        for row in csv.DictReader(content.decode().splitlines(), strict=True):
             numbers = [F(float(row[column])) for column in NUMBERS if row[column]]
             if (row["verdict"], numbers) != claims.pop(stem_of(unguarded(row["file"])), ("unknown", [])):
                 return f"{row['file']}: its verdict and numbers are not those of a claim that is proved"

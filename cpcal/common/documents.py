@@ -15,6 +15,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,10 +109,7 @@ def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
 
     `absent` is the remedy when there is no such file, `again` when it holds something else. Raises InputError.
     """
-    problems = Problems()
-    content = small_file(path, problems, absent, most=JSON_MAX)
-    problems.raise_any()
-    assert content is not None
+    content = small_file(path, absent, most=JSON_MAX)
     try:
         return parsed_object(content)
     except ValueError as error:
@@ -210,8 +208,8 @@ class TomlReader:
 
         None, with a problem added, where there is no such file (`absent` is the remedy), or it is no TOML.
         """
-        content, where, sections = small_file(path, problems, absent), str(path), ("format", *sections, "provenance")
-        if content is None:
+        where, sections = str(path), ("format", *sections, "provenance")
+        if (content := problems.of(partial(small_file, path, absent))) is None:
             return None
         document = toml_document(content, where, problems, f'format = "{format_}" and [{sections[1]}]')
         if document is None:

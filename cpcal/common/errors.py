@@ -7,7 +7,9 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 def printable(text: str | os.PathLike[str]) -> str:
@@ -109,9 +111,11 @@ _SHOWN = 40  # characters of an input's own text that a message repeats
 class Problems:
     """A growing list of problems; only the first `LISTED` are kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, problems: Iterable[Problem] = ()) -> None:
         self.listed: list[Problem] = []
         self.omitted = 0
+        for problem in problems:
+            self.add(problem)
 
     def __len__(self) -> int:
         return len(self.listed) + self.omitted
@@ -132,6 +136,17 @@ class Problems:
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
 
+    def of(self, load: Callable[[], T]) -> T | None:
+        """What a function returns; None, with its problems added, where it raises InputError."""
+        try:
+            return load()
+        except InputError as error:
+            for problem in error.problems:
+                if problem not in self.listed:
+                    self.add(problem)
+            self.omitted += error.omitted
+            return None
+
     def raise_any(self, see: str = "") -> None:
         """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""
         if self.listed:
@@ -140,15 +155,8 @@ class Problems:
 
 def together(*loads: Callable[[], Any]) -> list[Any]:
     """What these functions return. Raises one InputError with the problems of all of them."""
-    problems, found = Problems(), []
-    for load in loads:
-        try:
-            found.append(load())
-        except InputError as error:
-            for problem in error.problems:
-                if problem not in problems.listed:
-                    problems.add(problem)
-            problems.omitted += error.omitted
+    problems = Problems()
+    found = [problems.of(load) for load in loads]
     problems.raise_any()
     return found
 

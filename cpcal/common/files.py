@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from cpcal.common.errors import InputError, OutputError, Problem, Problems
+from cpcal.common.errors import InputError, OutputError, Problem, unusable
 
 DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _CHOOSE = "choose a place that can be written to"
@@ -135,25 +135,19 @@ def open_regular(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
-def small_file(path: Path, problems: Problems, absent: str, *, most: int = SETTINGS_MAX) -> bytes | None:
-    """The bytes of a file, or None and a problem; `absent` is the remedy when there is no such file."""
+def small_file(path: Path, absent: str, *, most: int = SETTINGS_MAX) -> bytes:
+    """The bytes of a file. Raises InputError; `absent` is the remedy when there is no such file."""
     try:
         with open_regular(path) as file:
             content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
+    except FileNotFoundError:
+        raise unusable(str(path), "does not exist", absent) from None
     except OSError as error:
-        problems.add(unreadable(path, error, absent))
-        return None
+        what = f"cannot be read: {error.strerror or error}"
+        raise unusable(str(path), what, "give a file that can be read") from None
     if len(content) > most:
-        problems.add(Problem(str(path), f"is larger than {most:,} bytes", "is this the right file?"))
-        return None
+        raise unusable(str(path), f"is larger than {most:,} bytes", "is this the right file?")
     return content
-
-
-def unreadable(path: Path, error: OSError, absent: str) -> Problem:
-    """What to say of a file that could not be opened."""
-    if isinstance(error, FileNotFoundError):
-        return Problem(str(path), "does not exist", absent)
-    return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, unusable
-from cpcal.common.files import write_file
+from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats, fill
 from cpcal.files.settings import (
     CALIBRATION_NAME,
@@ -158,15 +158,8 @@ def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> None
 def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
     """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError."""
     file = Path(path) / NAME if Path(path).is_dir() else Path(path)
+    content = small_file(file, "name the folder of a run", most=_LARGEST)
     try:
-        with file.open("rb") as stream:
-            content = stream.read(_LARGEST + 1)
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise unusable(str(file), what, "name the folder of a run") from None
-    try:
-        if len(content) > _LARGEST:
-            raise ValueError(f"is larger than {_LARGEST:,} bytes")
         data = json.loads(content.decode("utf-8"))
         if not isinstance(data, dict) or data.get("format") != JSON_FORMAT:
             raise ValueError(f"is not of format {JSON_FORMAT}")

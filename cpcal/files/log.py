@@ -82,11 +82,15 @@ def frame_log(frame: Any) -> Log:
 
 def read_log(path: Path) -> Log:
     """The table in a log. Raises InputError: what cannot be a log, and every row of another number of cells."""
-    problems = Problems()
-    content = small_file(path, problems, "name the log", most=LOG_MAX)
-    problems.raise_any()
-    assert content is not None
-    lines = _text(content).splitlines()
+    problems, content = Problems(), small_file(path, "name the log", most=LOG_MAX)
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = content.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")  # the western single-byte code, which has no wrong bytes
+    lines = text.splitlines()
     body = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _COMMENT.match(line)]
     mark, sign, width = _guessed([line for _, line in body[:_LOOKED_AT]], str(path))
     rows = [(number, _cells(line, mark)) for number, line in body]
@@ -102,16 +106,6 @@ def read_log(path: Path) -> Log:
     names = _header(lines, rows[start][0], width, mark, sign)
     kept = rows[start:]
     return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), sign)
-
-
-def _text(content: bytes) -> str:
-    """As the bytes say: UTF-8, UTF-16 with a mark, else the western single-byte code, which has no wrong bytes."""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return content.decode("utf-16", errors="replace")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def _cells(line: str, separator: str) -> list[str]:

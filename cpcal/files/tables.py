@@ -13,6 +13,7 @@ import warnings
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def read_table(
     `absent` is the remedy when there is no such file. `required` names the columns for n legs that must be there,
     `optional` those that may: those of half-widths, or "image", which names a row together with pose and run.
     """
-    content = small_file(path, problems, absent, most=TABLE_MAX)
+    content = problems.of(partial(small_file, path, absent, most=TABLE_MAX))
     if content is None:
         return Table()
     reader, before = _Reader(content, str(path), problems), len(problems)

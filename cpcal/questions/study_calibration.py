@@ -37,7 +37,7 @@ from cpcal.calibration.statistics import (
 )
 from cpcal.calibration.validation import Validation, validate
 from cpcal.common.codec import load, save
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import refuse
 from cpcal.common.numbers import about
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
@@ -77,10 +77,8 @@ class Inputs:
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no standard uncertainty."""
-        wrong = [(name, value) for name, value in vars(self).items() if not 0.0 <= value < math.inf]
-        if wrong:
-            remedy = "give a standard uncertainty >= 0"
-            raise InputError([Problem(f"budget {name}", f"is {value}", remedy) for name, value in wrong])
+        remedy = "give a standard uncertainty >= 0"
+        refuse(*((not 0.0 <= u < math.inf, f"budget {name}", f"is {u}", remedy) for name, u in vars(self).items()))
 
 
 @dataclass(frozen=True)

@@ -175,17 +175,15 @@ class Campaign(Value):
     def __post_init__(self) -> None:
         fill(self, **{name: frozen_array(getattr(self, name)) for name in ARRAYS})
         fill(self, pose=tuple(self.pose), run=tuple(self.run), provenance=frozen_mapping(self.provenance))
-        legs, stated, problems = self.robot.legs, self.uncertainty, Problems()
+        legs, stated, wrong = self.robot.legs, self.uncertainty, list[Problem]()
         columns = zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True)
         every = [(name, (getattr(self, name), width)) for name, width in columns]
         if stated is not None and stated.length.shape != (legs,):
             what = f"has {len(stated.length)} numbers for {legs} legs"
-            problems.add(Problem("campaign uncertainty.length", what, "give one for each leg"))
+            wrong.append(Problem("campaign uncertainty.length", what, "give one for each leg"))
         names = {"pose": self.pose, "run": self.run}
         of_table = table_problems("campaign", "measurement", names, dict(every[:3]), dict(every[3:]))
-        for problem in itertools.chain(provenance_problems("campaign", self.provenance), of_table):
-            problems.add(problem)
-        problems.raise_any()
+        Problems(itertools.chain(wrong, provenance_problems("campaign", self.provenance), of_table)).raise_any()
 
     @classmethod
     def of(

@@ -49,11 +49,8 @@ class PoseTable(Value):
         legs = self.length.shape[1] if self.length.ndim == 2 else 1
         widths = zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True)
         deviations = {} if self.shared is None else {"shared deviation": (self.shared, 6)}
-        problems = Problems()
         values = {name: (getattr(self, name), width) for name, width in widths}
-        for problem in table_problems("table", "row", names, values, deviations):
-            problems.add(problem)
-        problems.raise_any()
+        Problems(table_problems("table", "row", names, values, deviations)).raise_any()
 
     @property
     def legs(self) -> int:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown, unusable
+from cpcal.common.errors import YOUR_DATA, Problem, Problems, refuse, shown, unusable
 from cpcal.common.files import NAME_MAX
 from cpcal.common.values import Bools, Floats, Value, as_floats, fill, frozen_mapping
 from cpcal.robot.kinematics import (
@@ -297,14 +297,12 @@ class ModelChoice(Value):
     def __post_init__(self) -> None:
         widths = {str(k): float(v) for k, v in self.half_widths.items()}
         fill(self, half_widths=frozen_mapping(widths))
-        problems = []
-        if not (self.name.isidentifier() and len(self.name) <= NAME_MAX):
-            problems.append(Problem("model", f"{shown(self.name)} cannot be a name", 'give one such as "gain"'))
-        for key, value in self.half_widths.items():
-            if not (key.isidentifier() and len(key) <= NAME_MAX):
-                problems.append(Problem("model", f"{shown(key)} cannot be a parameter", "give its name, such as s"))
-            if not (math.isfinite(value) and value >= 0.0):
-                what = f"the half-width of {shown(key)} is {value}"
-                problems.append(Problem("model", what, "give a number, 0 or more"))
-        if problems:
-            raise InputError(problems)
+        named = {name: name.isidentifier() and len(name) <= NAME_MAX for name in (self.name, *widths)}
+        refuse(
+            (not named[self.name], "model", f"{shown(self.name)} cannot be a name", 'give one such as "gain"'),
+            *((not named[k], "model", f"{shown(k)} cannot be a parameter", "give its name, such as s") for k in widths),
+            *(
+                (not 0.0 <= v < math.inf, "model", f"the half-width of {shown(k)} is {v}", "give a number, 0 or more")
+                for k, v in widths.items()
+            ),
+        )

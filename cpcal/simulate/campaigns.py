@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, refuse
 from cpcal.common.values import LARGEST, Floats
 from cpcal.robot import (
     DELTALAB,
@@ -70,10 +70,7 @@ def check_options(options: Mapping[str, Any], rows: Callable[[], int]) -> None:
         wrong["random_poses"] = "give at least one, or the extremal poses"
     if not wrong and rows() > MEASUREMENTS_MAX:
         wrong["runs"] = f"keep the measurements within {MEASUREMENTS_MAX:,}"
-    if wrong:
-        raise InputError(
-            [Problem(f"option {name}", f"has no meaning: {options[name]!r}", remedy) for name, remedy in wrong.items()]
-        )
+    refuse(*((True, f"option {name}", f"has no meaning: {options[name]!r}", give) for name, give in wrong.items()))
 
 
 # ------------------------------------------------------------------------------------------------------------------
