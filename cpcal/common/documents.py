@@ -17,11 +17,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from cpcal.common.errors import Problem, Problems, shown, unusable
+from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file
 from cpcal.common.values import LARGEST, Floats
 
@@ -179,6 +179,7 @@ def _deep(document: object) -> bool:
 # ------------------------------------------------------------------------------------------------------------------
 # Sections and values of a TOML document, each problem with its line.
 
+T = TypeVar("T")
 KeyPath = tuple[str, ...]
 Table = dict[str, object]
 Shape = tuple[int | None, ...]
@@ -230,6 +231,16 @@ class TomlReader:
 
     def wrong(self, path: KeyPath, what: str, remedy: str) -> None:
         self.problems.add(Problem(self.where, what, remedy, self.line(path)))
+
+    def made(self, make: Callable[[], T], place: Callable[[str], KeyPath]) -> T | None:
+        """A value of what was read; None where it cannot be, its problems taken note of at the `place` of what they are
+        about."""
+        try:
+            return make()
+        except InputError as error:
+            for problem in error.problems:
+                self.wrong(place(problem.where.rpartition(" ")[2]), problem.what, problem.remedy)
+            return None
 
     def known(self, path: KeyPath, table: Table, keys: Iterable[str]) -> None:
         """Take note of keys that mean nothing."""

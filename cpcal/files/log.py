@@ -94,7 +94,10 @@ def read_log(path: Path) -> Log:
     body = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _COMMENT.match(line)]
     mark, sign, width = _guessed([line for _, line in body[:_LOOKED_AT]], str(path))
     rows = [(number, _cells(line, mark)) for number, line in body]
-    if mark == "," and _decimals_apart([cells for _, cells in rows]):
+    each = [cell for _, cells in rows if _numbers(cells, ".") >= _LEAST for cell in cells]
+    # cells are the halves of numbers: no point is in any, and some begin with zeros, as only decimals do
+    halves = not any("." in cell or "," in cell for cell in each) and any(re.fullmatch("0[0-9]+", c) for c in each)
+    if mark == "," and halves:
         what = "has decimal commas, and commas between columns too: no rule tells them apart"
         raise unusable(str(path), what, "export it with semicolons or tabs, or with decimal points")
     start = next(i for i, (_, cells) in enumerate(rows) if len(cells) == width and _numbers(cells, sign) >= _LEAST)
@@ -138,12 +141,6 @@ def _guessed(lines: list[str], where: str) -> tuple[str, str, int]:
         remedy = f"give a table with at least {_LEAST} numbers in a row, separated by comma, semicolon, tab or blanks"
         raise unusable(where, "holds no rows of numbers", remedy)
     return best[1:]
-
-
-def _decimals_apart(rows: list[list[str]]) -> bool:
-    """Whether cells are the halves of numbers: no point is in any, and some begin with zeros, as only decimals do."""
-    cells = [cell for row in rows if _numbers(row, ".") >= _LEAST for cell in row]
-    return not any("." in cell or "," in cell for cell in cells) and any(re.fullmatch("0[0-9]+", c) for c in cells)
 
 
 def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> tuple[str, ...]:

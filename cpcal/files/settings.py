@@ -22,7 +22,7 @@ from cpcal.common.documents import (
     whole,
     written,
 )
-from cpcal.common.errors import InputError, Problems, shown, unusable
+from cpcal.common.errors import Problems, shown, unusable
 from cpcal.common.files import NAME_MAX, write_folder
 from cpcal.robot import (
     EXACT_OR_NOT,
@@ -195,12 +195,9 @@ def _uncertainty(reader: TomlReader, legs: int | None) -> Uncertainty | None:
         reader.wrong(("uncertainty", key), f"{key!r} is given beside {meant[0]!r}", EXACT_OR_NOT)
     if "exact" in meant or legs is None or found.keys() != {*meant}:
         return None
-    position, rotation, length = (found[key] for key in meant[-3:])
-    try:
-        return Uncertainty(position, rotation, length, found.get("factor"))
-    except InputError as error:  # single values were checked: a product overflows
-        reader.wrong(("uncertainty",), error.problems[0].what, error.problems[0].remedy)
-        return None
+    given = (*(found[key] for key in meant[-3:]), found.get("factor"))
+    # single values were checked: a product may overflow
+    return reader.made(lambda: Uncertainty(*given), lambda _: ("uncertainty",))
 
 
 def _exact(reader: TomlReader, path: KeyPath, value: object) -> bool:

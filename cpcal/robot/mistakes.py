@@ -217,7 +217,13 @@ def radians_as_degrees(given: Given) -> Variants:
 
 def degrees_as_radians(given: Given) -> Variants:
     """Angles were wrapped at 2 pi then: row by row, the turns are those nearest to what the readings ask for."""
-    wanted = _asked_rotations(given)
+    # rotations with which the legs at the given positions are as long as the readings say, from none
+    pose = Pose(given.pose.position, np.tile([1.0, 0.0, 0.0, 0.0], (len(given.length), 1)))
+    for _ in range(_NEWTON):
+        gap = given.length - inverse_kinematics(given.robot, pose)
+        step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(given.robot, pose)[..., 3:], rcond=1e-3), gap)
+        pose = pose.moved(np.concatenate([np.zeros_like(step), _short(step)], axis=1))
+    wanted = pose.quaternion
     for form in _TAKEN:
         angles, near = _angles(form, given.pose.quaternion), _angles(form, wanted)
         if form == _VECTOR:
@@ -241,16 +247,6 @@ def _unwrapped(angles: Floats, near: Floats) -> Floats:
 
 _NEWTON = 12  # steps
 _MAX_TURN = 0.5  # rad, of a step
-
-
-def _asked_rotations(given: Given) -> Floats:
-    """(N, 4): rotations with which the legs at the given positions are as long as the readings say, from none."""
-    pose = Pose(given.pose.position, np.tile([1.0, 0.0, 0.0, 0.0], (len(given.length), 1)))
-    for _ in range(_NEWTON):
-        gap = given.length - inverse_kinematics(given.robot, pose)
-        step = np.einsum("kij,kj->ki", np.linalg.pinv(pose_jacobian(given.robot, pose)[..., 3:], rcond=1e-3), gap)
-        pose = pose.moved(np.concatenate([np.zeros_like(step), _short(step)], axis=1))
-    return pose.quaternion
 
 
 def _short(turn: Floats) -> Floats:
@@ -470,8 +466,16 @@ def likely_causes(given: Given, *, doubted: bool = True) -> list[Cause]:
         ]
         options = _options(few, tried)
         found = _best(options)
-        if not found and few.share(_MOST) > 2.0 * SHARE:
-            found = _best(options + _options(few, _pairs(few)))
+        if not found and few.share(_MOST) > 2.0 * SHARE:  # a wrong unit and one more mistake?
+            plain = [undone for undone, numbers, _ in MISTAKES[1:] if not numbers and undone is not shifted_rows]
+            pairs = [
+                (f"{first}, and {second}", without, 2)
+                for first, scaled in units(few)
+                if scaled.share() < _ODD
+                for undone in plain
+                for second, without in undone(scaled)
+            ]
+            found = _best(options + _options(few, pairs))
         return found
 
 
@@ -537,18 +541,6 @@ def _explains(before: tuple[float, str, Floats], value: float, seen: Floats) -> 
 def _evenly(given: Given, count: int) -> Given:
     """So many of its rows."""
     return given.rows(np.linspace(0, len(given.length) - 1, count).astype(np.intp))
-
-
-def _pairs(few: Given) -> Tried:
-    """A wrong unit and one more mistake."""
-    plain = [undone for undone, numbers, _ in MISTAKES[1:] if not numbers and undone is not shifted_rows]
-    return [
-        (f"{first}, and {second}", without, 2)
-        for first, scaled in units(few)
-        if scaled.share() < _ODD
-        for undone in plain
-        for second, without in undone(scaled)
-    ]
 
 
 _MOST = 0.8  # of the rows, to tell causes by
@@ -653,8 +645,24 @@ def suspicions(campaign: Campaign) -> tuple[str, ...]:
 
 def doubts(campaign: Campaign, seen: Spread) -> tuple[str | None, list[str]]:
     """The sentence on what does not fit, and those on what is stated."""
-    sizes, mistake = sizes_in_question(campaign), mixed_up(campaign, seen)
-    return mistake, sizes or list(filter(None, [None if mistake else misstated(seen)]))
+    mistake, said = mixed_up(campaign, seen), list[str]()
+    widest = float(campaign.rotation_radius.max())
+    if widest > TURN:
+        what = f"Some rotation is known to within {widest:.3g} rad only, which is {np.degrees(widest):.0f} degrees"
+        said.append(f"{what}: likely cause: degrees are given where radians are meant.")
+    size = float(np.median(np.abs(campaign.length + campaign.robot.offset)))
+    for name, radius in (("position", campaign.position_radius), ("leg reading", campaign.length_radius)):
+        if (wide := float(radius.max())) > _WIDE * size > 0.0:
+            what = f"Some {name} is known to within {wide:.3g} mm only, where legs are {size:.3g} mm long"
+            said.append(f"{what}: likely cause: a unit other than mm.")
+    if said or mistake or seen.ratio is None:
+        return mistake, said
+    if float(seen.ratio.max()) > TOO_LARGE:
+        said.append(f"{_residuals(seen, seen.ratio)}: a convention, a frame or the model is wrong.")
+    elif float(seen.ratio.max()) < 1.0 / TOO_SMALL:
+        times = about(1.0 / max(float(np.median(seen.ratio)), _TINY), 2)
+        said.append(f"Your uncertainties are {times} times what the residuals show: state smaller ones.")
+    return mistake, said
 
 
 def mixed_up(campaign: Campaign, seen: Spread) -> str | None:
@@ -664,49 +672,18 @@ def mixed_up(campaign: Campaign, seen: Spread) -> str | None:
     doubted = rough if seen.ratio is None else float(seen.ratio.max()) > _DOUBTED
     if not (doubted or rough) and seen.share <= DISAGREE:
         return None
+    what = f"The drawing and the readings disagree by {about(seen.off, 2)} mm"
+    if seen.ratio is not None and seen.share <= DISAGREE:
+        what = _residuals(seen, seen.ratio)
     if causes := likely_causes(given, doubted=doubted or rough):
         listed = "; or just as well: ".join(f"{cause.name}. {cause.gain}" for cause in causes)
-        return f"{_what(seen)}: likely cause: {listed}."
+        return f"{what}: likely cause: {listed}."
     if seen.share <= SHARE or (seen.share < _ABSURD and not doubted):
         return None
-    return f"{_what(seen)}: check the units (mm), the order of the legs, qw,qx,qy,qz, and the frames."
-
-
-def misstated(seen: Spread) -> str | None:
-    """The sentence on stated deviations that are not those of the residuals."""
-    if seen.ratio is None:
-        return None
-    if float(seen.ratio.max()) > TOO_LARGE:
-        return f"{_residuals(seen, seen.ratio)}: a convention, a frame or the model is wrong."
-    if float(seen.ratio.max()) < 1.0 / TOO_SMALL:
-        times = about(1.0 / max(float(np.median(seen.ratio)), _TINY), 2)
-        return f"Your uncertainties are {times} times what the residuals show: state smaller ones."
-    return None
-
-
-def _what(seen: Spread) -> str:
-    """What does not fit: the drawing, or the residuals."""
-    if seen.ratio is not None and seen.share <= DISAGREE:
-        return _residuals(seen, seen.ratio)
-    return f"The drawing and the readings disagree by {about(seen.off, 2)} mm"
+    return f"{what}: check the units (mm), the order of the legs, qw,qx,qy,qz, and the frames."
 
 
 def _residuals(seen: Spread, ratio: Floats) -> str:
     leg = int(np.argmax(ratio))
     left, times = about(float(seen.left[leg]), 2), about(float(ratio[leg]), 2)
     return f"Residuals of leg {leg + 1} ({left} mm) are {times} times what you state"
-
-
-def sizes_in_question(campaign: Campaign) -> list[str]:
-    """A sentence for each kind of half-widths that no instrument has."""
-    found = []
-    widest = float(campaign.rotation_radius.max())
-    if widest > TURN:
-        what = f"Some rotation is known to within {widest:.3g} rad only, which is {np.degrees(widest):.0f} degrees"
-        found.append(f"{what}: likely cause: degrees are given where radians are meant.")
-    size = float(np.median(np.abs(campaign.length + campaign.robot.offset)))
-    for name, radius in (("position", campaign.position_radius), ("leg reading", campaign.length_radius)):
-        if (wide := float(radius.max())) > _WIDE * size > 0.0:
-            what = f"Some {name} is known to within {wide:.3g} mm only, where legs are {size:.3g} mm long"
-            found.append(f"{what}: likely cause: a unit other than mm.")
-    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -71,17 +71,12 @@ class RenderedImages:
         names = tuple(f"{pose}/{run}/{MEAN if image == '11' else image}.png" for pose, run, image in rows)
         return cls(names, table.seen, target, camera, scene, seed)
 
-    @cached_property
-    def _rows(self) -> dict[str, int]:
-        return {name: k for k, name in enumerate(self.names)}
-
     def stamp(self, name: str) -> str:
         return f"{self.seed}-{self.scene}"
 
     def pose(self, name: str) -> Pose:
         """Of the target in the camera frame, in the image of that name."""
-        k = self._rows[name]
-        return Pose(self.poses.position[k], self.poses.quaternion[k])
+        return self.poses.rows(self.names.index(name))
 
     def read(self, name: str) -> Image:
         scene = self.scene
@@ -123,7 +118,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     """
     found = [d for d in detections if d.found]
     problems = []
-    ids = [_parts(d.file) for d in found]
+    ids = [("", "", *PurePosixPath(d.file).with_suffix("").parts)[-3:] for d in found]
     for d, (pose, run, _) in zip(found, ids, strict=True):
         if (pose, run) not in readings:
             what = f"no leg readings are given for pose {pose!r}, run {run!r}"
@@ -145,12 +140,6 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
         image=images,
         shared=shared if shared.any() else None,
     )
-
-
-def _parts(name: str) -> tuple[str, str, str]:
-    parts = PurePosixPath(name).with_suffix("").parts
-    pose, run, image = ("", "", *parts)[-3:]
-    return pose, run, image
 
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -6,13 +6,14 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from cpcal.common.documents import TomlReader, array, document, one_of, positive, text, truth, whole
+from cpcal.common.documents import KeyPath, TomlReader, array, document, one_of, positive, text, truth, whole
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
 from cpcal.common.files import small_file, write_file
 from cpcal.common.values import Floats, Value, fill, frozen_array, frozen_mapping
@@ -136,18 +137,14 @@ def _record(reader: TomlReader) -> CameraRecord | None:
         "distortion": array((len(names) or None,), ", ".join(names)),
     }
     found = reader.section("camera", keys, {"model": one_of(LENSES)})
-    if found is None:
+    if found is None or reader.problems.listed:
         return None
-    if reader.problems.listed:
-        return None
-    try:
-        return CameraRecord(Camera(**found), known.get("covariance"), known.get("rms"), provenance)
-    except InputError as error:
-        for problem in error.problems:
-            key = problem.where.rpartition(" ")[2]
-            section, key = ("calibration", key) if key in asked else ("camera", "focal" if key == "camera" else key)
-            reader.wrong((section, key), problem.what, problem.remedy)
-        return None
+
+    def place(key: str) -> KeyPath:
+        return ("calibration", key) if key in asked else ("camera", "focal" if key == "camera" else key)
+
+    made = partial(CameraRecord, covariance=known.get("covariance"), rms=known.get("rms"), provenance=provenance)
+    return reader.made(lambda: made(Camera(**found)), place)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -214,17 +211,6 @@ _HEAD = re.compile(r"\A%YAML:?1\.\d\s*(---)?")  # OpenCV's first line is no YAML
 _SKEW = 1e-9  # of the focal length
 
 
-def camera_from_yaml(path: Path) -> Camera:
-    """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
-    problems, document = Problems(), yaml_document(path, _REMEDY)
-    if not isinstance(document, dict):
-        raise unusable(str(path), "is no table of keys and values", _REMEDY)
-    camera = _camera(document, str(path), problems)
-    problems.raise_any()
-    assert camera is not None  # what keeps it from being read is a problem, and was raised
-    return camera
-
-
 def yaml_document(path: Path, remedy: str) -> Any:
     """The lists and tables of a YAML file, with whatever stands in them as text.
 
@@ -247,9 +233,14 @@ def yaml_document(path: Path, remedy: str) -> Any:
         raise unusable(str(path), what, remedy, None if mark is None else mark.line + 1) from None
 
 
-def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera | None:
+def camera_from_yaml(path: Path) -> Camera:
+    """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
+    problems, document = Problems(), yaml_document(path, _REMEDY)
+    if not isinstance(document, dict):
+        raise unusable(str(path), "is no table of keys and values", _REMEDY)
+
     def wrong(what: str, remedy: str) -> None:
-        problems.add(Problem(where, what, remedy))
+        problems.add(Problem(str(path), what, remedy))
 
     sides = [document.get(f"image_{side}") for side in ("width", "height")]
     if not all(isinstance(side, str) and side.isdecimal() and 0 < float(side) <= PIXELS_MAX for side in sides):
@@ -258,24 +249,25 @@ def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera 
     matrix = _numbers(document, "camera_matrix", wrong)
     distortion = _numbers(document, "distortion_coefficients", wrong)
     model = _model(document, distortion, wrong)
-    if problems.listed or matrix is None or distortion is None or model is None:
-        return None
+    problems.raise_any()
+    assert matrix is not None
+    assert distortion is not None
+    assert model is not None
     if matrix.size != 9:
-        wrong(f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
-        return None
+        raise unusable(str(path), f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
     fx, skew, cx, zero, fy, cy, *last = matrix.tolist()
     width, height = (int(side) for side in sides if side is not None)
     if not abs(skew) <= _SKEW * abs(fx) or zero or last != [0.0, 0.0, 1.0]:
-        wrong("camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]", "calibrate without skew")
-        return None
+        raise unusable(str(path), "camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]", "calibrate without skew")
     try:
         camera = Camera(width, height, np.array([fx, fy]), np.array([cx, cy]), distortion, model)
     except InputError as error:
-        for problem in error.problems:
-            wrong(f"{problem.where} {problem.what}", problem.remedy)
-        return None
+        raise InputError(
+            [replace(one, where=str(path), what=f"{one.where} {one.what}") for one in error.problems]
+        ) from None
     for key, what, remedy in implausible(camera):
         wrong(f"{key}: {what}", remedy)
+    problems.raise_any()
     return camera
 
 
