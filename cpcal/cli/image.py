@@ -111,7 +111,7 @@ def camera(
     else:
         names, plate = together(partial(_names, source), partial(load_target, target))
         found = calibrate_from_images([image_path(source, name) for name in names], plate)
-        record = found.record()
+        record = CameraRecord(found.camera, found.covariance, found.rms)
         talk.say(*str(found).split("\n"))
         for view in found.views:
             if not view.reason:

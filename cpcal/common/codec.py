@@ -77,7 +77,7 @@ def encoded(value: Any) -> Any:
         parts = [(part, encoded(getattr(value, part.name))) for part in layout]
         beside = {part.key: found for part, found in parts if part.is_beside(proved)}
         others = {part.key: found for part, found in parts if not part.is_beside(proved)}
-        return beside | ({INFORMATION: others} if any(part.may_inform for part in layout) else {})
+        return beside | ({INFORMATION: others} if any(part.how == INFORMATION or part.by for part in layout) else {})
     if hasattr(value, "as_json"):
         return encoded(value.as_json())
     if isinstance(value, Enum):
@@ -133,10 +133,6 @@ class _Field:
     how: str
     by: tuple[str, ...]
 
-    @property
-    def may_inform(self) -> bool:
-        return self.how == INFORMATION or bool(self.by)
-
     def is_beside(self, proved: set[str]) -> bool:
         """Whether it stands outside of the information, where these keys hold something."""
         return self.how != INFORMATION and (not self.by or not proved.isdisjoint(self.by))
@@ -158,7 +154,7 @@ def _dataclass(kind: Any, value: Any, where: str) -> Any:
     layout, found = layout_of(kind), dict(_object(value, where))
     proved = {key for key, part in found.items() if part}
     places = [(found, where, [part for part in layout if part.is_beside(proved)])]
-    if any(part.may_inform for part in layout):
+    if any(part.how == INFORMATION or part.by for part in layout):
         others = [part for part in layout if not part.is_beside(proved)]
         alone = [part.key for part in others if part.by and part.key in found]
         if alone:

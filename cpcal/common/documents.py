@@ -22,7 +22,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_REMEDY, TEXT_REMEDY, is_name, is_text, small_file
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_text, small_file
 from cpcal.common.values import LARGEST, Floats
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -318,7 +318,7 @@ class TomlReader:
                 self.wrong(path, f"{name} is not a text", "write a text in quotes, or a number")
                 continue
             texts[key] = value if isinstance(value, str) else str(value)
-            if not is_name(key):
+            if not is_text(key, NAME_MAX):
                 self.wrong(path, f"{name} cannot be a name", NAME_REMEDY)
             if not is_text(texts[key]):
                 self.wrong(path, f"{name} is {shown(texts[key])}", TEXT_REMEDY)
@@ -358,9 +358,9 @@ def text(reader: TomlReader, path: KeyPath, value: object) -> str:
 
 
 def name(reader: TomlReader, path: KeyPath, value: object) -> str:
-    """A text that can name something: see `is_name`."""
+    """A text that can name something: see `is_text`."""
     found = text(reader, path, value)
-    if not is_name(found):
+    if not is_text(found, NAME_MAX):
         reader.wrong(path, f"{path[-1]} is {shown(found)}", NAME_REMEDY)
     return found
 

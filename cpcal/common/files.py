@@ -184,19 +184,14 @@ TEXT_REMEDY = f"write at most {TEXT_MAX:,} printable characters, on one line"
 IDENTIFIER_REMEDY = f'use 1 to {NAME_MAX} printable characters, no "/", no space at the ends, not "." or ".."'
 
 
-def is_name(value: object) -> bool:
-    """Whether it can name a robot, a target or a field of a provenance."""
-    return isinstance(value, str) and value.isprintable() and len(value) <= NAME_MAX
-
-
-def is_text(value: object) -> bool:
-    """Whether it can stand in a provenance."""
-    return isinstance(value, str) and value.isprintable() and len(value) <= TEXT_MAX
+def is_text(value: object, most: int = TEXT_MAX) -> bool:
+    """Whether it can stand in a provenance; with at most `NAME_MAX` characters name a robot or a target."""
+    return isinstance(value, str) and value.isprintable() and len(value) <= most
 
 
 def is_identifier(value: object) -> bool:
     """Whether it can name a pose, a run or an image; it may be a part of a file's path."""
-    if not (isinstance(value, str) and is_name(value)):
+    if not (isinstance(value, str) and is_text(value, NAME_MAX)):
         return False
     return value not in ("", ".", "..") and "/" not in value and value == value.strip()
 

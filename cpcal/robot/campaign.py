@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import Problem, Problems, shown, unusable
-from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.files import IDENTIFIER_REMEDY, NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_text
 from cpcal.common.numbers import about
 from cpcal.common.values import LARGEST, Floats, Value, as_floats, fill, frozen_array, frozen_mapping
 from cpcal.robot.kinematics import (
@@ -119,7 +119,7 @@ def table_problems(
 def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
     """What is wrong with the texts of a provenance."""
     for key, text in provenance.items():
-        if not is_name(key):
+        if not is_text(key, NAME_MAX):
             yield Problem(f"{where} provenance", f"{shown(key)} cannot be a name", NAME_REMEDY)
         if not is_text(text):
             yield Problem(f"{where} provenance {shown(key)}", f"is {shown(text)}", TEXT_REMEDY)

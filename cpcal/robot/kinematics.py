@@ -228,7 +228,11 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> tuple[P
     for share in np.arange(1, steps + 1) / steps:  # rows that fail are dropped early
         here = (1.0 - share) * origin[rows] + share * target[rows]
         accuracy = _ACCURACY * (1.0 + np.max(np.abs(here + robot.offset), axis=-1))
-        pose, good = newton(robot, lambda at, wanted=here: wanted - inverse_kinematics(robot, at), pose, accuracy)
+
+        def gaps(at: Pose, here: Floats = here) -> Floats:
+            return here - inverse_kinematics(robot, at)
+
+        pose, good = newton(robot, gaps, pose, accuracy)
         pose, rows = pose.rows(good), rows[good]
         if not len(rows):
             break

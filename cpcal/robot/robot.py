@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown, unusable
-from cpcal.common.files import NAME_REMEDY, is_name
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, is_text
 from cpcal.common.values import LARGEST, Bools, Floats, Value, fill, frozen_array
 
 
@@ -51,7 +51,7 @@ class Robot(Value):
             elif not good_numbers(array).all():
                 what = f"holds a number that is NaN, infinite or above {LARGEST:g}"
                 problems.append(Problem(f"robot {name}", what, "give a number that makes sense, in mm"))
-        if not is_name(self.name):
+        if not is_text(self.name, NAME_MAX):
             problems.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
         if problems:
             raise InputError(problems)

@@ -22,7 +22,6 @@ from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.image_file import read_image
-from cpcal.vision.files.plate_and_camera import CameraRecord
 from cpcal.vision.measure import REFUSED, points_in, reason_of
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import plane_poses
@@ -218,10 +217,6 @@ class Calibration:
     def standard_errors(self) -> Floats:
         """(9,) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3."""
         return np.sqrt(np.diag(self.covariance))
-
-    def record(self, provenance: dict[str, str] | None = None) -> CameraRecord:
-        """What goes into camera.toml."""
-        return CameraRecord(self.camera, self.covariance, self.rms, provenance or {})
 
     def __str__(self) -> str:
         used = sum(not view.reason for view in self.views)

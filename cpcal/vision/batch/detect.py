@@ -14,11 +14,11 @@ import multiprocessing
 import stat
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -107,57 +107,51 @@ FORMAT = "cpcal-detect-journal/4"
 SIZE_MAX = 2**30  # bytes; a line of a million images each takes some 400
 
 
-@dataclass
-class Journal:
-    """Rows by the file's name, each with the stamp of the file that it is of; nothing is kept without a file."""
+Rows = dict[str, tuple[str, "Detection"]]  # by the file's name, each with the stamp of the file that it is of
 
-    file: IO[str] | None = None
-    rows: dict[str, tuple[str, Detection]] = field(default_factory=dict)
 
-    @classmethod
-    def opened(cls, path: Path | None, target: Target, camera: CameraRecord, first_row: str | Pose = "") -> Journal:
-        """The journal in `path`, begun anew unless it is of this target, camera and version; a line that is none, as a
-        crash leaves it, is dropped. Raises InputError."""
-        if path is None:
-            return cls()
-        of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
-        head = json.dumps({"format": FORMAT, "version": __version__, "of": of})
-        rows: dict[str, tuple[str, Detection]] = {}
-        text, none = "", unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
-        try:  # what can be none is not read
-            status = path.stat()
-            if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
-                raise none
-            text = path.read_text(encoding="utf-8", errors="surrogateescape")
-        except FileNotFoundError:
-            pass
-        except OSError as error:
-            what = f"cannot be read: {error.strerror or error}"
-            raise unusable(str(path), what, "give a file that can be read") from None
-        first, *rest = text.split("\n")
-        if first and not first.startswith(head[: head.index("/")]):
+@contextmanager
+def journal_of(
+    path: Path | None, target: Target, camera: CameraRecord, first_row: str | Pose
+) -> Iterator[tuple[Rows, Callable[[str, Detection], object]]]:
+    """The rows in a journal, and what adds one. It is begun anew unless it is of this target, camera and version; a
+    line that is none, as a crash leaves it, is dropped. Nothing is kept without a `path`. Raises InputError."""
+    rows: Rows = {}
+    if path is None:
+        yield rows, lambda stamp, row: None
+        return
+    of = hashlib.sha256(target_bytes(target) + camera_bytes(camera) + repr(first_row).encode()).hexdigest()
+    head = json.dumps({"format": FORMAT, "version": __version__, "of": of})
+    text, none = "", unusable(str(path), "is not a journal of `cpcal image detect`", "choose another file")
+    try:  # what can be none is not read
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
             raise none
-        for line in rest if first == head else ():
-            try:
-                data = json.loads(line)
-                stamp, row = decoded(str, data.pop("stamp")), decoded(Detection, data)
-            except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
-                continue
-            rows[row.file] = stamp, row
-        write_file(path, f"{head}\n")
-        kept = cls(path.open("a", encoding="utf-8", errors="surrogateescape"), rows)
+        text = path.read_text(encoding="utf-8", errors="surrogateescape")
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise unusable(str(path), what, "give a file that can be read") from None
+    first, *rest = text.split("\n")
+    if first and not first.startswith(head[: head.index("/")]):
+        raise none
+    for line in rest if first == head else ():
+        try:
+            data = json.loads(line)
+            stamp, row = decoded(str, data.pop("stamp")), decoded(Detection, data)
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+            continue
+        rows[row.file] = stamp, row
+    write_file(path, f"{head}\n")
+    with path.open("a", encoding="utf-8", errors="surrogateescape", buffering=1) as file:  # line by line
+
+        def add(stamp: str, row: Detection) -> None:
+            file.write(json.dumps({"stamp": stamp, **encoded(row)}) + "\n")
+
         for stamp, row in rows.values():
-            kept.add(row, stamp)
-        return kept
-
-    def add(self, row: Detection, stamp: str) -> None:
-        if self.file is not None:
-            self.file.write(json.dumps({"stamp": stamp, **encoded(row)}) + "\n")
-            self.file.flush()
-
-    def close(self) -> None:
-        if self.file is not None:
-            self.file.close()
+            add(stamp, row)
+        yield rows, add
 
 
 Progress = Callable[[int, int], None]
@@ -223,10 +217,11 @@ def detect(
     """
     opencv()
     names = list(source.names)
-    with heard(), closing(Journal.opened(journal, target, CameraRecord(camera, camera_covariance), first_row)) as kept:
+    record = CameraRecord(camera, camera_covariance)
+    with heard(), journal_of(journal, target, record, first_row) as (kept, keep):
         work = partial(_measured, source, target, camera, camera_covariance, first_row)
         stamps = {name: source.stamp(name) for name in names}
-        done = {name: row for name, (of, row) in kept.rows.items() if stamps.get(name) == of}  # still the same image
+        done = {name: row for name, (of, row) in kept.items() if stamps.get(name) == of}  # still the same image
         todo = [name for name in names if name not in done]
         seconds = 0.0
         if progress is not None:
@@ -234,7 +229,7 @@ def detect(
         for rows, spent in in_parallel(work, todo, workers):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
-                    kept.add(row, stamps[row.file])
+                    keep(stamps[row.file], row)
                 done[row.file] = row
             seconds += spent
             if progress is not None:
