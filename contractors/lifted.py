@@ -172,7 +172,7 @@ class LiftedPrograms(Programs):
         asked = Directions(self.box, self.columns, self.size, directions)
         lowest = np.full(len(directions), -np.inf)
         for k, objective in enumerate(asked.objectives):
-            solution = self.minimize(objective)
+            solution = self.engine.minimize(objective)
             if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
                 return np.full(len(directions), -np.inf)
             if solution.status is LinearStatus.OPTIMAL:

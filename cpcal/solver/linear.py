@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
@@ -67,13 +67,12 @@ def lower_bound(
     Shapes: matrix (m, n), rhs (m,); rows and multipliers (k,): the multiplier of each of some rows, each named once
     (negative multipliers count as zero); objective and columns (n,).
     """
-    y = np.where(np.isfinite(multipliers), np.maximum(multipliers, 0.0), 0.0)
-    return float(_bound(matrix.T, rhs, rows, y, objective, columns.lo, columns.hi))
+    return float(_bound(matrix.T, rhs, rows, multipliers, objective, columns.lo, columns.hi))
 
 
 @compiled
 def _bound(
-    columns: Floats, rhs: Floats, rows: Indices, y: Floats, objective: Floats, lower: Floats, upper: Floats
+    columns: Floats, rhs: Floats, rows: Indices, multipliers: Floats, objective: Floats, lower: Floats, upper: Floats
 ) -> float:
     """The bound in float64, less all that rounding can have added (Neumaier and Shcherbina).
 
@@ -85,7 +84,9 @@ def _bound(
     n, k = columns.shape[0], rows.size
     gamma = 2.0 * (n + k + 4) * _UNIT
     total, size = 0.0, 0.0
+    y = np.zeros(k)
     for i in range(k):
+        y[i] = max(multipliers[i], 0.0) if np.isfinite(multipliers[i]) else 0.0
         term = -y[i] * rhs[rows[i]]
         total += term
         size += abs(term) + _UNDERFLOW
@@ -596,6 +597,10 @@ _ALL = 640  # rows that are all looked at in every pivot
 _FIRST = 3  # of more rows, those that enter at the start, per column
 _ROOM = 1536  # and the most that enter at all
 _PIVOTS = 60  # for one program, per column
+_QUICK = 30_000  # coefficients, up to which all programs of a box are solved before the clock is looked at again
+
+
+_WORTHWHILE = 1e-3  # a bound that some vertex already meets to this (in [-1, 1]) needs no program
 
 
 @compiled
@@ -603,34 +608,57 @@ def _solved(
     v: Vertex,
     columns: Floats,
     rhs: Floats,
-    objective: Floats,
+    objectives: Floats,
+    near: Indices,
     pivots: int,
     fresh: bool,
-    point: Floats,
+    k: int,
+    last: int,
+    reach: Floats,
+    status: Indices,
+    points: Floats,
+    count: Indices,
     carrying: Indices,
     weights: Floats,
-) -> tuple[int, int]:
-    """`minimise`, from the box alone where the vertex is not of this polyhedron: the status, and how many rows carry.
+) -> int:
+    """`minimise` for the objectives (P, n) from number k on, before `last`; ends behind one that is not OPTIMAL.
 
-    `point` (n,) is the vertex; the rows with a multiplier go into `carrying`, their multipliers into `weights`
-    (both (n + 1,)).
+    From the box alone where the vertex is not of this polyhedron (`fresh`). Number k is left out, with -1 rows, where a
+    vertex before is next to the bound that it asks about: column `near[k]` at -1 or, where its objective falls, 1.
+    `reach` (2, n): the lowest and the highest of all vertices. `points` (P, n) are the vertices; the rows with a
+    multiplier go into `carrying`, their multipliers into `weights` (both (P, n + 1)).
     """
-    if fresh:
-        to_box(v, objective)
-    status = minimise(v, columns, rhs, objective, pivots)
-    count = 0
-    for k in range(point.size):
-        if v.tight[k] >= 0 and v.multipliers[k] > 0.0:
-            carrying[count], weights[count] = v.number[v.tight[k]], v.multipliers[k]
-            count += 1
-    if status == OPTIMAL:
-        exact_point(v, rhs, point)
-        return status, count
-    point[:] = v.point
-    if status == INFEASIBLE and v.counters[3] >= 0:
-        carrying[count], weights[count] = v.number[v.counters[3]], 1.0
-        count += 1
-    return status, count
+    n = v.point.size
+    while k < last:
+        objective, j = objectives[k], near[k]
+        if j >= 0 and (reach[0, j] if objective[j] > 0.0 else -reach[1, j]) < -1.0 + _WORTHWHILE:
+            count[k] = -1
+            k += 1
+            continue
+        if fresh:
+            to_box(v, objective)
+            fresh = False
+        status[k] = minimise(v, columns, rhs, objective, pivots)
+        size = 0
+        for i in range(n):
+            if v.tight[i] >= 0 and v.multipliers[i] > 0.0:
+                carrying[k, size], weights[k, size] = v.number[v.tight[i]], v.multipliers[i]
+                size += 1
+        if status[k] == OPTIMAL:
+            exact_point(v, rhs, points[k])
+            for i in range(n):
+                reach[0, i] = min(reach[0, i], points[k, i])
+                reach[1, i] = max(reach[1, i], points[k, i])
+        else:
+            points[k] = v.point
+            if status[k] == INFEASIBLE and v.counters[3] >= 0:
+                carrying[k, size], weights[k, size] = v.number[v.counters[3]], 1.0
+                size += 1
+        count[k] = size
+        k += 1
+        if status[k - 1] != OPTIMAL:
+            break
+    return k
 
 
 class Dense:
@@ -667,15 +695,42 @@ class Dense:
         self._fresh = True
 
     def minimize(self, objective: Floats) -> LinearSolution:
-        n = len(objective)
-        point, rows, weights = np.empty(n), np.empty(n + 1, np.intp), np.empty(n + 1)
-        program = (self._vertex, self._columns, self._rhs, objective, _PIVOTS * n)
-        status, count = _solved(*program, self._fresh, point, rows, weights)
-        self._fresh = bool(status == FAILED)
-        if self._fresh:
-            return self._by_highs(objective)
-        meaning = LinearStatus.OPTIMAL if status == OPTIMAL else LinearStatus.INFEASIBLE
-        return LinearSolution(meaning, point, rows[:count], weights[:count])
+        return next(self.each(objective[None], np.full(1, -1)))[1]
+
+    def each(
+        self, objectives: Floats, near: Indices, deadline: float = math.inf
+    ) -> Iterator[tuple[int, LinearSolution]]:
+        """The numbers of the objectives (P, n) and the solutions, in order; none begins after the `deadline`.
+
+        Objective k is the column `near[k]` or its negative (-1: neither); it is left out where a vertex before lies
+        next to its least value in [-1, 1].
+        """
+        count, n = objectives.shape
+        reach = np.concatenate([np.full((1, n), np.inf), np.full((1, n), -np.inf)])
+        status, sizes, points = np.zeros(count, np.intp), np.zeros(count, np.intp), np.empty((count, n))
+        rows, weights = np.empty((count, n + 1), np.intp), np.empty((count, n + 1))
+        program, out = (
+            (self._vertex, self._columns, self._rhs, objectives, near),
+            (status, points, sizes, rows, weights),
+        )
+        together = count if self._columns.size <= _QUICK else 1
+        start = 0
+        while start < count and not time.monotonic() > deadline:
+            end = _solved(*program, _PIVOTS * n, self._fresh, start, min(start + together, count), reach, *out)
+            self._fresh = bool(status[end - 1] == FAILED)
+            for k in range(start, end):
+                if sizes[k] < 0:
+                    continue
+                if status[k] != FAILED:
+                    meaning = LinearStatus.OPTIMAL if status[k] == OPTIMAL else LinearStatus.INFEASIBLE
+                    yield k, LinearSolution(meaning, points[k], rows[k, : sizes[k]], weights[k, : sizes[k]])
+                    continue
+                solution = self._by_highs(objectives[k])
+                if solution.status is LinearStatus.OPTIMAL:
+                    np.minimum(reach[0], solution.point, out=reach[0])
+                    np.maximum(reach[1], solution.point, out=reach[1])
+                yield k, solution
+            start = end
 
     def _by_highs(self, objective: Floats) -> LinearSolution:
         """Where there is no point, `min t : rows z <= rhs + t`, whose multipliers are a Farkas ray."""
@@ -703,21 +758,19 @@ class Dense:
 # ------------------------------------------------------------------------------------------------------------------
 # Bound tightening: two linear programs for each variable of a box, each bound proved from its multipliers.
 
-_WORTHWHILE = 1e-3  # a bound that some vertex already meets to this (in [-1, 1]) needs no program
-
 
 class Programs:
     """The linear programs of one polyhedron around the solutions in a bounded box: many objectives, of some columns.
 
     `columns` says which column is the coordinate u = (x - mid) / rad of a variable; there are `size`. The `engine` is
-    to be loaded; `count` programs were solved. A class that derives from it says what multipliers prove.
+    to be loaded. A class that derives from it says what multipliers prove.
     """
 
     name = ""  # of the contractor
 
     def __init__(self, box: Box, columns: Mapping[int, int], size: int) -> None:
         self.box, self.columns, self.size = box, columns, size
-        self.engine, self.count = Dense(), 0
+        self.engine = Dense()
 
     def lowest(self, objective: Floats, solution: LinearSolution) -> float:
         """A proved lower bound of an objective (size,) from the multipliers."""
@@ -736,16 +789,6 @@ class Programs:
         objective = np.zeros(self.size)
         objective[self.columns[variable]] = sign
         return objective
-
-    def minimize(self, objective: Floats) -> LinearSolution:
-        self.count += 1
-        return self.engine.minimize(objective)
-
-    def coordinates(self, solution: LinearSolution) -> Floats:
-        """u (n,) at the vertex that a program found; 0 for variables without a column."""
-        u = np.zeros(len(self.box))
-        u[list(self.columns)] = solution.point[list(self.columns.values())]
-        return u
 
     def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
         """What the multipliers prove of a bound, if that is better than the box's."""
@@ -769,38 +812,32 @@ class Programs:
         """
         box = self.box
         lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
-        point, steps = None, list[Step]()
-        lowest, highest = np.full(len(box), np.inf), np.full(len(box), -np.inf)  # of the vertices
-
-        def met(variable: int, side: str) -> bool:
-            return bool((lowest if side == "lo" else -highest)[variable] < -1.0 + _WORTHWHILE)
-
-        order = [(v, side) for v in sorted(self.columns) for side in ("lo", "hi") if v != first]
-        if first is not None and first in self.columns:  # its upper bound last, which the vertices before mostly meet
-            order = [(first, "lo"), *order, (first, "hi")]
-        for variable, side in order:
-            if radius[variable] == 0.0 or met(variable, side):
-                continue
-            if time.monotonic() > deadline:
-                break
-            solution = self.minimize(self.unit(variable, 1.0 if side == "lo" else -1.0))
+        point, steps, count = None, list[Step](), 0
+        order = [(v, side) for v in sorted(self.columns) for side in ("lo", "hi") if v != first and radius[v] != 0.0]
+        if first is not None and first in self.columns and radius[first] != 0.0:
+            order = [(first, "lo"), *order, (first, "hi")]  # the vertices before mostly meet the upper bound
+        near, signs = np.array([self.columns[v] for v, _ in order], np.intp), [side == "lo" for _, side in order]
+        objectives = np.zeros((len(order), self.size))
+        objectives[np.arange(len(order)), near] = np.where(signs, 1.0, -1.0)
+        for k, solution in self.engine.each(objectives, near, deadline):
+            (variable, side), count = order[k], count + 1
             proof = self.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
             if proof is not None:
-                return Contraction(Box.empty(box.names), (*steps, proof), None, self.count)
+                return Contraction(Box.empty(box.names), (*steps, proof), None, count)
             if solution.status is not LinearStatus.OPTIMAL:
                 continue
-            vertex = self.coordinates(solution)
-            point = vertex if point is None else point
-            np.minimum(lowest, vertex, out=lowest)
-            np.maximum(highest, vertex, out=highest)
-            step = None if met(variable, side) else self.bound(variable, side, solution)
+            point = solution.point if point is None else point
+            met = objectives[k, near[k]] * solution.point[near[k]] < -1.0 + _WORTHWHILE
+            step = None if met else self.bound(variable, side, solution)
             if step is None:
                 continue
             steps.append(step)
             (lo if side == "lo" else hi)[variable] = step.bound
             if lo[variable] > hi[variable]:
-                return Contraction(Box.empty(box.names), tuple(steps), None, self.count)
+                return Contraction(Box.empty(box.names), tuple(steps), None, count)
         left = box.with_bounds(lo, hi)
         if point is not None:
-            point = np.clip(box.mid + radius * point, left.lo, left.hi)
-        return Contraction(left, tuple(steps), point, self.count)
+            u = np.zeros(len(box))  # 0 for variables without a column
+            u[list(self.columns)] = point[list(self.columns.values())]
+            point = np.clip(box.mid + radius * u, left.lo, left.hi)
+        return Contraction(left, tuple(steps), point, count)
