@@ -108,40 +108,40 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     return network, name
 
 
-def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[float, Floats]:
-    """1e-6 where solutions are single points; else what cuts `left`, which holds them, into some hundred boxes or more.
+def resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width (n,).
 
-    Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
-    share of the boxes. Widths count in `small_units`. And how far from 0 each component (n,) is divided: where `left`
-    is unbounded, up to `REACH`.
+    Where no width is asked for it is 1e-6 where solutions are single points; else what cuts `left`, which holds them,
+    into some hundred boxes or more. Solutions that leave `freedom` of the unknowns open form a set of that dimension:
+    each of its directions gets its share of the boxes. Where `left` is unbounded, boxes are divided up to `REACH`.
+    Units are 1 then, or smaller where the whole domain is hardly wider than boxes about points, so that a domain of a
+    nanometre is divided, too: a thousand times at least.
     """
-    free, equations = network.domain.hi > network.domain.lo, Equalities.of(network)
+    domain, whole, everywhere = network.domain, network.domain.width, np.full(len(network.names), np.inf)
+    if width is not None:
+        if not _is_number(width) or not width > 0:
+            raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+        return float(width), everywhere, np.ones(len(everywhere))
+    small = (whole > 0.0) & (whole < _DIVISIONS * FINE_WIDTH)
+    unit = np.where(small, whole / (_DIVISIONS * FINE_WIDTH), 1.0)
+    free, equations = domain.hi > domain.lo, Equalities.of(network)
     freedom = int(free.sum()) - (0 if equations.reads else equations.count)
-    everywhere = np.full(len(free), np.inf)
     if freedom <= 0:
-        return FINE_WIDTH, everywhere
+        return FINE_WIDTH, everywhere, unit
     widths = left().width
     reach = np.where(np.isinf(widths), REACH, np.inf)
-    widest = float(np.max(np.minimum(widths, 2.0 * reach) / small_units(network), where=free, initial=0.0))
+    widest = float(np.max(np.minimum(widths, 2.0 * reach) / unit, where=free, initial=0.0))
     if not widest > 0.0:
-        return FINE_WIDTH, everywhere
-    width: float = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
-    width = max(width, 5e-324)  # of a domain next to the least float it is zero
-    return round(width, -math.floor(math.log10(width))), reach  # one digit
-
-
-def small_units(network: ConstraintNetwork) -> Floats:
-    """The unit of each component (n,): 1, or smaller where the whole domain is hardly wider than boxes about points.
-
-    So that a domain of a nanometre is divided, too: a thousand times at least.
-    """
-    widths = network.domain.width
-    small = (widths > 0.0) & (widths < _DIVISIONS * FINE_WIDTH)
-    return np.where(small, widths / (_DIVISIONS * FINE_WIDTH), 1.0)
+        return FINE_WIDTH, everywhere, unit
+    finest: float = min(widest * _BOXES ** (-1.0 / freedom), np.inf)
+    finest = max(finest, 5e-324)  # of a domain next to the least float it is zero
+    return round(finest, -math.floor(math.log10(finest))), reach, unit  # one digit
 
 
 def width_sentence(width: float, reach: Floats) -> str:
-    """What `default_width` chose, to follow a sentence; empty for the width of single points."""
+    """What `resolution` chose, to follow a sentence; empty for the width of single points."""
     if width == FINE_WIDTH:
         return ""
     shape, chosen = "Solutions form curves or regions", f"width {stated(width)} was chosen"
@@ -176,7 +176,7 @@ def named_strategy(
     strategy: str | Strategy,
     width: float,
     reach: Floats,
-    unit: Floats | float,
+    unit: Floats,
 ) -> Strategy:
     if not isinstance(strategy, str):
         if not hasattr(strategy, "split"):
@@ -186,17 +186,6 @@ def named_strategy(
         return STRATEGIES[strategy](network, width).within(reach, unit)
     make: StrategyFactory = plugins.load(strategy, plugins.STRATEGY_GROUP, STRATEGIES)
     return make(network, width)
-
-
-def resolution(
-    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
-) -> tuple[float, Floats, Floats | float]:
-    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
-    if width is None:
-        return *default_width(network, left), small_units(network)
-    if not _is_number(width) or not width > 0:
-        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
-    return float(width), np.full(len(network.names), np.inf), 1.0
 
 
 # ------------------------------------------------------------------------------------------------------------------

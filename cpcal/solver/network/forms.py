@@ -153,31 +153,17 @@ _MOST = 12  # divisors of one row: beyond, the products get longer than they are
 Divisors = Counter[Expr]
 
 
-def multiplied_out(network: ConstraintNetwork) -> list[tuple[int, list[Constraint]]]:
-    """The constraints with such divisions, by number, and what each is equivalent to on the domain."""
-    out = []
-    for number, constraint in enumerate(network.constraints):
-        if any(_divides(node) for node in topological(constraint.parts)):
-            found = _without_divisions(network, constraint)
-            if found is not None:
-                out.append((number, found))
-    return out
-
-
 def with_products(network: ConstraintNetwork, *, instead: bool = False) -> tuple[ConstraintNetwork, list[int]]:
-    """The network with those equivalents besides, or instead of the constraints with divisions.
-
-    And for each of its constraints the number of the one that it stands for.
-    """
-    found = dict(multiplied_out(network))
-    if not found:
-        return network, list(range(len(network.constraints)))
-    out, origin = network.without_constraints(), list[int]()
-    for number, constraint in enumerate(network.constraints):
-        stated = found.get(number, [])
-        stated = stated if number in found and instead else [constraint, *stated]
-        out.add(stated)
-        origin += [number] * len(stated)
+    """The network with what constraints with such divisions are equivalent to on the domain, besides or instead of
+    them; and for each of its constraints the number of the one that it stands for."""
+    found = [_without_divisions(network, constraint) for constraint in network.constraints]
+    pairs = zip(network.constraints, found, strict=True)
+    stated = [[c] if products is None else products if instead else [c, *products] for c, products in pairs]
+    origin = [number for number, constraints in enumerate(stated) for _ in constraints]
+    if not any(found):
+        return network, origin
+    out = network.without_constraints()
+    out.add(constraint for constraints in stated for constraint in constraints)
     return out, origin
 
 
@@ -186,7 +172,9 @@ def _divides(node: Expr) -> bool:
 
 
 def _without_divisions(network: ConstraintNetwork, constraint: Constraint) -> list[Constraint] | None:
-    """Equivalent constraints, or None where a divisor's sign is not known."""
+    """Equivalent constraints, or None where there are no divisions, or a divisor's sign is not known."""
+    if not any(_divides(node) for node in topological(constraint.parts)):
+        return None
     if constraint.is_equation:
         found = _product(network, constraint.body - constraint.lower)
         return None if found is None else [found[0] == 0.0]
