@@ -25,10 +25,10 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.solver.interval import Box
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, as_expr, sqr
+from cpcal.solver.network.expression import Expr, sqr
 from cpcal.solver.network.forms import NotExact, exactly
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial import terms
+from cpcal.solver.network.polynomial import isolated
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a certificate is about, as the writer needs it: the exact problem, its first lines, and where weights go.
@@ -186,14 +186,13 @@ def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> C
 
 def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -> tuple[list[Stated], list[str]]:
     """The elements of one constraint, and the sides of its polynomial rows in the order of `network.polynomial`."""
-    factor, node, rest = _root(constraint.body)
-    shape = constraint.body.shape
+    shape, root = constraint.body.shape, isolated(constraint.body, "sqrt")
     low, high = _bound(constraint.lower, exact, shape), _bound(constraint.upper, exact, shape)
-    upper = ["sign", "upper"] if node is not None else ["upper"]
-    lower = ["lower"]
-    if node is None:
+    upper, lower = ["upper"], ["lower"]
+    if root is None:
         body = exact.of(constraint.body)
     else:
+        (factor, node, rest), upper = root, ["sign", "upper"]
         body, others = exact.of(sqr(factor) * node.args[0]), exact.of(rest)
         signs = {c.terms.get((), 0) > 0 for c in exact.of(factor).ravel()}
         if signs == {True}:
@@ -207,19 +206,8 @@ def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -
     rows = [r for own, bound, none in bounds if bound.op != "constant" or (bound.data.lo != none).any() for r in own]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
     checked = [[None if p is None else _checked(p) for p in part] for part in elements]
-    items = [Stated(f"{name}[{k}]", node is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
+    items = [Stated(f"{name}[{k}]", root is not None, *parts) for k, parts in enumerate(zip(*checked, strict=True))]
     return items, rows
-
-
-def _root(body: Expr) -> tuple[Expr, Expr | None, Expr]:
-    """The factor and node of the only square root in a sum, and the other terms."""
-    factor, node, rest = as_expr(1.0), None, as_expr(np.zeros(body.shape))
-    for c, term in terms(body):
-        if term.op == "sqrt" and node is None:
-            factor, node = c, term
-        else:
-            rest = rest + c * term
-    return factor, node, rest
 
 
 def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:

@@ -322,19 +322,18 @@ def _sign(factor: Expr) -> int:
     return int(bool(np.all(value.lo > 0.0))) - int(bool(np.all(value.hi < 0.0)))
 
 
-def _isolated(row: Row, op: str) -> tuple[Expr, Expr, Expr] | None:
-    """The first term with operation `op`: its factor, its node and the sum of all other terms."""
-    if op not in row.expr.ops:
+def isolated(expr: Expr, op: str) -> tuple[Expr, Expr, Expr] | None:
+    """The first term with operation `op`: its factor, its node and the sum of all other terms; None without one."""
+    if op not in expr.ops:
         return None
-    parts = terms(row.expr)
-    for k, (factor, node) in enumerate(parts):
-        if node.op == op:
-            rest: Expr = as_expr(np.zeros(row.expr.shape))
-            for j, (f, x) in enumerate(parts):
-                if j != k:
-                    rest = rest + f * x
-            return factor, node, rest
-    return None
+    found: Term | None = None
+    rest = as_expr(np.zeros(expr.shape))
+    for factor, node in terms(expr):
+        if node.op == op and found is None:
+            found = factor, node
+        else:
+            rest = rest + factor * node
+    return None if found is None else (*found, rest)
 
 
 def split(row: Row) -> list[Row] | None:
@@ -348,7 +347,7 @@ def split(row: Row) -> list[Row] | None:
                                   c^2 u >= r^2 - t^2: either r >= 0, or r^2 <= t^2
     """
     for op in ("max", "min", "abs", "sqrt") if row.guard is None else ():
-        found = _isolated(row, op)
+        found = isolated(row.expr, op)
         if found is None:
             continue
         factor, node, rest = found
