@@ -124,6 +124,14 @@ def test_model_error_is_told_from_noise_in_the_sentence():
     assert "not known" in fit(campaign).sentence
 
 
+def test_of_few_measurements_residuals_are_as_large_as_their_noise_by_its_degrees_of_freedom():
+    ratios = []
+    for seed in range(25):
+        few = simulate(seed=seed, extremal=False, random_poses=10)
+        ratios.append(fit(few, noise=Noise.of(few)).noise_ratio)
+    assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.25)  # 450 degrees of freedom
+
+
 def test_too_few_poses_are_said_and_leave_parameters_undetermined():
     few = simulate(seed=1, extremal=False, random_poses=5)
     found = fit(few, noise=Noise.of(few))

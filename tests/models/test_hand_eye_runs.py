@@ -399,6 +399,7 @@ CERTIFICATES = {
     "a negative weight": (
         lambda lines: lines[-1].get("weights", lines[-1].get("bounds", [[0] * 4])[0][3])["rows"][0].__setitem__(1, -1),
         "is no whole number"),
+    "no claim": (put(1, "infeasible", to=False), "does not claim that there are no frames"),
     "no step": (lambda lines: lines.__delitem__(slice(2, None)), "a solution is not excluded"),
 }  # fmt: skip
 
