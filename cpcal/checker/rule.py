@@ -164,6 +164,15 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
+# The defaults have names, so that a problem can go to another process.
+def _none(*_: Any) -> tuple[()]:
+    return ()
+
+
+def _untagged(side: str, k: int) -> int | None:
+    return None
+
+
 @dataclass(frozen=True)
 class Problem:
     """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
@@ -173,16 +182,16 @@ class Problem:
     count: int
     chosen: tuple[int, ...]
     constraint: Callable[[int, Unknowns, str], Any]  # k on a box, its reading's signs
-    radii: Callable[[int], tuple[float | F, ...]] = lambda k: ()  # of the readings of k: 0 where they are exact
+    radii: Callable[[int], tuple[float | F, ...]] = _none  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
     forms: tuple[Any, ...] = ()  # of a leg: polynomials that are the last of its unknowns
     # rows of what is no Constraint; of some that have one formula
-    settled: Callable[[Unknowns, Sequence[Any], str], Iterable[Polynomial]] = lambda x, items, side: ()
+    settled: Callable[[Unknowns, Sequence[Any], str], Iterable[Polynomial]] = _none
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
     # so many tags of rows may be wrong: a step then has several sets of weights, and these spoil no more than some
     wrong: int = 0
-    tag: Callable[[str, int], int | None] = lambda side, k: None  # of a row; None: nothing spoils it
+    tag: Callable[[str, int], int | None] = _untagged  # of a row; None: nothing spoils it
 
     @staticmethod
     def of_rows(unknowns: int, count: int, sides: tuple[str, ...], form: Callable[[str, int], Polynomial]) -> Problem:
